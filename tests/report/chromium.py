@@ -21,7 +21,7 @@ TIMEOUT_S = 60.0
 class Browser:
     """One page of one browser."""
 
-    def __init__(self, profile: Path) -> None:
+    def __init__(self, profile: Path, options: tuple[str, ...] = ("--disable-gpu",)) -> None:
         to_child, self._out = os.pipe()
         self._in, from_child = os.pipe()
         # The browser reads commands from descriptor 3 and answers on 4; ours must be out of the way first.
@@ -36,7 +36,7 @@ class Browser:
                 str(COMMAND),
                 "--headless=new",
                 "--no-sandbox",
-                "--disable-gpu",
+                *options,
                 "--hide-scrollbars",
                 "--remote-debugging-pipe",
                 f"--user-data-dir={profile}",
@@ -95,17 +95,17 @@ class Browser:
         first, _, self._rest = self._rest.partition(b"\0")
         return json.loads(first)
 
-    def open(self, page: Path, width: int, height: int, *, scheme: str = "light") -> None:
-        """Show a page at a size [px] in a color scheme, and wait until it is loaded."""
+    def open(self, page: Path | str, width: int, height: int, *, scheme: str = "light") -> None:
+        """Show a page, a file or an address, at a size [px] in a color scheme, and wait until it is loaded."""
         self.events.clear()
         self.call(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
         )
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         self.call("Page.navigate", url="about:blank")
-        self.call("Page.navigate", url=page.resolve().as_uri())
+        wanted = page if isinstance(page, str) else page.resolve().as_uri()
+        self.call("Page.navigate", url=wanted)
         until = time.monotonic() + TIMEOUT_S
-        wanted = page.resolve().as_uri()
         while time.monotonic() < until:
             if self.value("location.href.split('#')[0] + document.readyState") == wanted + "complete":
                 return
@@ -129,14 +129,27 @@ class Browser:
             or (e.get("method") == "Log.entryAdded" and e["params"]["entry"]["level"] in ("error", "warning"))
         ]
 
+    def screenshot(self) -> bytes:
+        """Return what the page shows as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """Move, press or release the left button of the mouse ("mouseMoved", "mousePressed", "mouseReleased")."""
+        held = {"button": "left", "buttons": 0 if kind == "mouseReleased" else 1, "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **held)
+
+    def key(self, kind: str, code: str, key: str) -> None:
+        """Press or release a key ("keyDown", "keyUp")."""
+        self.call("Input.dispatchKeyEvent", type=kind, code=code, key=key)
+
     def pdf(self) -> bytes:
         """Return the page as it prints."""
         return base64.b64decode(self.call("Page.printToPDF", preferCSSPageSize=True)["data"])
 
 
 @contextlib.contextmanager
-def browser(profile: Path) -> Iterator[Browser]:
-    made = Browser(profile)
+def browser(profile: Path, options: tuple[str, ...] = ("--disable-gpu",)) -> Iterator[Browser]:
+    made = Browser(profile, options)
     try:
         yield made
     finally:

@@ -78,6 +78,7 @@ VERBS: dict[str, Verb] = {
     "calibrate": Verb("calibrate:calibrate_command", "Measure the diagnosis on policies with a known fault."),
     "eval": Verb("evaluate:evaluate_command", "Evaluate a policy, resume a run or repeat one.", takes_run_file=True),
     "collect": Verb("collect:collect_command", "Collect varied demonstrations of the expert."),
+    "teleop": Verb("teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm."),
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
     "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
     "shortcuts": Verb("shortcuts:shortcuts_command", "Find what a learner of a dataset could go by."),

@@ -80,7 +80,7 @@ def serve_command(
     )
     if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
         say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
-    with _connections_logged(), _stopped_by_signal() as stopped, server:
+    with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address} (better eval --policy {server.address}; "
             f"openpi-client: WebsocketClientPolicy(host={server.client_host!r}, port={server.port}))",
@@ -150,7 +150,7 @@ def _connections_logged() -> Iterator[None]:
 
 
 @contextmanager
-def _stopped_by_signal() -> Iterator[threading.Event]:
+def stopped_by_signal() -> Iterator[threading.Event]:
     """Give an event that SIGTERM and Ctrl-C set, until the context ends.
 
     A second signal ends the process at once, in case the policy hangs.

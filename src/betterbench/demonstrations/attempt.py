@@ -92,7 +92,7 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
         agent.close()
     mishap = agent.ground_truth["mishap"]
     failure: tuple[FailureKind, str] | None = ("misplaced", mishap) if mishap else None
-    return _judged(scene, record, number, failure)
+    return judge_attempt(scene, record, number, failure)
 
 
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
@@ -109,7 +109,7 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     record = run_episode(scene, agent, context=context, disturb=disturb).record
     sources = tuple(dict.fromkeys(agent.used))
     record = _said(record, replace(demonstrator, sources=sources))
-    found = _judged(scene, record, number, agent.failure)
+    found = judge_attempt(scene, record, number, agent.failure)
     return replace(found, note=replace(found.note, sources=tuple(agent.used), lead=lead.name))
 
 
@@ -130,7 +130,9 @@ def _said(record: Record, demonstrator: Demonstrator) -> Record:
     return replace(record, metadata=replace(record.metadata, demonstrator=demonstrator))
 
 
-def _judged(scene: Scene, record: Record, number: int, failure: tuple[FailureKind, str] | None) -> DemonstrationAttempt:
+def judge_attempt(
+    scene: Scene, record: Record, number: int, failure: tuple[FailureKind, str] | None
+) -> DemonstrationAttempt:
     """Return an attempt with the segments in its record, accepted only if everything holds that a set promises."""
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from betterbench.scenes.clearance import Clearance
     from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
     from betterbench.scenes.rendering import Images, Renderer
-    from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene
+    from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
     from betterbench.scenes.stored import StoredView, load_model
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Placement",
     "Renderer",
     "Scene",
+    "SceneSnapshot",
     "StoredView",
     "engine_version",
     "gl_backend",
@@ -36,7 +37,7 @@ _MODULES = {
     "clearance": ("Clearance",),
     "gl_context": ("gl_backend", "renderer_fingerprint"),
     "rendering": ("Images", "Renderer"),
-    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene"),
+    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
     "stored": ("StoredView", "load_model"),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}

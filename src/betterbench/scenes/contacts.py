@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -61,6 +65,16 @@ class ContactReader:
         contacts = tuple([Contact(*names[number], total[number]) for number in sorted(total)])
         return contacts, self._held(total)
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
+        kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
+        return {**kept, "_awake": copy.copy(self._awake)}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Put back what :meth:`snapshot` returned."""
+        vars(self).update(snapshot)
+        self._awake = copy.copy(snapshot["_awake"])
+
     def _touching(self, data: mujoco.MjData) -> dict[int, float]:
         """Return the number of each pair that the engine lists, with the sum of its normal forces [N]."""
         total: dict[int, float] = {}
@@ -98,6 +112,16 @@ class ContactReader:
             if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]
         return None
+
+
+_KEPT_BETWEEN_READINGS = (
+    "_sleep_state",
+    "_sleeping",
+    "_kept_for",
+    "_kept",
+    "_kept_contacts",
+    "_kept_numbers",
+)
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:

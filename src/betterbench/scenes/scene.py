@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +15,7 @@ from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, distance, normalize
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
+from betterbench.robots.control import ControllerState
 from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.appearance import room_of, start_joints_of, view_jitter_of
 from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
@@ -22,6 +27,21 @@ from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Looks, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneSnapshot:
+    """The whole state of a scene at one moment, from which it goes on bit for bit as it did the first time.
+
+    Beside positions and velocities the engine goes on from its warm start and from who is asleep, so all of its data
+    are kept.
+    """
+
+    data: mujoco.MjData
+    controller: ControllerState
+    contacts: Mapping[str, Any]
+    step: int
+    gripper_command: float
 
 
 class Scene:
@@ -123,6 +143,10 @@ class Scene:
         data = self._data
         return {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
 
+    def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies of the model."""
+        return self._data.xpos.copy(), self._data.xquat.copy()
+
     @property
     def arm_addresses(self) -> np.ndarray:
         """(7,) indices of the arm joints into qpos."""
@@ -166,6 +190,25 @@ class Scene:
                 )
                 raise PremiseError(msg)
         return state
+
+    def snapshot(self) -> SceneSnapshot:
+        """Return the whole state as it is now, to come back to."""
+        return SceneSnapshot(
+            copy.copy(self._data),
+            self.controller.state(),
+            self._contacts.snapshot(),
+            self._step,
+            self._gripper_command,
+        )
+
+    def restore(self, snapshot: SceneSnapshot) -> WorldState:
+        """Come back to a moment of this scene, which may be done again and again, and return the state."""
+        mujoco.mj_copyData(self._data, self.model, snapshot.data)
+        self.controller.restore(snapshot.controller)
+        self._contacts.restore(snapshot.contacts)
+        self._step, self._gripper_command = snapshot.step, snapshot.gripper_command
+        self._views_are_placed = False
+        return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Execute one action for one control step and return it as it was applied, after clipping.
