@@ -68,7 +68,16 @@ def mixture_command(
     sampler = MixtureSampler(parts, seed=chosen, shard=number, shards=shards, draws=draws)
     if out is not None and mixture is not None:
         _write_draws(out, sampler, mixture, draws, shards)
-    budgets = _budgets(mixture, parts, inside, gpus, steps, tokens_per_gpu, tokens, parameters)
+    budgets = _budgets(
+        mixture,
+        parts,
+        inside,
+        gpus=gpus,
+        steps=steps,
+        tokens_per_gpu=tokens_per_gpu,
+        tokens=tokens,
+        parameters=parameters,
+    )
     counts = sampler.counts(draws) if draws else {}
     if json:
         print_json(_document(mixture, parts, counts, draws, budgets))
@@ -124,6 +133,7 @@ def _budgets(
     mixture: FileMixture | None,
     parts: Sequence[Part],
     inside: Literal["items", "equal", "magic-soup-plus"],
+    *,
     gpus: int | None,
     steps: int | None,
     tokens_per_gpu: float,

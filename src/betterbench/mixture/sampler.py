@@ -53,7 +53,7 @@ class Draw:
 class MixtureSampler:
     """Draws from a mixture in an order that follows from the seed alone; iterating goes on where it stopped.
 
-    Each process of a training makes one with its own ``shard``. The draws of a step are then ``shards`` neighbors in the
+    Each process of a training makes one with its own ``shard``. The draws of a step are then neighbors in the
     one order, whatever their number.
 
     Args:

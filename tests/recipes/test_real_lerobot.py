@@ -1,0 +1,43 @@
+"""The real LeRobot's TrainPipelineConfig reads what recipes write."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from betterbench.recipes import recipe_of, setup_files, trainer_setup
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "policies"))
+from torch_environment import NoTorchError, run_in_torch
+
+pytestmark = pytest.mark.slow
+
+FORMS = {
+    "plain": "better",
+    "libero": "libero",
+    "whole": {"chunk": 16, "learning_rate": 1e-4, "frozen": {"lerobot": []}, "save_every": 1000, "seed": 3},
+}
+POLICIES = ("act", "diffusion", "smolvla", "pi0", "pi05")
+
+
+def test_lerobot_reads_every_recipe(tmp_path):
+    files = []
+    for name, form in FORMS.items():
+        for policy in POLICIES:
+            setup = trainer_setup("lerobot", recipe_of(form), ("sets/demos",), policy=policy)
+            file = tmp_path / f"{name}_{policy}" / "train_config.json"
+            file.parent.mkdir()
+            file.write_text(setup_files(setup, recipe_of(form))["train_config.json"])
+            files.append(str(file))
+    frozen = recipe_of({"frozen": {"lerobot": ["vision", "language"]}})
+    (tmp_path / "frozen").mkdir()
+    file = tmp_path / "frozen/train_config.json"
+    file.write_text(trainer_setup("lerobot", frozen, ("sets/demos",)).files["train_config.json"])
+    try:
+        done = run_in_torch(str(Path(__file__).parent / "lerobot_parse.py"), *files, str(file))
+    except NoTorchError as error:
+        pytest.skip(str(error))
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert done.stdout.count("lerobot ") == len(files) + 1
