@@ -10,18 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.mixture import MixtureSampler, Part, paper_mixture, shares_of
+from betterbench.mixture import MixturePart, MixtureSampler, paper_mixture, shares_of
 from betterbench.mixture.shares import WeightedGroup
 
 DRAWS = 100_000
 
 
-def small(*sizes: int, weights: tuple[float, ...] | None = None) -> tuple[Part, ...]:
-    parts = tuple(Part(f"set{i}", "all", size, weights[i] if weights else 1.0) for i, size in enumerate(sizes))
+def small(*sizes: int, weights: tuple[float, ...] | None = None) -> tuple[MixturePart, ...]:
+    parts = tuple(MixturePart(f"set{i}", "all", size, weights[i] if weights else 1.0) for i, size in enumerate(sizes))
     return shares_of([WeightedGroup("all", 1.0, parts, "weights" if weights else "equal")])
 
 
-def by_name(parts: tuple[Part, ...]) -> dict[str, float]:
+def by_name(parts: tuple[MixturePart, ...]) -> dict[str, float]:
     return {part.name: part.share for part in parts}
 
 
@@ -105,7 +105,7 @@ def test_what_cannot_be_drawn_from():
     with pytest.raises(InvalidInputError, match="shard: 2 is out of range"):
         MixtureSampler(parts, shard=2, shards=2)
     with pytest.raises(InvalidInputError, match="add up to"):
-        MixtureSampler((Part("a", "g", 3),))
+        MixtureSampler((MixturePart("a", "g", 3),))
     with pytest.raises(RunConflictError, match="another mixture"):
         MixtureSampler(parts).load_state_dict(MixtureSampler(parts, seed=1).state_dict())
     with pytest.raises(InvalidInputError, match="no number of draws"):
@@ -116,7 +116,7 @@ def test_what_cannot_be_drawn_from():
     with pytest.raises(InvalidInputError, match="nothing to draw"):
         small(3, 0)
     with pytest.raises(InvalidInputError, match="have this name"):
-        shares_of([WeightedGroup("g", 1.0, (Part("a", "g", 1), Part("a", "g", 2)))])
+        shares_of([WeightedGroup("g", 1.0, (MixturePart("a", "g", 1), MixturePart("a", "g", 2)))])
 
 
 def test_a_set_of_weight_zero_is_never_drawn():

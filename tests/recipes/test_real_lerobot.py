@@ -36,7 +36,7 @@ def test_lerobot_reads_every_recipe(tmp_path):
     file = tmp_path / "frozen/train_config.json"
     file.write_text(trainer_setup("lerobot", frozen, ("sets/demos",)).files["train_config.json"])
     try:
-        done = run_in_torch(str(Path(__file__).parent / "lerobot_parse.py"), *files, str(file))
+        done = run_in_torch(str(Path(__file__).parent / "lerobot_parse.py"), *files, str(file), timeout_s=1800.0)
     except NoTorchError as error:
         pytest.skip(str(error))
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]

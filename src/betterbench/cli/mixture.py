@@ -14,7 +14,7 @@ from betterbench.cli.console import OUT, print_json, print_table, progress_bar, 
 from betterbench.errors import InvalidInputError, RunConflictError
 
 if TYPE_CHECKING:
-    from betterbench.mixture import Budget, FileMixture, MixtureSampler, Part
+    from betterbench.mixture import Budget, FileMixture, MixturePart, MixtureSampler
 
 _CURE = "Correct the file; docs/mixture.md shows one"
 
@@ -57,17 +57,10 @@ def mixture_command(
         parameters: Weights of the model, such as 2e9, for an estimate of GPU hours.
         json: Print one JSON document instead of tables.
     """
-    from betterbench.mixture import MixtureSampler
-
     mixture = None if file is None else _of_file(file)
     parts = _parts(mixture, inside)
-    number, shards = _shard(shard)
     chosen = seed if seed is not None else mixture.seed if mixture else 0
-    if out is not None and (draws < 1 or mixture is None):
-        raise InvalidInputError("--out", "there is nothing to write", "Give a file of a mixture and --draws")
-    sampler = MixtureSampler(parts, seed=chosen, shard=number, shards=shards, draws=draws)
-    if out is not None and mixture is not None:
-        _write_draws(out, sampler, mixture, draws, shards)
+    counts = _drawn(mixture, parts, seed=chosen, shard=shard, draws=draws, out=out)
     budgets = _budgets(
         mixture,
         parts,
@@ -78,11 +71,25 @@ def mixture_command(
         tokens=tokens,
         parameters=parameters,
     )
-    counts = sampler.counts(draws) if draws else {}
     if json:
         print_json(_document(mixture, parts, counts, draws, budgets))
     else:
         _print(mixture, parts, counts, draws, budgets)
+
+
+def _drawn(
+    mixture: FileMixture | None, parts: Sequence[MixturePart], *, seed: int, shard: str, draws: int, out: Path | None
+) -> dict[str, int]:
+    """Write the draws that are asked for, and return how often each data set is drawn."""
+    from betterbench.mixture import MixtureSampler
+
+    number, shards = _shard(shard)
+    sampler = MixtureSampler(parts, seed=seed, shard=number, shards=shards, draws=draws)
+    if out is not None:
+        if draws < 1 or mixture is None:
+            raise InvalidInputError("--out", "there is nothing to write", "Give a file of a mixture and --draws")
+        _write_draws(out, sampler, mixture, draws, shards)
+    return sampler.counts(draws) if draws else {}
 
 
 def _of_file(file: Path) -> FileMixture:
@@ -92,7 +99,9 @@ def _of_file(file: Path) -> FileMixture:
     return mixture_of_files(read_yaml(file, cure=_CURE), where=str(file), folder=file.parent)
 
 
-def _parts(mixture: FileMixture | None, inside: Literal["items", "equal", "magic-soup-plus"]) -> tuple[Part, ...]:
+def _parts(
+    mixture: FileMixture | None, inside: Literal["items", "equal", "magic-soup-plus"]
+) -> tuple[MixturePart, ...]:
     from betterbench.mixture import paper_mixture
 
     return paper_mixture().parts(inside=inside) if mixture is None else mixture.parts
@@ -131,7 +140,7 @@ def _line(sampler: MixtureSampler, mixture: FileMixture, index: int) -> bytes:
 
 def _budgets(
     mixture: FileMixture | None,
-    parts: Sequence[Part],
+    parts: Sequence[MixturePart],
     inside: Literal["items", "equal", "magic-soup-plus"],
     *,
     gpus: int | None,
@@ -181,7 +190,11 @@ def _given_tokens(given: Iterable[str], known: dict[str, float]) -> dict[str, fl
 
 
 def _document(
-    mixture: FileMixture | None, parts: Sequence[Part], counts: dict[str, int], draws: int, budgets: dict[str, Budget]
+    mixture: FileMixture | None,
+    parts: Sequence[MixturePart],
+    counts: dict[str, int],
+    draws: int,
+    budgets: dict[str, Budget],
 ) -> dict[str, Any]:
     from betterbench.mixture import paper_mixture
 
@@ -195,7 +208,11 @@ def _document(
 
 
 def _print(
-    mixture: FileMixture | None, parts: Sequence[Part], counts: dict[str, int], draws: int, budgets: dict[str, Budget]
+    mixture: FileMixture | None,
+    parts: Sequence[MixturePart],
+    counts: dict[str, int],
+    draws: int,
+    budgets: dict[str, Budget],
 ) -> None:
     from betterbench.mixture import paper_mixture
 

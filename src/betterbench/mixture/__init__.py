@@ -2,18 +2,18 @@
 
 from betterbench.mixture.budget import Budget, TokenPrices, budget_of
 from betterbench.mixture.pretraining import PaperMixture, PretrainingRun, paper_mixture
-from betterbench.mixture.sampler import Draw, MixtureSampler
-from betterbench.mixture.shares import Part, Within, shares_of
+from betterbench.mixture.sampler import MixtureDraw, MixtureSampler
+from betterbench.mixture.shares import MixturePart, Within, shares_of
 from betterbench.mixture.sources import FileMixture, ItemSource, mixture_of_files
 
 __all__ = [
     "Budget",
-    "Draw",
     "FileMixture",
     "ItemSource",
+    "MixtureDraw",
+    "MixturePart",
     "MixtureSampler",
     "PaperMixture",
-    "Part",
     "PretrainingRun",
     "TokenPrices",
     "Within",

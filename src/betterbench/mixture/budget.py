@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from betterbench.errors import InvalidInputError, require_between
-from betterbench.mixture.shares import Part
+from betterbench.mixture.shares import MixturePart
 
 TOKENS_PER_GPU = 8192
 """Tokens of one GPU in one step: ``expected_num_tokens`` of Being-H's LIBERO script (BeingBeyond/Being-H@594219ea)."""
@@ -73,7 +73,7 @@ class Budget:
 
 
 def budget_of(
-    parts: Sequence[Part],
+    parts: Sequence[MixturePart],
     tokens_per_sample: Mapping[str, float],
     *,
     gpus: int,

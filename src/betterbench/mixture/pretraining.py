@@ -10,9 +10,9 @@ from typing import Literal
 from pydantic import TypeAdapter
 
 from betterbench.json_form import read_form, strict_form
-from betterbench.mixture.shares import Part, WeightedGroup, Within, shares_of
+from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
-Kind = Literal["actions", "image-text", "video-text"]
+ItemKind = Literal["actions", "image-text", "video-text"]
 
 Inside = Literal["items", "equal", "magic-soup-plus"]
 """How the draws of actions are divided among the six sets of Open X-Embodiment, of which the paper says nothing.
@@ -42,7 +42,7 @@ class PrintedGroup:
     """What has one weight in the mixture."""
 
     name: str
-    kind: Kind
+    kind: ItemKind
     weight: float
     datasets: tuple[PrintedSet, ...]
 
@@ -124,7 +124,7 @@ class PaperMixture:
             ),
         )
 
-    def parts(self, groups: tuple[str, ...] = (), inside: Inside = "items") -> tuple[Part, ...]:
+    def parts(self, groups: tuple[str, ...] = (), inside: Inside = "items") -> tuple[MixturePart, ...]:
         """Return the data sets with their shares; of some groups only, if any are named.
 
         Raises:
@@ -134,7 +134,7 @@ class PaperMixture:
             WeightedGroup(
                 group.name,
                 group.weight,
-                tuple(Part(row.name, group.name, row.items, row.magic_soup_plus) for row in group.datasets),
+                tuple(MixturePart(row.name, group.name, row.items, row.magic_soup_plus) for row in group.datasets),
                 _RULES[inside] if len(group.datasets) > 1 else "items",
             )
             for group in self.groups
@@ -142,7 +142,7 @@ class PaperMixture:
         ]
         return shares_of(weighted)
 
-    def kind_of(self, group: str) -> Kind:
+    def kind_of(self, group: str) -> ItemKind:
         """Return what the items of a group are."""
         return next(g.kind for g in self.groups if g.name == group)
 

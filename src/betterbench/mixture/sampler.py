@@ -23,7 +23,7 @@ from functools import lru_cache
 from typing import Any
 
 from betterbench.errors import InvalidInputError, RunConflictError, require_between
-from betterbench.mixture.shares import Part
+from betterbench.mixture.shares import MixturePart
 
 _ONE = 1 << 64
 GOLDEN = 0x9E3779B97F4A7C15
@@ -41,7 +41,7 @@ MOST_DRAWS = 1 << 48
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
+class MixtureDraw:
     """One draw: its number in the whole mixture, the data set, the item in it, and how often all items came before."""
 
     number: int
@@ -68,7 +68,7 @@ class MixtureSampler:
     """
 
     def __init__(
-        self, parts: Sequence[Part], *, seed: int = 0, shard: int = 0, shards: int = 1, draws: int | None = None
+        self, parts: Sequence[MixturePart], *, seed: int = 0, shard: int = 0, shards: int = 1, draws: int | None = None
     ) -> None:
         require_between("shards", shards, 1, 1 << 20)
         require_between("shard", shard, 0, shards - 1)
@@ -89,23 +89,23 @@ class MixtureSampler:
         """Return how many draws of this shard are left."""
         return max(0, -(-(self._draws - self._position - self._shard) // self._shards))
 
-    def __iter__(self) -> Iterator[Draw]:
+    def __iter__(self) -> Iterator[MixtureDraw]:
         """Yield the draws of this shard that are left."""
         while self._position + self._shard < self._draws:
             drawn = self.draw(self._position + self._shard)
             self._position += self._shards
             yield drawn
 
-    def draw(self, number: int) -> Draw:
+    def draw(self, number: int) -> MixtureDraw:
         """Return a draw by its number in the whole mixture."""
         require_between("draw", number, 0, MOST_DRAWS - 1)
         self._count_to(number)
         index = self._index(number)
         part = self._parts[index]
         epoch, turn = divmod(self._counts[index], part.items)
-        return Draw(number, part.name, _permuted(turn, part.items, f"{self._seed} {epoch} {part.name}"), epoch)
+        return MixtureDraw(number, part.name, _permuted(turn, part.items, f"{self._seed} {epoch} {part.name}"), epoch)
 
-    def own(self, index: int) -> Draw:
+    def own(self, index: int) -> MixtureDraw:
         """Return a draw of this shard by its number in this shard."""
         return self.draw(index * self._shards + self._shard)
 
@@ -201,6 +201,6 @@ def _number(text: str) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
 
 
-def _identity(parts: Sequence[Part], seed: int) -> str:
+def _identity(parts: Sequence[MixturePart], seed: int) -> str:
     told = [[part.name, part.items, repr(part.share)] for part in parts]
     return hashlib.sha256(repr([seed, told]).encode()).hexdigest()[:16]

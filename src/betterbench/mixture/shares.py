@@ -20,7 +20,7 @@ Within = Literal["items", "equal", "weights", "weights-times-items"]
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class MixturePart:
     """A data set in a mixture.
 
     Attributes:
@@ -44,11 +44,11 @@ class WeightedGroup:
 
     name: str
     weight: float
-    parts: tuple[Part, ...]
+    parts: tuple[MixturePart, ...]
     within: Within = "items"
 
 
-def shares_of(groups: Sequence[WeightedGroup]) -> tuple[Part, ...]:
+def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
     """Return the data sets of all groups with their shares, which add up to 1.
 
     Raises:
@@ -60,17 +60,17 @@ def shares_of(groups: Sequence[WeightedGroup]) -> tuple[Part, ...]:
         if times > 1:
             raise InvalidInputError(name, f"{times} data sets of the mixture have this name", "Give each another name")
     total = _total("weight", [(group.name, group.weight) for group in groups])
-    found: list[Part] = []
+    found: list[MixturePart] = []
     for group in groups:
         amounts = [(part.name, _amount(group.within, part)) for part in group.parts]
         inside = _total(f"weights inside {group.name}", amounts)
         for part, (_, amount) in zip(group.parts, amounts, strict=True):
             share = group.weight / total * (amount / inside)
-            found.append(Part(part.name, group.name, part.items, part.weight, share))
+            found.append(MixturePart(part.name, group.name, part.items, part.weight, share))
     return tuple(found)
 
 
-def _amount(within: Within, part: Part) -> float:
+def _amount(within: Within, part: MixturePart) -> float:
     if part.items < 1:
         raise InvalidInputError(part.name, "it has nothing to draw", "Leave it out, or name another file")
     match within:

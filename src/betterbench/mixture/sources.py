@@ -21,13 +21,13 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded, read_form, strict_form
-from betterbench.mixture.shares import Part, WeightedGroup, Within, shares_of
+from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30
 _MAX_QUESTION_BYTES = 1 << 34
 _CURE = "Correct the file of the mixture; docs/mixture.md shows one"
 
-Text = Annotated[str, Field(min_length=1, max_length=4096)]
+ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class ItemSource(Protocol):
@@ -239,8 +239,8 @@ def _questions(path: Path) -> QuestionSource:
 class FileForm:
     """A data set in the file of a mixture; its name is that of its folder or file if none is given."""
 
-    path: Text
-    name: Text | None = None
+    path: ShortText
+    name: ShortText | None = None
     weight: float = 1.0
 
 
@@ -249,7 +249,7 @@ class FileForm:
 class GroupForm:
     """A group in the file of a mixture."""
 
-    name: Text
+    name: ShortText
     weight: float
     sets: tuple[FileForm, ...]
     within: Within = "items"
@@ -271,7 +271,7 @@ MIXTURE_FORM = TypeAdapter(MixtureForm)
 class FileMixture:
     """A mixture over files: its data sets with their shares, what holds their items by name, and the seed."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[MixturePart, ...]
     sources: Mapping[str, ItemSource]
     seed: int
 
@@ -299,6 +299,6 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
                     f"{where}: {name}", "two data sets have this name", "Give one a name of its own"
                 )
             sources[name] = source
-            parts.append(Part(name, group.name, len(source), entry.weight))
+            parts.append(MixturePart(name, group.name, len(source), entry.weight))
         groups.append(WeightedGroup(group.name, group.weight, tuple(parts), group.within))
     return FileMixture(shares_of(groups), sources, read.seed)

@@ -15,9 +15,10 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_command,
-    export_command,
+    evaluation_line,
+    export_line,
     exposure,
+    filled,
     flag_lines,
     shell,
 )
@@ -50,7 +51,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
     start = f'torchrun --nproc_per_node={training.gpus} "$HERE/better_being_h.py"'
     commands = []
     if ours:
-        commands += [("Export the demonstrations", export_command(d, "lerobot-v2.1")) for d in training.data]
+        commands += [("Export the demonstrations", export_line(d, "lerobot-v2.1")) for d in training.data]
     flags = [(s.name, shell([s.value])) for s in settings if s.name.startswith("--")]
     commands += [
         ("From Being-H's folder (the one that holds BeingH and configs): train", flag_lines(start, flags)),
@@ -197,56 +198,20 @@ def _module(training: Training, group: str, *, ours: bool) -> str:
         else ""
     )
     config, tag = ("better", "new_embodiment") if ours else ("libero_nonorm", "libero_franka_gripper")
-    return f'''"""Registers data of betterbench with Being-H, then runs its trainer or makes its policy for the bridge.
-
-Written for {UPSTREAM}. From Being-H's folder:
-torchrun --nproc_per_node=N THIS_FILE FLAGS... trains; better_being_h:make is what the bridge serves.
-"""
-
-import os
-import runpy
-import sys
-
-DATA = {places!r}
-
-
-def register():
-    sys.path.insert(0, os.getcwd())
-    from configs import data_config, dataset_info
-{own}
-    dataset_info.DATASET_REGISTRY[{group!r}] = dataset_info.LeRobotIterableDataset
-    dataset_info.DATASET_INFO[{group!r}] = DATA
-
-
-def make():
-    """Return the policy of the checkpoint $BEING_H_CHECKPOINT, with the prompt template $BEING_H_PROMPT."""
-    register()
-    from BeingH.inference.beingh_policy import BeingHPolicy
-
-    return BeingHPolicy(
-        model_path=os.environ["BEING_H_CHECKPOINT"],
-        data_config_name={config!r},
-        dataset_name={group!r},
-        embodiment_tag={tag!r},
-        instruction_template=os.environ["BEING_H_PROMPT"],
+    texts = {"places": places, "group": group, "config": config, "tag": tag}
+    return filled(
+        "being_h.txt", {"upstream": UPSTREAM} | {name: repr(value) for name, value in texts.items()} | {"own": own}
     )
-
-
-if __name__ == "__main__":
-    register()
-    sys.argv[0] = "BeingH/train/train.py"
-    runpy.run_path(sys.argv[0], run_name="__main__")
-'''
 
 
 def _evaluation(training: Training) -> str:
     benchmark, data = training.recipe.benchmark, training.data[0]
     if benchmark == "better":
-        return evaluation_command(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
+        return evaluation_line(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
     if benchmark == "libero":
         return (
             "# on LIBERO itself: BeingH/benchmark/libero of Being-H\n# on our suite, without training on it:\n"
-            + evaluation_command("openpi://localhost:8000?preset=being_h_libero_spatial", training.recipe, data)
+            + evaluation_line("openpi://localhost:8000?preset=being_h_libero_spatial", training.recipe, data)
         )
     return (
         "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"

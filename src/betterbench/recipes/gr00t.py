@@ -15,9 +15,10 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_command,
-    export_command,
+    evaluation_line,
+    export_line,
     exposure,
+    filled,
     flag_lines,
     shell,
 )
@@ -41,7 +42,7 @@ def gr00t_setup(training: Training) -> TrainerSetup:
     parts, origin, where = recipe.frozen_parts("gr00t")
     frozen = parts or ()
     settings = _settings(training, frozen, origin, where)
-    files = {"prepare_checkpoint.py": _PREPARE, "check_frozen.py": _CHECK}
+    files = {"prepare_checkpoint.py": filled("prepare_checkpoint.txt"), "check_frozen.py": filled("check_frozen.txt")}
     if data.preset:
         files["better_modality.py"] = _modality_file(recipe.form.chunk or 16)
     values = {s.name: s.value for s in settings}
@@ -50,7 +51,7 @@ def gr00t_setup(training: Training) -> TrainerSetup:
     start = "python" if training.gpus == 1 else f"torchrun --nproc_per_node={training.gpus} --master_port=29500"
     commands = []
     if data.preset:
-        commands.append(("Export the demonstrations", export_command(data, "lerobot-v2.1")))
+        commands.append(("Export the demonstrations", export_line(data, "lerobot-v2.1")))
     commands += [
         (
             "From Isaac-GR00T's folder: a copy of the checkpoint whose top layers are frozen too"
@@ -143,126 +144,26 @@ def _modality_file(chunk: int) -> str:
         raise InvalidInputError("preset", f"{PRESET} has columns that GR00T does not read", "Report this")
     (annotation,) = found["annotation"]
     actions = list(found["action"])
-    return f'''"""The modalities of betterbench's export (preset {PRESET}).
-
-For {UPSTREAM}.
-
-Names are those of meta/modality.json. The actions are deltas of the tool's pose already, so they are ABSOLUTE here:
-RELATIVE would subtract the state once more.
-"""
-
-from gr00t.configs.data.embodiment_configs import register_modality_config
-from gr00t.data.embodiment_tags import EmbodimentTag
-from gr00t.data.types import ActionConfig, ActionFormat, ActionRepresentation, ActionType, ModalityConfig
-
-BETTER = {{
-    "video": ModalityConfig(delta_indices=[0], modality_keys={_quoted(found["video"])}),
-    "state": ModalityConfig(delta_indices=[0], modality_keys={_quoted(found["state"])}),
-    "action": ModalityConfig(
-        delta_indices=list(range({chunk})),
-        modality_keys={_quoted(actions)},
-        action_configs=[
-            ActionConfig(
-                rep=ActionRepresentation.ABSOLUTE, type=ActionType.NON_EEF, format=ActionFormat.DEFAULT
-            )
-            for _ in range({len(actions)})
-        ],
-    ),
-    "language": ModalityConfig(delta_indices=[0], modality_keys=["annotation.{annotation}"]),
-}}
-
-register_modality_config(BETTER, embodiment_tag=EmbodimentTag.NEW_EMBODIMENT)
-'''
+    texts = {"video": _quoted(found["video"]), "state": _quoted(found["state"]), "actions": _quoted(actions)}
+    numbers = {"chunk": str(chunk), "count": str(len(actions))}
+    return filled(
+        "modality.txt", {"upstream": UPSTREAM} | texts | numbers | {"preset": PRESET, "annotation": annotation}
+    )
 
 
 def _quoted(names: Any) -> str:  # noqa: ANN401 - any collection of texts
     return "[" + ", ".join(f'"{name}"' for name in names) + "]"
 
 
-_PREPARE = '''"""Copies a GR00T N1.6 checkpoint by links and sets how many top layers of its language model are trained.
-
-python prepare_checkpoint.py CHECKPOINT COPY LAYERS
-"""
-
-import json
-import os
-import sys
-from pathlib import Path
-
-
-def main(source, copy, layers):
-    source, copy = Path(source), Path(copy)
-    config = json.loads((source / "config.json").read_text())
-    copy.mkdir(parents=True, exist_ok=True)
-    for path in sorted(p for p in source.rglob("*") if p.is_file() and p.name != "config.json"):
-        place = copy / path.relative_to(source)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if not place.exists():
-            os.symlink(path.resolve(), place)
-    found = config.get("tune_top_llm_layers", "nothing")
-    config["tune_top_llm_layers"] = int(layers)
-    (copy / "config.json").write_text(json.dumps(config, indent=2) + "\\n")
-    print(f"tune_top_llm_layers: {found} in {source}, {layers} in {copy}")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
-'''
-
-_CHECK = '''"""Says which parts of a checkpoint training has changed: python check_frozen.py BEFORE AFTER
-
-Tensors are compared as bfloat16, because a trainer may store the same weights with more digits.
-"""
-
-import sys
-from collections import Counter
-from pathlib import Path
-
-import torch
-from safetensors import safe_open
-
-
-def tensors(folder):
-    places = {}
-    for path in sorted(Path(folder).glob("*.safetensors")):
-        with safe_open(path, framework="pt") as file:
-            places.update(dict.fromkeys(file.keys(), path))
-    if not places:
-        raise SystemExit(f"{folder}: no safetensors file")
-    return places
-
-
-def tensor(path, name):
-    with safe_open(path, framework="pt") as file:
-        return file.get_tensor(name).to(torch.bfloat16)
-
-
-def main(before, after):
-    old, new = tensors(before), tensors(after)
-    changed, total = Counter(), Counter()
-    for name in sorted(old.keys() & new.keys()):
-        part = ".".join(name.split(".")[:3])
-        total[part] += 1
-        changed[part] += not torch.equal(tensor(old[name], name), tensor(new[name], name))
-    for part in sorted(total):
-        print(f"{changed[part]:5d} of {total[part]:5d} tensors changed  {part}")
-    print(f"{len(old.keys() ^ new.keys())} tensors are in one checkpoint only")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
-'''
-
-
 def _evaluation(training: Training) -> str:
     benchmark, data = training.recipe.benchmark, training.only_data
     if benchmark == "better":
-        return evaluation_command(f"gr00t://localhost:5555?preset={PRESET}", training.recipe, data)
+        return evaluation_line(f"gr00t://localhost:5555?preset={PRESET}", training.recipe, data)
     if benchmark == "libero":
         return (
             "# on LIBERO itself: examples/LIBERO/README.md of Isaac-GR00T\n"
             "# on our suite, without training on it:\n"
-            + evaluation_command("gr00t://localhost:5555?preset=gr00t_libero_panda_spatial", training.recipe, data)
+            + evaluation_line("gr00t://localhost:5555?preset=gr00t_libero_panda_spatial", training.recipe, data)
         )
     return (
         "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"

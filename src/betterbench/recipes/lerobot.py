@@ -15,8 +15,8 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_command,
-    export_command,
+    evaluation_line,
+    export_line,
     exposure,
     shell,
 )
@@ -58,7 +58,7 @@ def lerobot_setup(training: Training) -> TrainerSetup:
     start = "lerobot-train"
     if training.gpus > 1:
         start = f'accelerate launch --multi_gpu --num_processes={training.gpus} "$(which lerobot-train)"'
-    commands = [("Export the demonstrations", export_command(data, "lerobot"))] if data.preset else []
+    commands = [("Export the demonstrations", export_line(data, "lerobot"))] if data.preset else []
     commands.append(("Train", f'{start} --config_path="$HERE/train_config.json"'))
     checks = [
         exposure(training),
@@ -166,7 +166,7 @@ def _nested(settings: tuple[Setting, ...]) -> dict[str, Any]:
 def _evaluation(training: Training, checkpoint: str) -> str:
     benchmark, data = training.recipe.benchmark, training.only_data
     if benchmark == "better":
-        return evaluation_command(f"lerobot:{checkpoint}", training.recipe, data)
+        return evaluation_line(f"lerobot:{checkpoint}", training.recipe, data)
     if benchmark == "libero":
         return (
             "# on LIBERO itself:\n"

@@ -11,9 +11,10 @@ from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
     TrainingData,
-    evaluation_command,
-    export_command,
+    evaluation_line,
+    export_line,
     exposure,
+    filled,
     shell,
 )
 
@@ -29,7 +30,7 @@ _STATELESS = (
 _STATE = "The state of the robot stands in the prompt, as 256 bins; pi05_libero itself shows none."
 
 _FREEZE = {
-    (): "nnx.Nothing",
+    (): "nnx.Nothing()",
     ("vision",): 'nnx_utils.PathRegex(".*PaliGemma/img.*")',
     ("language",): 'nnx.All(nnx_utils.PathRegex(".*llm.*"), nnx.Not(nnx_utils.PathRegex(".*llm.*_1.*")))',
 }
@@ -48,7 +49,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
     run = shell(["uv", "run", f'"$HERE/{file}"'])
     commands = []
     if data.preset:
-        commands.append(("Export the demonstrations", export_command(data, "lerobot-v2.1", images="png")))
+        commands.append(("Export the demonstrations", export_line(data, "lerobot-v2.1", images="png")))
     if not _on_hub(data):
         linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
         linked += f'{shell(["$(realpath", data.place])}) "$HF_LEROBOT_HOME/{repo_id}"'
@@ -115,92 +116,26 @@ def _ordered(parts: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _file(name: str, settings: tuple[Setting, ...]) -> str:
-    v = {setting.name: setting.value for setting in settings}
-    uses_filter = v["freeze_filter"] != "nnx.Nothing"
-    imports = ["    import flax.nnx as nnx", "    import openpi.models.pi0_config as pi0_config"]
-    imports += ["    import openpi.shared.nnx_utils as nnx_utils"] * uses_filter
-    imports += [
-        "    import openpi.training.config as config",
-        "    import openpi.training.optimizer as optimizer",
-        "    import openpi.training.weight_loaders as weight_loaders",
-    ]
-    return f'''"""Fine-tuning of pi0.5, written by betterbench.
-
-For {UPSTREAM}. Run from openpi's folder: uv run THIS_FILE norm-stats | train --exp-name NAME | serve --dir CHECKPOINT
-"""
-
-import runpy
-import sys
-
-NAME = "{name}"
-
-
-def train_config():
-    """Return the configuration; what is not named here is openpi's default."""
-{chr(10).join(imports)}
-
-    return config.TrainConfig(
-        name=NAME,
-        model=pi0_config.Pi0Config(
-            pi05={v["model.pi05"]},
-            action_horizon={v["model.action_horizon"]},
-            discrete_state_input={v["model.discrete_state_input"]},
-        ),
-        data=config.LeRobotLiberoDataConfig(
-            repo_id={v["data.repo_id"]!r},
-            base_config=config.DataConfig(prompt_from_task={v["data.base_config.prompt_from_task"]}),
-            extra_delta_transform={v["data.extra_delta_transform"]},
-        ),
-        batch_size={v["batch_size"]},
-        num_train_steps={v["num_train_steps"]},
-        lr_schedule=optimizer.CosineDecaySchedule(
-            warmup_steps={v["lr_schedule.warmup_steps"]},
-            peak_lr={v["lr_schedule.peak_lr"]},
-            decay_steps={v["lr_schedule.decay_steps"]},
-            decay_lr={v["lr_schedule.decay_lr"]},
-        ),
-        optimizer=optimizer.AdamW(clip_gradient_norm={v["optimizer.clip_gradient_norm"]}),
-        ema_decay={v["ema_decay"]},
-        weight_loader=weight_loaders.CheckpointWeightLoader({v["weight_loader.params_path"]!r}),
-        freeze_filter={v["freeze_filter"] if uses_filter else "nnx.Nothing()"},
-        seed={v["seed"]},
-        save_interval={v["save_interval"]},
-        keep_period={v["keep_period"]},
+    values = {setting.name: setting.value for setting in settings}
+    texts = {field.replace(".", "_"): repr(value) for field, value in values.items()}
+    uses_regex = "nnx_utils" in values["freeze_filter"]
+    imports = "    import openpi.shared.nnx_utils as nnx_utils\n" if uses_regex else ""
+    return filled(
+        "openpi.txt",
+        {"upstream": UPSTREAM} | texts | {"freeze_filter": values["freeze_filter"], "name": name, "imports": imports},
     )
-
-
-def main():
-    import openpi.training.config as config
-
-    config._CONFIGS_DICT[NAME] = train_config()
-    what, given = sys.argv[1], sys.argv[2:]
-    scripts = {{
-        "norm-stats": ("scripts/compute_norm_stats.py", ["--config-name", NAME]),
-        "train": ("scripts/train.py", [NAME]),
-        "serve": ("scripts/serve_policy.py", ["policy:checkpoint", f"--policy.config={{NAME}}"]),
-    }}
-    script, words = scripts[what]
-    if what == "serve":
-        given = [word.replace("--dir", "--policy.dir") for word in given]
-    sys.argv = [script, *words, *given]
-    runpy.run_path(script, run_name="__main__")
-
-
-if __name__ == "__main__":
-    main()
-'''
 
 
 def _evaluation(training: Training) -> str:
     benchmark, data = training.recipe.benchmark, training.only_data
     if benchmark == "better":
-        return evaluation_command(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
+        return evaluation_line(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
     if benchmark == "libero":
         return (
             "# on LIBERO itself, from openpi's folder, for each suite:\n"
             "python examples/libero/main.py --args.task-suite-name libero_spatial\n"
             "# on our suite, without training on it:\n"
-            + evaluation_command("openpi://localhost:8000?preset=openpi_libero_spatial", training.recipe, data)
+            + evaluation_line("openpi://localhost:8000?preset=openpi_libero_spatial", training.recipe, data)
         )
     return (
         "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"

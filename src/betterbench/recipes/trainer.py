@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.resources
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from string import Template
 from typing import Any
 
 from betterbench.errors import InvalidInputError, require_between
@@ -155,14 +157,14 @@ def _json(path: Path) -> dict[str, Any]:
     return found
 
 
-def export_command(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
+def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
     """Return the command that makes a data set of ours."""
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
     return shell(words)
 
 
-def evaluation_command(address: str, recipe: Recipe, data: TrainingData) -> str:
+def evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
     """Return the command that evaluates a policy on the suite."""
     words = ["better", "eval", "--policy", address, "--suite", "better60"]
     words += ["--quality", data.quality] * (data.quality != "standard")
@@ -177,6 +179,12 @@ def shell(words: Sequence[object]) -> str:
 def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
     """Return a command line with one flag a line."""
     return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
+
+
+def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
+    """Return a file that a framework reads: a template of this package with texts in the places that it names."""
+    file = importlib.resources.files("betterbench.recipes") / "data" / name
+    return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
 
 
 def exposure(training: Training) -> str:
