@@ -92,7 +92,7 @@ def test_a_file_of_draws_goes_on(capsys, mixture):
 def test_wrong_input_is_one_line(capsys, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     texts = {"list": "[1]", "alias": "a: &x 1\nb: *x\n", "broken": "a: [", "deep": "a: " + "[" * 50 + "]" * 50}
-    for name, text in (texts | {"field": "grups: []\n"}).items():
+    for name, text in (texts | {"field": "groups: []\ngrups: []\n"}).items():
         Path(f"{name}.yaml").write_text(text)
     assert main(["mixture", *words]) == 2
     assert said in " ".join(capsys.readouterr().err.split())

@@ -119,7 +119,7 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws
     planned = len(sampler)
     whole = out.read_bytes() if out.exists() else b""
     lines = whole[: whole.rfind(b"\n") + 1].splitlines(keepends=True)
-    if len(lines) > planned or lines[-1:] != [_line(sampler, mixture, len(lines) - 1)] * bool(lines):
+    if len(lines) > planned or (lines and lines[-1] != _line(sampler, mixture, len(lines) - 1)):
         raise RunConflictError(f"{out}: it holds draws of another mixture, seed or shard. Name another file.")
     with out.open("ab") as file, progress_bar("draw", planned) as (bar, task):
         file.truncate(sum(map(len, lines)))
