@@ -32,7 +32,7 @@ _COPY_BRIDGE = (
 _BRIDGE = (
     'BEING_H_PROMPT=... \\\n  PYTHONPATH="$PWD:$HERE" python "$HERE/being_h_bridge.py" better_being_h:make --port 8000'
 )
-_TOKENS = "sequence packing: as many tokens a GPU as its samples of the batch have"
+_TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are an estimate"
 
 
 def being_h_setup(training: Training) -> TrainerSetup:
@@ -69,6 +69,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
             f"100 steps; if it is not about {recipe.batch}, give --sample-tokens {values['--expected_num_tokens']} * "
             f"{training.gpus} / num_gen and start anew."
         ),
+        _kept(values["--save_steps"], values["--save_steps_start"], recipe.steps),
         "The weight of the data is written out: left out it would be 0, and the run would stop.",
         "freeze_llm would freeze the action expert too; what freezes the backbone is freeze_mllm.",
         "A training that is resumed begins the data anew.",
@@ -131,6 +132,13 @@ def _settings(training: Training) -> tuple[Setting, ...]:
         Setting("--save_steps_start", begun, "upstream" if begun else "ours", "no checkpoint before"),
         Setting("--output_dir", f"outputs/{recipe.name}", "ours", ""),
         Setting("--logging_dir", f"outputs/{recipe.name}/tensorboard", "ours", ""),
+    )
+
+
+def _kept(every: int, start: int, steps: int) -> str:
+    kept = [f"{step:,}" for step in range(every, steps + 1, every) if step > start]
+    return (
+        f"Checkpoints are kept at the steps {', '.join(kept)}." if len(kept) < 9 else f"Every {every:,} steps are kept."
     )
 
 

@@ -52,7 +52,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
         commands.append(("Export the demonstrations", export_line(data, "lerobot-v2.1", images="png")))
     if not _on_hub(data):
         linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
-        linked += f'{shell(["$(realpath", data.place])}) "$HF_LEROBOT_HOME/{repo_id}"'
+        linked += f'"$(realpath {shell([data.place])})" "$HF_LEROBOT_HOME/{repo_id}"'
         commands.append(("Put the data set where openpi looks for it", linked))
     last = recipe.steps - 1
     commands += [
