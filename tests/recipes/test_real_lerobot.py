@@ -1,4 +1,4 @@
-"""The real LeRobot's TrainPipelineConfig reads what recipes write."""
+"""In the environment of the real LeRobot: its TrainPipelineConfig, and the scripts that need PyTorch."""
 
 from __future__ import annotations
 
@@ -20,6 +20,37 @@ FORMS = {
     "whole": {"chunk": 16, "learning_rate": 1e-4, "frozen": {"lerobot": []}, "save_every": 1000, "seed": 3},
 }
 POLICIES = ("act", "diffusion", "smolvla", "pi0", "pi05")
+
+
+MAKE = """
+import sys, torch
+from pathlib import Path
+from safetensors.torch import save_file
+here = Path(sys.argv[1])
+old = {"model.llm.layer.w": torch.ones(3), "head.out.w": torch.ones(2), "gone.a.w": torch.ones(1)}
+new = {"model.llm.layer.w": torch.ones(3).bfloat16(), "head.out.w": torch.zeros(2)}
+for name, tensors in (("before", old), ("after", new)):
+    (here / name).mkdir()
+    save_file(tensors, here / name / "model.safetensors")
+"""
+
+
+def test_what_training_changed_is_found(tmp_path):
+    script = tmp_path / "check_frozen.py"
+    script.write_text(trainer_setup("gr00t", recipe_of(), ("sets/demos",)).files["check_frozen.py"])
+    try:
+        made = run_in_torch("-c", MAKE, str(tmp_path), timeout_s=1800.0)
+        assert made.returncode == 0, made.stderr
+        done = run_in_torch(str(script), str(tmp_path / "before"), str(tmp_path / "after"), timeout_s=1800.0)
+    except NoTorchError as error:
+        pytest.skip(str(error))
+    assert [line.split() for line in done.stdout.splitlines()] == [
+        *(
+            ["1", "of", "1", "tensors", "changed", "head.out.w"],
+            ["0", "of", "1", "tensors", "changed", "model.llm.layer"],
+        ),
+        ["1", "tensors", "are", "in", "one", "checkpoint", "only"],
+    ]
 
 
 def test_lerobot_reads_every_recipe(tmp_path):

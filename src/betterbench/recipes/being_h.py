@@ -32,6 +32,10 @@ _COPY_BRIDGE = (
 _BRIDGE = (
     'BEING_H_PROMPT=... \\\n  PYTHONPATH="$PWD:$HERE" python "$HERE/being_h_bridge.py" better_being_h:make --port 8000'
 )
+_COLUMNS = (
+    "The data need LIBERO's columns: observation.images.image and .wrist_image, observation.state (8: position, "
+    "rotation vector, fingers) and action (7)."
+)
 _TOKENS = "appendix A.4: the batch by sequence packing; tokens of a sample are an estimate"
 
 
@@ -70,6 +74,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
             f"{training.gpus} / num_gen and start anew."
         ),
         _kept(values["--save_steps"], values["--save_steps_start"], recipe.steps),
+        *(() if ours else (_COLUMNS,)),
         "The weight of the data is written out: left out it would be 0, and the run would stop.",
         "freeze_llm would freeze the action expert too; what freezes the backbone is freeze_mllm.",
         "A training that is resumed begins the data anew.",

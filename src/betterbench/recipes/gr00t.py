@@ -26,6 +26,10 @@ from betterbench.recipes.trainer import (
 UPSTREAM = "NVIDIA/Isaac-GR00T@15ce93d2530e6f31aa7fe1c999a25c5dff7045db"
 PRESET, VERSION = "gr00t_new_embodiment", "v2.1"
 _LIBERO = "examples/LIBERO"
+_CALVIN = (
+    "MODALITY_CONFIG is your Python file with the modalities of your conversion of CALVIN, registered for "
+    "NEW_EMBODIMENT (better_modality.py of a recipe for BeTTER shows one)."
+)
 _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
@@ -80,6 +84,7 @@ def gr00t_setup(training: Training) -> TrainerSetup:
             "checkpoint's config.json says tune_top_llm_layers 4, and the launcher has no flag for that. The copy says "
             f"{top}; check_frozen.py compares the weights afterwards."
         ),
+        *(() if data.preset or recipe.benchmark != "calvin" else (_CALVIN,)),
         "Frozen vision also freezes what connects it with the language model.",
         "The published LIBERO recipes of NVIDIA differ: batch 640, 20,000 steps, and state dropout 0.8 for LIBERO-10.",
         *(f"{number} hardly moves: normalization by its range blows it up." for number in data.still),
@@ -92,7 +97,8 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
     ours = bool(data.preset)
     tag = "NEW_EMBODIMENT" if ours or recipe.benchmark == "calvin" else "LIBERO_PANDA"
     chunk = () if not ours else (given_or("delta_indices of the action", form.chunk, 16, "upstream", _LIBERO),)
-    modality_path = () if not ours else (Setting("--modality-config-path", '"$HERE/better_modality.py"', "ours", ""),)
+    path, told = ('"$HERE/better_modality.py"', "") if ours else ('"$MODALITY_CONFIG"', "your file, see above")
+    modality_path = () if tag != "NEW_EMBODIMENT" else (Setting("--modality-config-path", path, "ours", told),)
     top = 0 if "language" in frozen else 4
     told = "N1.6 trains the top 4 layers although tune_llm is False" if not top else "default of N1.6"
     return (

@@ -27,6 +27,7 @@ _STATELESS = (
     "The policy sees no state of the robot: pi0.5 reads it only from the prompt, and discrete_state_input is False as "
     "in pi05_libero (openpi issue 687). proprioception: true in the recipe writes it into the prompt."
 )
+_COLUMNS = "The data need the columns image, wrist_image, state (8) and actions (7: deltas and the gripper)."
 _STATE = "The state of the robot stands in the prompt, as 256 bins; pi05_libero itself shows none."
 
 _FREEZE = {
@@ -66,6 +67,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
         "A training that is resumed begins the data anew.",
         _STATELESS if not values["model.discrete_state_input"] else _STATE,
     ]
+    checks += [_COLUMNS] * (not data.preset and not _on_hub(data))
     checks += [f"{number} hardly moves: normalization by quantiles blows it up." for number in data.still]
     return TrainerSetup(
         "openpi",
