@@ -137,13 +137,16 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     if info.get("codebase_version") != version:
         raise InvalidInputError(place, f"it is LeRobot {info.get('codebase_version')}, not {version}", cure)
     stats = _json(folder / "meta/stats.json")
-    still = tuple(
-        f"{column}[{i}]"
-        for column in source["layout"]["vectors"]
-        for i, (low, high) in enumerate(zip(stats[column]["q01"], stats[column]["q99"], strict=True))
-        if high - low < STILL
-    )
-    return TrainingData(place, preset, int(info["total_frames"]), str(source["quality"]), still)
+    try:
+        still = tuple(
+            f"{column}[{i}]"
+            for column in source["layout"]["vectors"]
+            for i, (low, high) in enumerate(zip(stats[column]["q01"], stats[column]["q99"], strict=True))
+            if high - low < STILL
+        )
+        return TrainingData(place, preset, int(info["total_frames"]), str(source["quality"]), still)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError(place, f"its meta files do not fit each other ({error!r})", cure) from error
 
 
 def _json(path: Path) -> dict[str, Any]:
