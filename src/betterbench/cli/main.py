@@ -86,6 +86,8 @@ VERBS: dict[str, Verb] = {
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
     "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on."),
+    "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
+    "mixture": Verb("mixture:mixture_command", "Show a mixture of training data and draw from it.", takes_tasks=False),
     "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
     "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
     "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),

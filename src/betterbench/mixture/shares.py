@@ -1,0 +1,95 @@
+"""Shares: how often each data set of a mixture is drawn, from the weights of groups and a rule inside each group.
+
+A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
+and 5 % each) and in Being-H. Open X-Embodiment's mixtures, and GR00T's, mean another thing by the same word: there a
+weight is multiplied by the number of items. That is the rule ``weights-times-items`` inside a group.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from betterbench.errors import InvalidInputError
+
+Within = Literal["items", "equal", "weights", "weights-times-items"]
+"""How the draws of a group are divided among its data sets."""
+
+
+@dataclass(frozen=True, slots=True)
+class MixturePart:
+    """A data set in a mixture.
+
+    Attributes:
+        name: Its name, unique in the mixture.
+        group: Name of its group.
+        items: How many frames or questions it has.
+        weight: Its weight inside the group, for rules that ask for one.
+        share: Share of the draws of the mixture that fall on it.
+    """
+
+    name: str
+    group: str
+    items: int
+    weight: float = 1.0
+    share: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedGroup:
+    """Data sets that share a weight: its draws are divided among them by the rule ``within``."""
+
+    name: str
+    weight: float
+    parts: tuple[MixturePart, ...]
+    within: Within = "items"
+
+
+def shares_of(groups: Sequence[WeightedGroup]) -> tuple[MixturePart, ...]:
+    """Return the data sets of all groups with their shares, which add up to 1.
+
+    Raises:
+        InvalidInputError: If there is none, a name stands twice, a data set is empty, or weights are negative, not
+            finite or all 0.
+    """
+    named = Counter(part.name for group in groups for part in group.parts)
+    for name, times in named.items():
+        if times > 1:
+            raise InvalidInputError(name, f"{times} data sets of the mixture have this name", "Give each another name")
+    total = _total("weight", [(group.name, group.weight) for group in groups])
+    found: list[MixturePart] = []
+    for group in groups:
+        amounts = [(part.name, _amount(group.within, part)) for part in group.parts]
+        inside = _total(f"weights inside {group.name}", amounts)
+        for part, (_, amount) in zip(group.parts, amounts, strict=True):
+            share = group.weight / total * (amount / inside)
+            found.append(MixturePart(part.name, group.name, part.items, part.weight, share))
+    return tuple(found)
+
+
+def _amount(within: Within, part: MixturePart) -> float:
+    if part.items < 1:
+        raise InvalidInputError(part.name, "it has nothing to draw", "Leave it out, or name another file")
+    match within:
+        case "items":
+            return float(part.items)
+        case "equal":
+            return 1.0
+        case "weights":
+            return part.weight
+        case "weights-times-items":
+            return part.weight * part.items
+
+
+def _total(what: str, amounts: Sequence[tuple[str, float]]) -> float:
+    """Return the sum of amounts; raise InvalidInputError if one is impossible or nothing is left to divide."""
+    for name, amount in amounts:
+        if not math.isfinite(amount) or amount < 0.0:
+            raise InvalidInputError(f"{name}: weight", f"{amount:g} is no weight", "Give a number ≥ 0")
+    total = math.fsum(amount for _, amount in amounts)
+    if total <= 0.0:
+        raise InvalidInputError(what, "they add up to 0, so nothing can be drawn", "Give at least one above 0")
+    return total

@@ -1,0 +1,304 @@
+"""What a mixture draws from: LeRobot data sets (versions 2.1 and 3.0), sets of ``better vqa``, and files of questions.
+
+An item of a LeRobot data set is a frame, by its number in the whole set, as ``LeRobotDataset`` counts it; frames of
+episodes for validation are not drawn. An item of a set of questions is a line.
+"""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
+
+_MAX_META_BYTES = 1 << 30
+_MAX_QUESTION_BYTES = 1 << 34
+_CURE = "Correct the file of the mixture; docs/mixture.md shows one"
+
+ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
+class ItemSource(Protocol):
+    """Something with numbered items."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+
+    @property
+    def kind(self) -> str:
+        """What it is, in a word or two."""
+
+    def __len__(self) -> int:
+        """Return how many items can be drawn."""
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where an item stands: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return an item: a question as it is written, or where a frame stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeRobotSource:
+    """The training frames of a LeRobot data set.
+
+    Attributes:
+        first: Number of the first episode that is drawn from.
+        starts: Number of the first frame of each episode that is drawn from, and the end of the last one, counted
+            through the whole data set.
+    """
+
+    path: Path
+    version: str
+    first: int
+    starts: tuple[int, ...]
+
+    @property
+    def kind(self) -> str:
+        """The format and its version."""
+        return f"LeRobot {self.version}"
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.starts[-1] - self.starts[0]
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return where a frame stands: reading it is the business of whoever trains."""
+        return self.place(number)
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where a frame stands."""
+        index = self.starts[0] + number
+        episode = bisect.bisect_right(self.starts, index) - 1
+        return {"episode": self.first + episode, "frame": index - self.starts[episode], "index": index}
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSource:
+    """The lines of a file of questions; ``places`` are their first byte and length."""
+
+    path: Path
+    places: tuple[tuple[int, int], ...]
+
+    @property
+    def kind(self) -> str:
+        """What it is."""
+        return "questions"
+
+    def __len__(self) -> int:
+        """Return the number of questions."""
+        return len(self.places)
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where the line of a question begins."""
+        return {"byte": self.places[number][0]}
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return a question as it is written; raises InvalidInputError if the line is no JSON object."""
+        start, length = self.places[number]
+        with self.path.open("rb") as file:
+            file.seek(start)
+            line = file.read(length)
+        try:
+            found = json.loads(line)
+        except ValueError as error:
+            raise InvalidInputError(
+                f"{self.path}: item {number}", f"is not JSON ({error})", "Repair the file"
+            ) from error
+        if not isinstance(found, dict):
+            raise InvalidInputError(f"{self.path}: item {number}", "is no JSON object", "Write one object per line")
+        return found
+
+
+def open_source(path: Path) -> ItemSource:
+    """Return what a folder or file holds.
+
+    Raises:
+        InvalidInputError: If it is neither a LeRobot data set nor a set or file of questions, is damaged, or holds
+            questions about test trials, which nothing may be trained on.
+    """
+    if (path / "meta/info.json").is_file():
+        return _lerobot(path)
+    if (path / "questions.jsonl").is_file():
+        _require_for_training(path)
+        return _questions(path / "questions.jsonl")
+    if path.suffix == ".jsonl" and path.is_file():
+        if (path.parent / "summary.json").is_file() and path.name == "questions.jsonl":
+            _require_for_training(path.parent)
+        return _questions(path)
+    problem = "is no LeRobot data set, set of better vqa or .jsonl file" if path.exists() else "does not exist"
+    raise InvalidInputError(str(path), problem, "Name what better export or better vqa wrote, or JSON lines")
+
+
+def _require_for_training(folder: Path) -> None:
+    summary = _json(folder / "summary.json")
+    if summary.get("purpose") != "training":
+        problem = f"its questions are for {summary.get('purpose', 'an unknown purpose')}"
+        raise InvalidInputError(
+            str(folder), problem, "Make the set from demonstrations: better vqa RUN of better collect"
+        )
+
+
+def _json(path: Path) -> dict[str, Any]:
+    cure = "Export the data set again"
+    text = read_bounded(path, max_bytes=_MAX_META_BYTES, cure=cure)
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
+    if not isinstance(found, dict):
+        raise InvalidInputError(str(path), "is no JSON object", cure)
+    return found
+
+
+def _lerobot(path: Path) -> LeRobotSource:
+    info = _json(path / "meta/info.json")
+    version = str(info.get("codebase_version"))
+    if version not in ("v2.0", "v2.1", "v3.0"):
+        raise InvalidInputError(str(path), f"its version is {version}", "Give a LeRobot data set of version 2.x or 3.0")
+    lengths = _lengths_v3(path) if version == "v3.0" else _lengths_v2(path)
+    if len(lengths) != info.get("total_episodes") or sum(lengths) != info.get("total_frames"):
+        told = f"{info.get('total_episodes')} episodes and {info.get('total_frames')} frames"
+        problem = f"info.json says {told}, and its episodes are {len(lengths)} with {sum(lengths)}"
+        raise InvalidInputError(str(path), problem, "Export the data set again")
+    first, end = _training_range(path, info, len(lengths))
+    starts = list(itertools.accumulate(lengths, initial=0))
+    return LeRobotSource(path, version, first, tuple(starts[first : end + 1]))
+
+
+def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
+    """Return the first episode for training and the one after the last; all if the data set names none."""
+    splits = info.get("splits")
+    told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
+    found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
+    if found is None or not int(found[1]) < int(found[2]) <= episodes:
+        raise InvalidInputError(f"{path}/meta/info.json: splits", f"{told!r} is no range of its episodes", "Correct it")
+    return int(found[1]), int(found[2])
+
+
+def _lengths_v2(path: Path) -> list[int]:
+    file = path / "meta/episodes.jsonl"
+    text = read_bounded(file, max_bytes=_MAX_META_BYTES, cure="Export the data set again")
+    try:
+        rows = sorted((row["episode_index"], row["length"]) for row in map(json.loads, text.splitlines()))
+        return _counted(file, rows)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InvalidInputError(str(file), f"cannot be read ({error!r})", "Export the data set again") from error
+
+
+def _lengths_v3(path: Path) -> list[int]:
+    files = sorted((path / "meta/episodes").rglob("*.parquet"))
+    rows: list[tuple[int, int]] = []
+    for file in files:
+        try:
+            table = pq.read_table(file, columns=["episode_index", "length"])
+        except (OSError, KeyError, pa.ArrowException) as error:
+            raise InvalidInputError(str(file), f"cannot be read ({error})", "Export the data set again") from error
+        rows += zip(table["episode_index"].to_pylist(), table["length"].to_pylist(), strict=True)
+    return _counted(path / "meta/episodes", sorted(rows))
+
+
+def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
+    """Return the lengths of episodes that are numbered from 0 without a gap."""
+    if [number for number, _ in rows] != list(range(len(rows))) or not all(
+        isinstance(length, int) and length > 0 for _, length in rows
+    ):
+        raise InvalidInputError(str(file), "its episodes are not numbered through", "Export the data set again")
+    return [length for _, length in rows]
+
+
+def _questions(path: Path) -> QuestionSource:
+    if path.stat().st_size > _MAX_QUESTION_BYTES:
+        raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
+    places, at = [], 0
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip():
+                places.append((at, len(line)))
+            at += len(line)
+    if not places:
+        raise InvalidInputError(str(path), "it has no line", "Name a file with questions")
+    return QuestionSource(path, tuple(places))
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class FileForm:
+    """A data set in the file of a mixture; its name is that of its folder or file if none is given."""
+
+    path: ShortText
+    name: ShortText | None = None
+    weight: float = 1.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class GroupForm:
+    """A group in the file of a mixture."""
+
+    name: ShortText
+    weight: float
+    sets: tuple[FileForm, ...]
+    within: Within = "items"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class MixtureForm:
+    """The file of a mixture: its groups, and the seed of the draws."""
+
+    groups: tuple[GroupForm, ...]
+    seed: int = 0
+
+
+MIXTURE_FORM = TypeAdapter(MixtureForm)
+
+
+@dataclass(frozen=True, slots=True)
+class FileMixture:
+    """A mixture over files: its data sets with their shares, what holds their items by name, and the seed."""
+
+    parts: tuple[MixturePart, ...]
+    sources: Mapping[str, ItemSource]
+    seed: int
+
+
+def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
+    """Return a mixture over files.
+
+    Args:
+        form: What its file holds, as JSON or as the value that YAML stands for.
+        where: Name of the file, for errors.
+        folder: What paths in it are relative to.
+
+    Raises:
+        InvalidInputError: If a field is wrong, or a data set cannot be drawn from.
+    """
+    read = read_form(MIXTURE_FORM, form, where=where, cure=_CURE)
+    groups, sources = [], {}
+    for group in read.groups:
+        parts = []
+        for entry in group.sets:
+            source = open_source(folder / entry.path)
+            name = entry.name or Path(entry.path).name
+            if name in sources:
+                raise InvalidInputError(
+                    f"{where}: {name}", "two data sets have this name", "Give one a name of its own"
+                )
+            sources[name] = source
+            parts.append(MixturePart(name, group.name, len(source), entry.weight))
+        groups.append(WeightedGroup(group.name, group.weight, tuple(parts), group.within))
+    return FileMixture(shares_of(groups), sources, read.seed)

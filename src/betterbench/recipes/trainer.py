@@ -1,0 +1,201 @@
+"""What a recipe becomes for a framework: files, fields with their sources, and what a person has to look at."""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from betterbench.errors import InvalidInputError, require_between
+from betterbench.export.card import STILL
+from betterbench.recipes.recipe import Recipe, Setting
+
+SOURCE_FILE = Path("meta/betterbench.json")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingData:
+    """The data set of a training.
+
+    Attributes:
+        place: Folder, or the name of a data set on the Hugging Face hub.
+        preset: Layout of an export of ours; empty for other data.
+        frames: Number of its frames, if it is here.
+        quality: Render quality of its images.
+        still: Numbers that hardly move, which normalization blows up.
+    """
+
+    place: str
+    preset: str
+    frames: int | None = None
+    quality: str = "standard"
+    still: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The last part of its place."""
+        return Path(self.place).name
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """A training that is asked for.
+
+    Attributes:
+        data: Its data sets: one, or several where the framework mixes them.
+        gpus: Number of GPUs.
+        weights: Where the training starts from; the framework's published weights if None.
+        policy: Type of policy, for LeRobot.
+        sample_tokens: Tokens of one sample, for Being-H's packing.
+    """
+
+    recipe: Recipe
+    data: tuple[TrainingData, ...]
+    gpus: int = 4
+    weights: str | None = None
+    policy: str = "pi05"
+    sample_tokens: int = 220
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that mean nothing; raises InvalidInputError."""
+        require_between("--gpus", self.gpus, 1, 4096)
+        require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
+
+    @property
+    def only_data(self) -> TrainingData:
+        """The one data set; raises InvalidInputError if there are several."""
+        if len(self.data) != 1:
+            raise InvalidInputError(
+                "--data",
+                f"{len(self.data)} are given, and this trainer reads one",
+                "Merge them into one data set before",
+            )
+        return self.data[0]
+
+    @property
+    def batch_of_gpu(self) -> int:
+        """Samples of one GPU in one step; raises InvalidInputError if the batch cannot be divided."""
+        batch = self.recipe.batch
+        if batch % self.gpus:
+            divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
+            raise InvalidInputError(
+                "--gpus", f"a batch of {batch} cannot be divided by {self.gpus}", f"Give {divisors}"
+            )
+        return batch // self.gpus
+
+
+@dataclass(frozen=True, slots=True)
+class TrainerSetup:
+    """What is written for a framework.
+
+    Attributes:
+        upstream: Repository and commit (or release) that the fields were read from.
+        files: Content by name.
+        settings: The fields of the framework's configuration.
+        commands: Titles and command lines, in order.
+        evaluation: The command that evaluates what was trained.
+        checks: What a person has to look at, because the framework does not say when it is wrong.
+    """
+
+    framework: str
+    upstream: str
+    files: dict[str, str]
+    settings: tuple[Setting, ...]
+    commands: tuple[tuple[str, str], ...]
+    evaluation: str
+    checks: tuple[str, ...] = field(default_factory=tuple)
+
+
+def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
+    """Return what a data set holds, as far as it is here.
+
+    Args:
+        place: Its folder; for other benchmarks than ours also a name on the hub.
+        preset: Layout that the trainer needs, for data of ours.
+        version: Version of LeRobot's format that it reads ("v2.1", "v3.0").
+        benchmark: What the recipe is for.
+
+    Raises:
+        InvalidInputError: If it is here and is not what the trainer needs.
+    """
+    folder = Path(place)
+    if not place or any(ord(letter) < 32 for letter in place):
+        raise InvalidInputError("--data", f"{place!r} is no place of a data set", "Name its folder")
+    if benchmark != "better" or not folder.exists():
+        return TrainingData(place, preset if benchmark == "better" else "")
+    source, info = _json(folder / SOURCE_FILE), _json(folder / "meta/info.json")
+    to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
+    cure = f"Make it with better export RUN --to {to} --preset {preset} --out {place}"
+    found = source.get("layout", {}).get("adapter", {}).get("name")
+    if found != preset:
+        raise InvalidInputError(place, f"its layout is {found}, and this trainer needs {preset}", cure)
+    if info.get("codebase_version") != version:
+        raise InvalidInputError(place, f"it is LeRobot {info.get('codebase_version')}, not {version}", cure)
+    stats = _json(folder / "meta/stats.json")
+    try:
+        still = tuple(
+            f"{column}[{i}]"
+            for column in source["layout"]["vectors"]
+            for i, (low, high) in enumerate(zip(stats[column]["q01"], stats[column]["q99"], strict=True))
+            if high - low < STILL
+        )
+        return TrainingData(place, preset, int(info["total_frames"]), str(source["quality"]), still)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError(place, f"its meta files do not fit each other ({error!r})", cure) from error
+
+
+def _json(path: Path) -> dict[str, Any]:
+    cure = "Name a folder that better export wrote, or one that is not here yet"
+    try:
+        found = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(str(path), f"cannot be read ({error})", cure) from error
+    if not isinstance(found, dict):
+        raise InvalidInputError(str(path), "is no JSON object", cure)
+    return found
+
+
+def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
+    """Return the command that makes a data set of ours."""
+    words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
+    words += ["--images", images] * (images != "video") + ["--out", place or data.place]
+    return shell(words)
+
+
+def evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
+    """Return the command that evaluates a policy on the suite."""
+    words = ["better", "eval", "--policy", address, "--suite", "better60"]
+    words += ["--quality", data.quality] * (data.quality != "standard")
+    return shell([*words, "--out", f"runs/{recipe.name}"])
+
+
+def shell(words: Sequence[object]) -> str:
+    """Return words as a command line; what begins with a variable is left to the shell."""
+    return " ".join(w if (w := str(word)).startswith(('"$', "$")) else shlex.quote(w) for word in words)
+
+
+def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
+    """Return a command line with one flag a line."""
+    return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
+
+
+def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
+    """Return a file that a framework reads: a template of this package with texts in the places that it names."""
+    file = importlib.resources.files("betterbench.recipes") / "data" / name
+    return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
+
+
+def exposure(training: Training) -> str:
+    """Return how often each frame is seen, if the number of frames is known."""
+    frames = [data.frames for data in training.data]
+    known = [n for n in frames if n is not None]
+    samples = training.recipe.steps * training.recipe.batch
+    told = f"{training.recipe.steps:,} steps of {training.recipe.batch} are {samples:,} samples"
+    if not known or len(known) < len(frames):
+        return told + "."
+    return f"{told}: {samples / sum(known):.1f} passes over the {sum(known):,} frames of the data."
