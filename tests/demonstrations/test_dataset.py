@@ -20,7 +20,7 @@ from betterbench.datasets.build import make_dataset
 from betterbench.datasets.numbers import STATE, SetNumbers
 from betterbench.datasets.pairs import shared_rows
 from betterbench.datasets.proof import RegimeBounds, proven_facts
-from betterbench.datasets.recipe import Recipe, keep_recipe, read_recipe
+from betterbench.datasets.recipe import SetRecipe, keep_recipe, read_recipe
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder
@@ -114,8 +114,8 @@ def test_the_printed_command_is_the_recipe(monkeypatch, tmp_path):
     monkeypatch.setattr("betterbench.datasets.build.make_dataset", caught_recipe)
     monkeypatch.setattr("betterbench.cli.evaluate.prepare_robot", lambda *_: None)
     for recipe in (
-        Recipe(("fruit_lunch", "fast_food"), "balanced", 20, 3, 1_000_500, 0.05, 0.2),
-        Recipe(("morning_coffee",), pairs=True),
+        SetRecipe(("fruit_lunch", "fast_food"), "balanced", 20, 3, 1_000_500, 0.05, 0.2),
+        SetRecipe(("morning_coffee",), pairs=True),
     ):
         words = shlex.split(recipe.command("0" * 64, out=str(tmp_path / "set")))
         assert main(words[1:]) == 2
@@ -124,7 +124,7 @@ def test_the_printed_command_is_the_recipe(monkeypatch, tmp_path):
 
 
 def test_a_folder_holds_one_recipe_which_may_grow(tmp_path):
-    recipe = Recipe((TASK,), demos=5)
+    recipe = SetRecipe((TASK,), demos=5)
     keep_recipe(recipe, tmp_path / "set")
     keep_recipe(replace(recipe, demos=7), tmp_path / "set")
     assert read_recipe(tmp_path / "set").demos == 7
@@ -147,7 +147,7 @@ def files_of(path):
 
 @pytest.mark.slow
 def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
-    undisturbed = make_dataset(Recipe((TASK,), demos=1, sources=1), tmp_path / "a", pictures=False)
+    undisturbed = make_dataset(SetRecipe((TASK,), demos=1, sources=1), tmp_path / "a", pictures=False)
     words = shlex.split(undisturbed.command.replace("DATASET", str(tmp_path / "b")))
     command = [sys.executable, "-m", "betterbench.cli", *words[1:], "--no-pictures", "--workers", "2"]
     for delay in (5.0, 10.0, 20.0):
@@ -166,7 +166,7 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
     assert wrong.returncode == 2
     assert "the hash of the set is" in wrong.stderr
     smaller = files_of(tmp_path / "a")
-    grown = make_dataset(Recipe((TASK,), demos=2, sources=1), tmp_path / "a", pictures=False)
+    grown = make_dataset(SetRecipe((TASK,), demos=2, sources=1), tmp_path / "a", pictures=False)
     assert grown.demonstrations == 2 * undisturbed.demonstrations
     larger = files_of(tmp_path / "a")
     assert all(larger[name] == data for name, data in smaller.items() if name.endswith(".parquet"))
@@ -174,7 +174,7 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
 
 @pytest.mark.slow
 def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_path):
-    made = make_dataset(Recipe(("fruit_lunch",), demos=2, pairs=True), tmp_path / "set", pictures=False)
+    made = make_dataset(SetRecipe(("fruit_lunch",), demos=2, pairs=True), tmp_path / "set", pictures=False)
     assert made.pairs
     for pair in made.pairs:
         assert pair.instructions[0] != pair.instructions[1]
@@ -185,7 +185,7 @@ def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_p
 
 @pytest.mark.slow
 def test_leaving_things_alone_is_demonstrated_and_carried_over(tmp_path):
-    made = make_dataset(Recipe(("fruit_lunch",), "covered", 1, 1), tmp_path / "set", pictures=False)
+    made = make_dataset(SetRecipe(("fruit_lunch",), "covered", 1, 1), tmp_path / "set", pictures=False)
     assert made.demonstrations == 6
     assert made.missing == 0
     entries = {entry.condition for entry in RunFolder.open(tmp_path / "set" / "demonstrations").entries()}

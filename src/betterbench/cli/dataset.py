@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.datasets.build import MadeDataset
-    from betterbench.datasets.recipe import Recipe
+    from betterbench.datasets.recipe import SetRecipe
 
 
 def dataset_command(
@@ -59,11 +59,11 @@ def dataset_command(
         pictures: Draw the starts of each task.
         json: Print what was made as one JSON document.
     """
-    from betterbench.datasets.recipe import Recipe
+    from betterbench.datasets.recipe import SetRecipe
     from betterbench.tasks import suite_tasks
 
     chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
-    recipe = Recipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
+    recipe = SetRecipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
     made = _make(recipe, out, workers, pictures=pictures)
     if sign is not None:
         _sign(made, sign)
@@ -81,7 +81,7 @@ def _sign(made: MadeDataset, key: Path) -> None:
     sign(made.path / "prediction.json", key)
 
 
-def _make(recipe: Recipe, out: Path, workers: int | None, *, pictures: bool) -> MadeDataset:
+def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) -> MadeDataset:
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.datasets.build import make_dataset
 

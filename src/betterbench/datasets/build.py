@@ -16,7 +16,7 @@ from betterbench.datasets.card import CardFacts, dataset_card
 from betterbench.datasets.numbers import SetNumbers, counts_form
 from betterbench.datasets.pairs import twin_pairs
 from betterbench.datasets.proof import RegimeBounds, proven_facts
-from betterbench.datasets.recipe import Recipe, keep_recipe
+from betterbench.datasets.recipe import SetRecipe, keep_recipe
 from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import SetProgress, amplify, collect, set_hash
@@ -65,7 +65,7 @@ class MadeDataset:
 
 
 def make_dataset(
-    recipe: Recipe,
+    recipe: SetRecipe,
     out: Path,
     *,
     workers: int = 1,
@@ -118,7 +118,7 @@ def make_dataset(
     return made
 
 
-def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
+def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
     """Return the run with the demonstrations, made or resumed."""
 
     def told(stage: str) -> Callable[[SetProgress], None]:
@@ -152,7 +152,7 @@ def _demonstrations(recipe: Recipe, out: Path, workers: int, tell: OnStage) -> R
 
 
 def _proven(
-    run: RunFolder, recipe: Recipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
+    run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
 ) -> tuple[SetNumbers, tuple[EpisodeFacts, ...]]:
     """Return numbers and facts of all records, each proven to show the regime and nothing outside it."""
     numbers, facts = SetNumbers(held_out), []
@@ -174,7 +174,7 @@ def _audited(facts: tuple[EpisodeFacts, ...], hashed: str) -> tuple[ShortcutAudi
     return audit, predict(audit, dataset_sha256=hashed)
 
 
-def _missing(recipe: Recipe, there: int) -> int:
+def _missing(recipe: SetRecipe, there: int) -> int:
     planned = sum(recipe.demos * len(get_task(name).training) for name in recipe.tasks)
     return max(0, planned - there)
 
@@ -200,7 +200,7 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
 
 
 def _write(
-    made: MadeDataset, recipe: Recipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
+    made: MadeDataset, recipe: SetRecipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
 ) -> None:
     """Write everything that is derived, dataset.json last."""
     out, counts = made.path, numbers.counts()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from betterbench.datasets.numbers import ConditionCounts, SetNumbers
 from betterbench.datasets.pairs import pairs_by_task
-from betterbench.datasets.recipe import Recipe
+from betterbench.datasets.recipe import SetRecipe
 from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
 from betterbench.shortcuts.page import audit_lines, prediction_lines
@@ -51,7 +51,7 @@ class CardFacts:
     sheets: Mapping[str, str]
 
 
-def dataset_card(recipe: Recipe, facts: CardFacts) -> str:
+def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
     """Return the card, as Markdown."""
     total = sum(c.demonstrations for c in facts.counts)
     held_out = sum(c.validation for c in facts.counts)
@@ -102,7 +102,7 @@ def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
         yield name, *(f"{stats[key][i]:.3f}" for key in ("min", "q01", "q99", "max"))
 
 
-def _task_lines(recipe: Recipe, facts: CardFacts) -> Iterator[str]:
+def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
     """Yield one section per task: its picture, what is crossed, its pairs."""
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:

@@ -28,7 +28,7 @@ _CURE = "Give the folder that --out of better dataset named"
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class SetRecipe:
     """How a training set is made.
 
     Attributes:
@@ -83,10 +83,10 @@ class Recipe:
         return shlex.join([*words, "--expect", sha256])
 
 
-_FORM = TypeAdapter(Recipe)
+_FORM = TypeAdapter(SetRecipe)
 
 
-def keep_recipe(recipe: Recipe, out: Path) -> None:
+def keep_recipe(recipe: SetRecipe, out: Path) -> None:
     """Write a recipe into the folder of its dataset, or find the same one there; a larger ``demos`` takes its place.
 
     Raises:
@@ -96,7 +96,7 @@ def keep_recipe(recipe: Recipe, out: Path) -> None:
     path = out / "recipe.json"
     if path.exists():
         there = read_recipe(out)
-        grown = Recipe(**{**asdict(there), "demos": max(there.demos, recipe.demos)})
+        grown = SetRecipe(**{**asdict(there), "demos": max(there.demos, recipe.demos)})
         different = first_difference(asdict(grown), asdict(recipe), "recipe")
         if different is not None:
             where, stored, asked = different
@@ -110,7 +110,7 @@ def keep_recipe(recipe: Recipe, out: Path) -> None:
     write_durably(path, text.encode())
 
 
-def read_recipe(out: Path) -> Recipe:
+def read_recipe(out: Path) -> SetRecipe:
     """Return the recipe of a dataset's folder; RecordError if there is none."""
     path = out / "recipe.json"
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
