@@ -86,24 +86,26 @@ def dropped(link):
 def wave(port, number, draw):
     """Opens many connections, uses most, leaves some half-way, and drops or closes all; returns how many answered."""
     links, answers = [], 0
-    for _ in range(number):
-        with contextlib.suppress(OSError, InvalidStatus, EOFError):
-            link = connect(f"ws://127.0.0.1:{port}", compression=None, close_timeout=1.0, ping_interval=None)
-            links.append(link)
-            link.recv(timeout=PATIENCE_S)
-    for link in links:
-        kind = draw.uniform()
-        with contextlib.suppress(ConnectionClosed, OSError):
-            if kind < 0.7:
-                link.send(encode_openpi(QUESTION))
-                answers += "actions" in msgpack.unpackb(link.recv(timeout=PATIENCE_S), strict_map_key=False)
-            elif kind < 0.8:
-                link.send(b"\xc1garbage")
-            elif kind < 0.9:
-                link.socket.sendall(b"\x82\xff\x00\x00\x00\x00\x03\xff\xff\xff1234half a frame")
-    for link in links:
-        with contextlib.suppress(ConnectionClosed, OSError):
-            dropped(link) if draw.uniform() < 0.5 else link.close()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.suppress(ConnectionClosed, OSError))
+        for _ in range(number):
+            with contextlib.suppress(OSError, InvalidStatus, EOFError):
+                at = connect(f"ws://127.0.0.1:{port}", compression=None, close_timeout=1.0, ping_interval=None)
+                links.append(link := stack.enter_context(at))
+                link.recv(timeout=PATIENCE_S)
+        for link in links:
+            kind = draw.uniform()
+            with contextlib.suppress(ConnectionClosed, OSError):
+                if kind < 0.7:
+                    link.send(encode_openpi(QUESTION))
+                    answers += "actions" in msgpack.unpackb(link.recv(timeout=PATIENCE_S), strict_map_key=False)
+                elif kind < 0.8:
+                    link.send(b"\xc1garbage")
+                elif kind < 0.9:
+                    link.socket.sendall(b"\x82\xff\x00\x00\x00\x00\x03\xff\xff\xff1234half a frame")
+        for link in links:
+            with contextlib.suppress(ConnectionClosed, OSError):
+                dropped(link) if draw.uniform() < 0.5 else link.close()
     return len(links), answers
 
 
