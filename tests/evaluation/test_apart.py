@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -259,6 +260,27 @@ def test_an_answer_that_is_sent_twice_shifts_no_other_and_an_episode_begins_with
     failed = one._running._process.pid
     one.reset(START)
     assert one._running._process.pid != failed, "what it did before it failed harms no other trial"
+
+
+def test_a_process_says_since_when_it_can_be_asked(plugin, monkeypatch):
+    policy = start_policy(f"{plugin}:Calm")
+    began, first, during = time.perf_counter(), policy.ready_at, []
+    ordinary = policy_process._Started.loaded
+
+    def loaded(started, timeout_s):
+        during.append(policy.ready_at)
+        return ordinary(started, timeout_s)
+
+    monkeypatch.setattr(policy_process._Started, "loaded", loaded)
+    policy.reset(START)
+    with pytest.raises(PolicyError, match="enough"):
+        policy.act(Seen(STEPS))
+    assert first <= began
+    assert policy.ready_at == first
+    policy.reset(START)  # in another process
+    policy.close()
+    assert during == [math.inf]
+    assert began < policy.ready_at < math.inf
 
 
 def test_what_a_policy_does_to_its_outputs_is_not_done_to_ours(one, capsys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import select
 import signal
@@ -68,6 +69,7 @@ class PolicyProcess:
         info: What the policy says about itself.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
+        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class PolicyProcess:
         running, declared = started or _loaded(address, load_s)
         self._running: _Started | None = running
         self.info, self.takes_batches, self.source = declared.info, declared.batches, declared.source
+        self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
         """Tell the policy that an episode begins; raises what :meth:`act` raises.
@@ -167,6 +170,14 @@ class PolicyProcess:
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
+        self.ready_at = math.inf
+        try:
+            self._start_another(running)
+        finally:
+            self.ready_at = time.perf_counter()
+
+    def _start_another(self, running: _Started | None) -> None:
+        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
         if running is not None and not running.waits:
             running.end()
             running = None
