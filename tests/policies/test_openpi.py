@@ -301,6 +301,7 @@ def test_nothing_is_guessed_where_the_server_declares_nothing():
         ([b""], "cannot be read"),
         ([msgpack.packb([1])], "list in place of a map"),
         ([msgpack.packb({"action": 1})], "no 'actions'. It has: action"),
+        ([msgpack.packb({"act\nions": 1})], "no 'actions'. It has: act ions"),
         ([reply(np.zeros((4, 6)))], r"shape \(4, 6\).*\(7,\) or \(horizon, 7\)"),
         ([reply(np.zeros((0, 7)))], "empty chunk"),
         ([reply(np.zeros((4, 7)), "|b1")], "not an array of real numbers"),
