@@ -153,6 +153,14 @@ class Killed(Calm):
             marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
 
+class Swallows(Calm):
+    def act(self, observation):
+        given = super().act(observation)
+        return np.zeros(3) if self.second and observation.step == 3 else given
+    def misbehave(self):
+        link = next(n for n in range(3, 100) if os.path.exists(f"/proc/self/fd/{n}") and stat.S_ISSOCK(os.fstat(n).st_mode))
+        threading.Thread(target=os.read, args=(link, 1 << 20), daemon=True).start()
+
 class Batched:
     info = OfMine("batched", needs_images=False, metadata={"mine": "yes"})
     def reset(self, start):
@@ -418,6 +426,13 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
         assert entries == dict.fromkeys(range(3), ("done", enough))
         assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
         assert len(list(run.records())) == 3
+
+
+@pytest.mark.physics
+def test_what_a_policy_did_before_its_action_was_refused_harms_no_other_trial(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Swallows", trials=3), tmp_path / "run", policy_timeout_s=20.0)
+    messages = {e.seed: e.message.partition(":")[0] for e in run.entries()}
+    assert messages == {0: "RuntimeError", 1: "InvalidActionError", 2: "RuntimeError"}
 
 
 @pytest.mark.physics

@@ -121,6 +121,10 @@ class PolicyProcess:
         if self._address.startswith("lerobot:"):
             self._ask("check", options=conventions)
 
+    def distrust(self) -> None:
+        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        self._failed = not self.info.heavy
+
     def close(self) -> None:
         """Let the policy close, and end its process; at once where the policy is just being asked.
 
@@ -162,7 +166,7 @@ class PolicyProcess:
                 raise kind(f"the process of the policy ended while it was asked ({status})") from error
             if answer.error is None:
                 return arrays
-            self._failed = not self.info.heavy
+            self.distrust()
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:

@@ -14,6 +14,7 @@ from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.errors import PolicyError
 from betterbench.evaluation.trials.policy_factory import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
+from betterbench.policies.policy_process import PolicyProcess
 from betterbench.state import WorldState
 from betterbench.tasks import TrialId
 
@@ -71,6 +72,11 @@ class PolicyThread:
     def ready_at(self) -> float:
         """Since when the policy can be asked, by ``time.perf_counter`` [s]; infinite until it is made and loaded."""
         return max(self._made_at, ready_at(self._policy))
+
+    def distrust(self) -> None:
+        """Ask the policy in another process from the next episode on, if it has one of its own: its trial has failed."""
+        if isinstance(self._policy, PolicyProcess):
+            self._policy.distrust()
 
     def dismiss(self) -> None:
         """End the thread, and close its policy, after the question that it is answering."""

@@ -203,6 +203,8 @@ class Worker:
         except StopIteration as end:
             entry: JournalEntry = end.value
         slot.steps, slot.ticket = None, -1
+        if entry.message is not None and slot.thread is not None:
+            slot.thread.distrust()  # the fault may have been found here, as that of an action of the wrong shape
         self._stop = self._stop or stop
         return replace(entry, wall={**entry.wall, **slot.figures}) if slot.figures else entry
 
