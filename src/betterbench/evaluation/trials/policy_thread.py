@@ -74,7 +74,7 @@ class PolicyThread:
         return max(self._made_at, ready_at(self._policy))
 
     def distrust(self) -> None:
-        """Ask the policy in another process from the next episode on, if it has one of its own: its trial has failed."""
+        """Ask a policy that has a process of its own in another one from the next episode on: its trial has failed."""
         if isinstance(self._policy, PolicyProcess):
             self._policy.distrust()
 
