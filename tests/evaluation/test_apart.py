@@ -158,7 +158,8 @@ class Swallows(Calm):
         given = super().act(observation)
         return np.zeros(3) if self.second and observation.step == 3 else given
     def misbehave(self):
-        link = next(n for n in range(3, 100) if os.path.exists(f"/proc/self/fd/{n}") and stat.S_ISSOCK(os.fstat(n).st_mode))
+        there = [int(name) for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}")]
+        link = next(number for number in there if stat.S_ISSOCK(os.fstat(number).st_mode))
         threading.Thread(target=os.read, args=(link, 1 << 20), daemon=True).start()
 
 class Batched:

