@@ -72,7 +72,7 @@ def mutated_form(form, draw):
             case 1 if isinstance(inner, list):
                 inner.append(copy.deepcopy(inner[last]))
             case 1:
-                inner[last + (b" " if isinstance(last, bytes) else " ")] = inner.pop(last)
+                inner[last + b" " if isinstance(last, bytes) else f"{last} "] = inner.pop(last)
             case 2:
                 *way, other = everywhere[draw.integers(len(everywhere))]
                 theirs = copy.deepcopy(at(form, [*way, other]))

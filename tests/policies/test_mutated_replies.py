@@ -107,7 +107,8 @@ def numbers(thing):
             raise UnstatedError("no number")
 
     check(thing)
-    return np.asarray(thing, np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(thing, np.float64)
 
 
 # --------------------------------------------------------------------------------------------------------- servers

@@ -320,6 +320,13 @@ def test_a_bad_reply_is_one_clear_policy_error_and_the_next_episode_goes_on(obse
         assert policy.act(observation).tolist() == CHUNK_VALUES
 
 
+def test_a_number_that_is_a_signaling_nan_is_one_like_others(observation):
+    values = np.zeros((1, 7), np.float32)
+    values.view(np.uint32)[0, 2] = 0x7F800001
+    with Server([reply(values)]) as server, client(server) as policy:
+        assert np.isnan(policy.act(observation)).tolist() == [[False, False, True, False, False, False, False]]
+
+
 def test_what_follows_a_bad_reply_is_never_taken_for_an_answer(observation):
     async def twice(connection):
         await connection.send(b"\xc1")

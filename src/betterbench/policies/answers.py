@@ -389,4 +389,5 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    return array.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signaling NaN becomes a quiet one, which is found out later
+        return array.astype(np.float64)
