@@ -149,6 +149,8 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 _MOST_OF_A_FIELD = 200
 """Characters of the name of a field in a message; the keys of a map are a stranger's."""
+_MOST_OF_A_PROBLEM = 600
+"""Characters of what is wrong with a field in a message, which may show its value."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
@@ -168,7 +170,7 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
         case "json_invalid":
             return field, f"is not JSON ({first['ctx']['error']})"
         case "value_error":
-            return field, str(first["ctx"]["error"])
+            return field, one_line(first["ctx"]["error"], most=_MOST_OF_A_PROBLEM)
         case _:
             shown = repr(first["input"])
             return field, f"{first['msg']}, not {shown if len(shown) <= 80 else shown[:77] + '...'}"

@@ -222,6 +222,7 @@ def test_holm_is_taken_over_the_family():
         (source([], {"x": [1, 2]}), "3 numbers"),
         (source([], {"x": [1, 2, "3"]}), "tables[0].rows.x[2]"),
         (source([], {"x": [1, 2, 1e30]}), "tables[0].rows.x[2]"),
+        (source([], {"x": [1, 2, "3" * 100_000]}), "tables[0].rows.x[2]"),
         (source([], {"x": [1, 2, 3]}).replace("3]", "NaN]"), "NaN"),
         (source([], {"x": [1, 2, 3]}).replace("3]", "3e2]"), "tables[0].rows.x[2]"),
         (source([], {"x": [1, 2, 3]}).replace("3]", "1e999999999]"), "tables[0].rows.x[2]"),
