@@ -38,7 +38,7 @@ TRIALS = 3
 STEPS = 8
 """Control steps of a trial; the policy misbehaves in the fourth."""
 PARTS = 8
-TOGETHER = 40
+TOGETHER = 20
 """Cases of two or three misbehaviors at once."""
 
 PATIENCE_S = (3, 30)

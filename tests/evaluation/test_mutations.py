@@ -219,7 +219,7 @@ def test_mutated_descriptions_and_journals(run, file, tmp_path):
         mine.entries()
         same = (dict(mine.plan), mine.journal_path.read_bytes()) == (plan, lines)
         count[0] += 1
-        if same and count[0] % 20:
+        if same and count[0] % 50:
             return  # the diagnosis reads nothing else that has changed
         found = diagnose_run(mine)
         if numbers(found) != known and not found.notes:
@@ -339,7 +339,8 @@ def test_mutated_adapters(tmp_path):
 
 
 def test_mutated_tables(tmp_path):
-    data = resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes()
+    form = json.loads(resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes())
+    data = json_bytes({**form, "tables": form["tables"][:2]})  # every mutation reads all
     path = tmp_path / "tables.json"
 
     def read(mutated):
