@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError, with_config
+from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
 
@@ -33,6 +33,16 @@ strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=
 
 open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
 """Likewise, but unknown keys are left alone: for parts of a file that another version may have written."""
+
+
+def _no_truth(value: object) -> object:
+    if isinstance(value, bool):
+        raise ValueError("it is a truth, not a number")  # noqa: TRY004 - pydantic passes a TypeError on
+    return value
+
+
+NO_TRUTH = BeforeValidator(_no_truth)
+"""For a field whose numbers are listed by Literal: pydantic takes false for 0 there, and true for 1."""
 
 
 def read_form(
@@ -139,6 +149,8 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 
 _MOST_OF_A_FIELD = 200
 """Characters of the name of a field in a message; the keys of a map are a stranger's."""
+_MOST_OF_A_PROBLEM = 600
+"""Characters of what is wrong with a field in a message, which may show its value."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
@@ -158,7 +170,7 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
         case "json_invalid":
             return field, f"is not JSON ({first['ctx']['error']})"
         case "value_error":
-            return field, str(first["ctx"]["error"])
+            return field, one_line(first["ctx"]["error"], most=_MOST_OF_A_PROBLEM)
         case _:
             shown = repr(first["input"])
             return field, f"{first['msg']}, not {shown if len(shown) <= 80 else shown[:77] + '...'}"

@@ -137,6 +137,16 @@ def test_files_that_are_no_certificate_are_refused(tmp_path, text):
         load_coverage(path)
 
 
+def test_ranges_that_are_none_are_named_with_their_file_and_not_in_full(tmp_path):
+    form = packaged_coverage().to_json()
+    next(iter(form["conditions"].values()))["certified"] = "x" * 100_000
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(form))
+    with pytest.raises(InvalidInputError, match=re.escape(str(path))) as caught:
+        load_coverage(path)
+    assert len(str(caught.value)) < 1000
+
+
 def test_the_packaged_certificate_names_what_exists():
     coverage = packaged_coverage()
     known = {f"{t.id}/{c.name}" for t in all_tasks() for c in (*t.training, *t.variations)}

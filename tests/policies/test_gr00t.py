@@ -577,6 +577,8 @@ def reply(**changes):
         ([{**chunk()[0], "gripper": "closed"}, {}], "'gripper' is not an array of real numbers"),
         ([{**chunk()[0], "gripper": array([[["a"]]], "<U1")}, {}], "'gripper' is not an array of real numbers"),
         ([{}, {}], "the reply has no action"),
+        ([{"grip\nper": array(np.zeros((1, 8, 1)))}, {}], "It has: grip per"),
+        ([{"x" * 1000: 1}, {}], r"the action 'x{40}….* is not an array"),
         ([None, {}], "no actions"),
         ("actions", "no actions"),
         (b"", "cannot be read"),

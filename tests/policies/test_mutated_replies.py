@@ -23,15 +23,22 @@ from websockets.sync.server import serve
 
 from betterbench.errors import BetterError
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies import endpoint_server, http_act, openpi, starvla, vla_eval
 from betterbench.policies.connect import connect
+from betterbench.policies.http_act import HttpAnswer
+from betterbench.policies.websocket import WebSocket
 
 pytestmark = pytest.mark.slow
 
 COUNT = 5000
+"""Mutations of each kind of answer, which the client is handed without a socket."""
+OVER_SOCKETS = 200
+"""Mutations of each kind of answer that come over a socket."""
 GREETINGS = 500
 """Mutations of what a server says before it is asked."""
 
-LONGEST_S = 10.0
+LONGEST_S = 60.0
+"""Longest time of one question [s], on a busy machine."""
 OPTIONS = "timeout=2&retries=0&patience=0.2"
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 ACTIONS = np.random.default_rng(7).uniform(-0.5, 0.5, (8, 7)).astype(np.float32)
@@ -100,7 +107,8 @@ def numbers(thing):
             raise UnstatedError("no number")
 
     check(thing)
-    return np.asarray(thing, np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(thing, np.float64)
 
 
 # --------------------------------------------------------------------------------------------------------- servers
@@ -204,6 +212,65 @@ class Posts:
         self._thread.join()
 
 
+# ------------------------------------------------------------------------------------------------- without a socket
+
+
+class DirectFrames:
+    """Takes the place of a websocket: each frame is answered at once, by the function of a server."""
+
+    def __init__(self, server):
+        self.server, self.waiting = server, [] if server.greeting is None else [server.greeting]
+
+    def send(self, message, _):
+        given = self.server.answer(message)
+        self.waiting += [] if given is None else [given]
+
+    def receive(self, _):
+        if not self.waiting:
+            raise TimeoutError("no answer in time")
+        return self.waiting.pop(0)
+
+    def refuse_unasked(self):
+        assert not self.waiting
+
+    def mark_end_of_answer(self):
+        pass
+
+    def close(self):
+        pass
+
+    greeting = WebSocket.greeting
+
+
+class DirectAnswers:
+    """Takes the place of a socket of ZeroMQ, and of a server of ``POST /act``."""
+
+    def __init__(self, server):
+        self.server = server
+
+    def ask(self, frame, _):
+        return self.server.answer(frame)
+
+    def post(self, body, _):
+        return HttpAnswer(200, self.server.answer(body))
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def directly(monkeypatch):
+    """Lets clients talk to a server without a socket, from the call on."""
+
+    def patch(server):
+        for module in (openpi, starvla, vla_eval):
+            monkeypatch.setattr(module, "WebSocket", lambda *_, **__: DirectFrames(server))
+        for module, name in ((endpoint_server, "RequestClient"), (http_act, "HttpServer")):
+            monkeypatch.setattr(module, name, lambda *_, **__: DirectAnswers(server))
+
+    return patch
+
+
 # -------------------------------------------------------------------------------------------------------- attack
 
 
@@ -239,22 +306,24 @@ class Attack:
 
     def __init__(self, seed):
         self.seed, self.number, self.sent, self.wrong, self.refused = seed, 0, None, [], 0
-        self.mutating = False
 
     def draw(self):
         return np.random.default_rng([self.seed, self.number])
 
-    def run(self, address, stated, count=COUNT):
+    def run(self, server, address, stated, directly):
         """``stated(client, sent)`` returns the actions that an answer states, or raises whatever it likes."""
-        client = None
+        self._ask(address, stated, OVER_SOCKETS)
+        directly(server)
+        return self._ask(address, stated, COUNT)
+
+    def _ask(self, address, stated, count):
+        client, self.refused = None, 0
         for self.number in range(count):
             self.sent, began = None, time.monotonic()
             try:
                 if client is None:
-                    self.mutating = False
                     client = connect(address)
                     client.reset(START)
-                self.mutating = True
                 told = client.act(seen())
             except BetterError as problem:
                 self.refused += 1
@@ -289,7 +358,7 @@ def marked(values, dtype="<f4"):
 
 
 @pytest.mark.parametrize("preset", ["native", "openpi_libero", "being_h_libero"])
-def test_mutated_answers_of_openpi_and_of_the_bridge(preset):
+def test_mutated_answers_of_openpi_and_of_the_bridge(preset, directly):
     attack = Attack(31)
     columns = {"native": {"actions": ACTIONS}, "openpi_libero": {"actions": ACTIONS}}.get(preset)
     if columns is None:
@@ -307,10 +376,10 @@ def test_mutated_answers_of_openpi_and_of_the_bridge(preset):
 
     with Talking(answer, msgpack.packb({})) as server:
         address = f"openpi://127.0.0.1:{server.port}?preset={preset}&{OPTIONS}"
-        assert attack.run(address, stated) == []
+        assert attack.run(server, address, stated, directly) == []
 
 
-def test_mutated_answers_of_starvla():
+def test_mutated_answers_of_starvla(directly):
     attack = Attack(32)
 
     def answer(frame):
@@ -327,10 +396,10 @@ def test_mutated_answers_of_starvla():
         return client.adapter.actions({"actions": numbers(reply["data"]["actions"])[0]}, seen())
 
     with Talking(answer, msgpack.packb({"action_chunk_size": 8})) as server:
-        assert attack.run(f"starvla://127.0.0.1:{server.port}?{OPTIONS}", stated) == []
+        assert attack.run(server, f"starvla://127.0.0.1:{server.port}?{OPTIONS}", stated, directly) == []
 
 
-def test_mutated_answers_of_vla_eval():
+def test_mutated_answers_of_vla_eval(directly):
     attack = Attack(33)
 
     def answer(frame):
@@ -349,7 +418,7 @@ def test_mutated_answers_of_vla_eval():
         return client.adapter.actions({"actions": numbers(reply["payload"]["actions"])}, seen())
 
     with Talking(answer) as server:
-        assert attack.run(f"vla-eval://127.0.0.1:{server.port}?{OPTIONS}", stated) == []
+        assert attack.run(server, f"vla-eval://127.0.0.1:{server.port}?{OPTIONS}", stated, directly) == []
 
 
 def npy(values):
@@ -376,7 +445,7 @@ def modality(keys, steps=(0,)):
 
 
 @pytest.mark.parametrize("coded", [npy, kinds_of_numpy])
-def test_mutated_answers_of_gr00t(coded):
+def test_mutated_answers_of_gr00t(coded, directly):
     attack = Attack(34)
     columns = {"ee_position": ACTIONS[:, :3], "ee_rotation": ACTIONS[:, 3:6], "gripper": ACTIONS[:, 6:]}
     modalities = {
@@ -405,6 +474,8 @@ def test_mutated_answers_of_gr00t(coded):
                 if name.removeprefix("action.") in chunks:
                     raise UnstatedError("twice")
                 whole = numbers(array)
+                if whole.ndim == 2 and name.endswith("gripper") and whole.shape[1] != 1:
+                    whole = whole[:, :, None]  # N1.5 leaves out the axis of a single number
                 chunks[name.removeprefix("action.")] = whole[0] if whole.ndim == 3 else whole
         told = {}
         for key in client.adapter.answer.columns:
@@ -412,11 +483,11 @@ def test_mutated_answers_of_gr00t(coded):
         return client.adapter.actions(told, seen())
 
     with Endpoints(answer) as server:
-        assert attack.run(f"gr00t://127.0.0.1:{server.port}?{OPTIONS}", stated) == []
+        assert attack.run(server, f"gr00t://127.0.0.1:{server.port}?{OPTIONS}", stated, directly) == []
 
 
 @pytest.mark.parametrize("coded", ["array", "list", "map"])
-def test_mutated_answers_of_post_act(coded):
+def test_mutated_answers_of_post_act(coded, directly):
     attack = Attack(35)
     first = ACTIONS[0].astype(np.float64)
     array = {"__numpy__": base64.b64encode(first.tobytes()).decode(), "dtype": "<f8", "shape": [7]}
@@ -435,7 +506,9 @@ def test_mutated_answers_of_post_act(coded):
 
     with Posts(answer) as server:
         preset = "openvla" if coded == "array" else "openvla_oft"
-        assert attack.run(f"http://127.0.0.1:{server.port}/act?preset={preset}&{OPTIONS}", stated) == []
+        assert (
+            attack.run(server, f"http://127.0.0.1:{server.port}/act?preset={preset}&{OPTIONS}", stated, directly) == []
+        )
 
 
 def test_mutated_greetings():

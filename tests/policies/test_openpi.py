@@ -301,6 +301,7 @@ def test_nothing_is_guessed_where_the_server_declares_nothing():
         ([b""], "cannot be read"),
         ([msgpack.packb([1])], "list in place of a map"),
         ([msgpack.packb({"action": 1})], "no 'actions'. It has: action"),
+        ([msgpack.packb({"act\nions": 1})], "no 'actions'. It has: act ions"),
         ([reply(np.zeros((4, 6)))], r"shape \(4, 6\).*\(7,\) or \(horizon, 7\)"),
         ([reply(np.zeros((0, 7)))], "empty chunk"),
         ([reply(np.zeros((4, 7)), "|b1")], "not an array of real numbers"),
@@ -317,6 +318,13 @@ def test_a_bad_reply_is_one_clear_policy_error_and_the_next_episode_goes_on(obse
         assert "\n" not in str(caught.value)
         policy.reset(START)
         assert policy.act(observation).tolist() == CHUNK_VALUES
+
+
+def test_a_number_that_is_a_signaling_nan_is_one_like_others(observation):
+    values = np.zeros((1, 7), np.float32)
+    values.view(np.uint32)[0, 2] = 0x7F800001
+    with Server([reply(values)]) as server, client(server) as policy:
+        assert np.isnan(policy.act(observation)).tolist() == [[False, False, True, False, False, False, False]]
 
 
 def test_what_follows_a_bad_reply_is_never_taken_for_an_answer(observation):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import http.client
+import math
 import socket
 import threading
 import time
@@ -323,6 +324,26 @@ def test_a_batch_that_fails_is_asked_one_by_one():
     collector.close()
     assert outcomes == {"first": "FIRST", "one": "ONE", "bad": "bad question", "two": "TWO"}
     assert sizes == [1, 3, 1, 1, 1]
+
+
+def test_the_time_of_an_answer_begins_when_it_can_be_given():
+    go_on, ready, outcomes = threading.Event(), [math.inf], []
+    collector = BatchCollector(lambda questions: go_on.wait(PATIENCE_S) and questions)
+
+    def ask():
+        with pytest.raises(TimeoutError):
+            collector.ask(1, timeout_s=0.01, ready_at=lambda: ready[0])
+        outcomes.append("late")
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join(0.3)
+    assert outcomes == []
+    ready[0] = time.perf_counter()
+    thread.join(PATIENCE_S)
+    assert outcomes == ["late"]
+    go_on.set()
+    collector.close()
 
 
 def test_too_few_answers_are_an_error_and_a_closed_gatherer_answers_nobody():

@@ -254,6 +254,12 @@ def test_the_run_is_compared_before_it_starts(client):
         (lambda r: answer(r, actions="none"), "'actions' has shape"),
         (lambda r: answer(r, actions=array([[["a"] * 7]], "<U1")), "not an array of real numbers"),
         (lambda r: msgpack.packb({"status": "ok", "request_id": r["request_id"]}), "reports an error: no text"),
+        (lambda r: refusal(r, array(np.ones(2))), r"reports an error: \[1. 1.\]"),
+        (
+            lambda r: msgpack.packb({"status": array(np.ones(2)), "request_id": r["request_id"], "data": {}}),
+            "reports an error: no text",
+        ),
+        (lambda r: answer({**r, "request_id": array(np.ones(2))}), r"answered request betterbench-1 with '\[1. 1.\]'"),
         (lambda _: msgpack.packb([1]), "sent a list in place of a map"),
         (lambda _: b"\xc1", "cannot be read"),
     ],

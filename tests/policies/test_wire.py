@@ -269,6 +269,8 @@ def test_npy_bytes_that_lie_are_refused_and_never_unpickled():
         npy(b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", pickle.dumps(print)),
         npy(b"{'descr': '<f4', 'fortran_order': False, 'shape': (99999999999,), }"),
         npy(b"{'descr': '<f4', 'fortran_order': False, 'shape': (2,), }", version=3),
+        npy(b"{'descr': '<f4', 'fortran_order': False, 'shape': (02,), }"),
+        npy(b"{'descr': '<f4', 'fortran_order': False, 'shape': (1,,2), }"),
         npy(b"{'descr': [('a', '<f4')], 'fortran_order': False, 'shape': (2,), }"),
         npy(b"(" * 4000),
         npy(b"-" * 4000 + b"1"),

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Strict, ValidationInfo, with_config
 
 from betterbench.audit.table import AuditedTable
+from betterbench.errors import one_line
 
 MOST = 1_000_000
 """Largest count that a file may give: trials, choices, units."""
@@ -47,7 +48,8 @@ def _column(name: str, info: ValidationInfo) -> str:
 
 def _known(name: str, known: tuple[str, ...]) -> str:
     if name not in known:
-        raise ValueError(f"{name!r} does not exist; there are {', '.join(known)}")
+        there = ", ".join(one_line(other, most=80) for other in known[:50])
+        raise ValueError(f"{one_line(name, most=80)!r} does not exist; there are {there}")
     return name
 
 

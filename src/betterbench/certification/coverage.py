@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import form_errors, read_bounded, read_form, strict_form, unique_keys
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
@@ -160,7 +160,8 @@ def parse_ranges(text: str) -> frozenset[int]:
         low, _, high = part.partition("-")
         ends = (low, high or low)
         if not all(e.isdecimal() and e.isascii() and len(e) <= 7 for e in ends) or int(ends[1]) > MOST_SEEDS:
-            raise InvalidInputError("seeds", f"{part!r} is not a range of seeds", "Write ranges like 0-19,23")
+            shown = one_line(part, most=80)
+            raise InvalidInputError("seeds", f"{shown!r} is not a range of seeds", "Write ranges like 0-19,23")
         found.update(range(int(ends[0]), int(ends[1]) + 1))
     return frozenset(found)
 
@@ -183,9 +184,10 @@ def _load(file: Traversable | Path, where: str) -> Coverage:
     if not isinstance(form, dict) or form.get("form") != FORM:
         return Coverage.of(Certificate.from_json(form, where=where))
     coverage = read_form(_COVERAGE, form, where=where, cure=cure)
-    for seeds in coverage.conditions.values():
-        for text in (seeds.certified, seeds.unsolved, *(seeds.refused or {}).values()):
-            parse_ranges(text)
+    with form_errors(where, cure):
+        for seeds in coverage.conditions.values():
+            for text in (seeds.certified, seeds.unsolved, *(seeds.refused or {}).values()):
+                parse_ranges(text)
     return coverage
 
 

@@ -139,10 +139,11 @@ def _key(name: str | None) -> str | None:
 
 @contextmanager
 def _connections_logged() -> Iterator[None]:
-    """Log connections of clients meanwhile."""
+    """Log connections of clients meanwhile, unless only errors are to be logged."""
     ours = logging.getLogger("betterbench.policies.server")
     before = ours.level
-    ours.setLevel(logging.INFO)
+    if ours.getEffectiveLevel() <= logging.WARNING:
+        ours.setLevel(logging.INFO)
     try:
         yield
     finally:

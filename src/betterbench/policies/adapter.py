@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import NO_TRUTH, read_bounded, read_form, strict_form
 from betterbench.policies.answers import AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.proprioception import StateRule
@@ -35,7 +35,7 @@ class InstructionRule:
     """
 
     key: tuple[str, ...]
-    depth: Literal[0, 1, 2] = 0
+    depth: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
 
 
 @strict_form
@@ -74,7 +74,7 @@ class Adapter:
     states: tuple[StateRule, ...]
     instruction: InstructionRule
     answer: AnswerRule = field(default_factory=AnswerRule)
-    leading_axes: Literal[0, 1, 2] = 0
+    leading_axes: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
     ee_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gripper_opening_m: float = PANDA_OPENING_M
     control_rate_hz: float = CONTROL_RATE_HZ

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.errors import InvalidInputError, PolicyError, one_line
 from betterbench.geometry import conjugate, from_axis_angle, multiply, rotate, to_axis_angle
 from betterbench.interface import Observation
 from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M, action_space
@@ -347,7 +347,9 @@ def get_entry(reply: Mapping[Any, Any], key: tuple[str, ...]) -> object:
     found: object = reply
     for name in key:
         if not isinstance(found, Mapping) or name not in found:
-            there = ", ".join(sorted(str(k)[:40] for k in found)[:20]) if isinstance(found, Mapping) else "no map"
+            there = "no map"
+            if isinstance(found, Mapping):
+                there = ", ".join(sorted(one_line(k, most=40) for k in found)[:20])
             raise PolicyError(f"the reply has no {'/'.join(key)!r}. It has: {there or 'nothing'}.")
         found = found[name]
     return found
@@ -387,4 +389,5 @@ def _rows(reply: Mapping[Any, Any], key: tuple[str, ...], width: int) -> np.ndar
         )
     if len(array) == 0:
         raise PolicyError(f"the reply's {name!r} is an empty chunk of shape {shape}. Send at least one action.")
-    return array.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # a signaling NaN becomes a quiet one, which is found out later
+        return array.astype(np.float64)

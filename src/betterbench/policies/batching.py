@@ -42,21 +42,32 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
         self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
         self._thread.start()
 
-    def ask(self, question: QuestionT, *, timeout_s: float | None = None) -> AnswerT:
+    def ask(
+        self,
+        question: QuestionT,
+        *,
+        timeout_s: float | None = None,
+        ready_at: Callable[[], float] = lambda: -math.inf,
+    ) -> AnswerT:
         """Return the answer to a question; what the answering function raised for it is raised here.
 
-        The time [s] includes the wait behind other questions. Raises TimeoutError if no answer came in time (the call
-        that answers cannot be ended) and RuntimeError if the collector is closed.
+        The time [s] includes the wait behind other questions, and begins no sooner than ``ready_at`` tells by
+        ``time.perf_counter``. Raises TimeoutError if no answer came in time (the call that answers cannot be ended) and
+        RuntimeError if the collector is closed.
         """
         if self._closed:
             raise RuntimeError("the policy is being shut down")
         pending: _PendingQuestion[QuestionT, AnswerT] = _PendingQuestion(question)
         self._waiting.put(pending)
-        until = math.inf if timeout_s is None else time.monotonic() + timeout_s
-        while not pending.done.wait(min(1.0, max(0.0, until - time.monotonic()))):
+        began = time.perf_counter()
+
+        def left_s() -> float:
+            return math.inf if timeout_s is None else max(began, ready_at()) + timeout_s - time.perf_counter()
+
+        while not pending.done.wait(min(1.0, max(0.0, left_s()))):
             if not self._thread.is_alive():
                 raise RuntimeError("the policy has been shut down")
-            if time.monotonic() >= until:
+            if left_s() <= 0.0:
                 raise TimeoutError
         if pending.problem is not None:
             raise pending.problem

@@ -22,7 +22,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, PolicyError
+from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.adapter import Adapter, set_entry
 from betterbench.policies.address import PolicyAddress
@@ -145,8 +145,9 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         arrays = {}
         for key, value in actions.items():
             name = str(key).removeprefix("action.")
+            shown = one_line(name, most=40)
             if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
-                raise PolicyError(f"{self._where}: the action {name!r} is not an array of real numbers.")
+                raise PolicyError(f"{self._where}: the action {shown!r} is not an array of real numbers.")
             array = value
             if value.ndim == 2 and widths.get(name) == 1 and value.shape[1] != 1:
                 array = value[:, :, None]  # N1.5 leaves out the axis of a single number
@@ -154,11 +155,11 @@ class Gr00tClient(ServerClient[Gr00tServer]):
                 array = value[None]
             if array.ndim != 3 or len(array) != count:
                 raise PolicyError(
-                    f"{self._where}: the action {name!r} has shape {value.shape}. "
+                    f"{self._where}: the action {shown!r} has shape {value.shape}. "
                     f"Send ({count}, horizon, size), one chunk for each environment asked about."
                 )
             if name in arrays:
-                raise PolicyError(f"{self._where}: the action {name!r} is given twice. Send it once.")
+                raise PolicyError(f"{self._where}: the action {shown!r} is given twice. Send it once.")
             arrays[name] = array
         return arrays
 
@@ -168,9 +169,8 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         for key in self.adapter.answer.columns:
             name = name_of(key)
             if name not in arrays:
-                raise PolicyError(
-                    f"{self._where}: the reply has no action {name!r}. It has: {', '.join(sorted(arrays)) or 'none'}."
-                )
+                there = ", ".join(sorted(one_line(other, most=40) for other in arrays)[:20]) or "none"
+                raise PolicyError(f"{self._where}: the reply has no action {name!r}. It has: {there}.")
             set_entry(message, key, arrays[name])
         return message
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from PIL import Image
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import strict_form
+from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
 """How an image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
 
-QuarterTurn = Literal[0, 90, 180, 270]
+QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"

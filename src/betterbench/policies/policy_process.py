@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import math
 import os
 import select
 import signal
@@ -68,6 +69,7 @@ class PolicyProcess:
         info: What the policy says about itself.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
+        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class PolicyProcess:
         running, declared = started or _loaded(address, load_s)
         self._running: _Started | None = running
         self.info, self.takes_batches, self.source = declared.info, declared.batches, declared.source
+        self.ready_at = time.perf_counter()
 
     def reset(self, start: EpisodeStart) -> None:
         """Tell the policy that an episode begins; raises what :meth:`act` raises.
@@ -117,6 +120,10 @@ class PolicyProcess:
         """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
         if self._address.startswith("lerobot:"):
             self._ask("check", options=conventions)
+
+    def distrust(self) -> None:
+        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        self._failed = not self.info.heavy
 
     def close(self) -> None:
         """Let the policy close, and end its process; at once where the policy is just being asked.
@@ -159,7 +166,7 @@ class PolicyProcess:
                 raise kind(f"the process of the policy ended while it was asked ({status})") from error
             if answer.error is None:
                 return arrays
-            self._failed = not self.info.heavy
+            self.distrust()
             raise _error(answer.error, answer.texts)
 
     def _prepare(self, *, begins: bool) -> None:
@@ -167,6 +174,14 @@ class PolicyProcess:
         running = self._running
         if running is not None and not (begins and (self._failed or not running.waits)):
             return
+        self.ready_at = math.inf
+        try:
+            self._start_another(running)
+        finally:
+            self.ready_at = time.perf_counter()
+
+    def _start_another(self, running: _Started | None) -> None:
+        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
         if running is not None and not running.waits:
             running.end()
             running = None

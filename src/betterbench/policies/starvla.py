@@ -92,22 +92,21 @@ class StarVlaClient(ServerClient[WebSocket]):
         connection.send(encode_openpi(request), timeout_s)
         for _ in range(_MOST_STRAYS):
             reply = self._read(connection.receive(end - time.monotonic()))
-            if reply.get("request_id") == identifier:
+            number = reply.get("request_id")
+            if isinstance(number, str) and number == identifier:
                 self._answered.append(identifier)
                 return self._data(reply)
-            if reply.get("request_id") not in self._answered:
-                raise PolicyError(
-                    f"{self._where} answered request {identifier} with {one_line(reply.get('request_id'), most=40)!r}."
-                )
+            if not isinstance(number, str) or number not in self._answered:
+                raise PolicyError(f"{self._where} answered request {identifier} with {one_line(number, most=40)!r}.")
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
 
     def _data(self, reply: Mapping[Any, Any]) -> Mapping[Any, Any]:
         """Return what an answer holds; raise PolicyError if it is an error of the server's."""
-        data = reply.get("data")
-        if reply.get("status") != "ok" or not isinstance(data, Mapping):
+        data, status = reply.get("data"), reply.get("status")
+        if not isinstance(status, str) or status != "ok" or not isinstance(data, Mapping):
             error = reply.get("error", data.get("error") if isinstance(data, Mapping) else None)
             told = error.get("message") if isinstance(error, Mapping) else error
-            text = one_line(told or "no text")
+            text = ("" if told is None else one_line(told)) or "no text"
             hint = " An older server wants layout=flat." if "'examples'" in text and self._layout == "payload" else ""
             raise PolicyError(f"{self._where} reports an error: {text}{hint}")
         return data

@@ -40,8 +40,10 @@ MAX_PIXELS = 4096 * 4096
 _MAX_AXES = 16
 _MAX_LENGTH = 2**40
 _MAX_NPY_HEADER = 4096
+_SIDE = "(?:0|[1-9][0-9]{0,12})"
 _NPY_HEADER = re.compile(
-    rb"\{'descr': '([<>=|]?[a-zA-Z][0-9]{1,6})', 'fortran_order': (True|False), 'shape': \(([0-9, ]{0,400})\), ?\} *\n?"
+    r"\{'descr': '([<>=|]?[a-zA-Z][0-9]{1,6})', 'fortran_order': (True|False), "
+    rf"'shape': \((|{_SIDE},|{_SIDE}(?:, ?{_SIDE})+,?)\), ?\}} *\n?".encode()
 )
 _MAX_JSON = 1_000_000
 _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)

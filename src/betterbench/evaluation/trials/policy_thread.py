@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -12,6 +14,7 @@ from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.errors import PolicyError
 from betterbench.evaluation.trials.policy_factory import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
+from betterbench.policies.policy_process import PolicyProcess
 from betterbench.state import WorldState
 from betterbench.tasks import TrialId
 
@@ -52,6 +55,7 @@ class PolicyThread:
         """
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
+        self._made_at = math.inf
         self._inbox: queue.SimpleQueue[tuple[int, EpisodeStart | Observation | WorldState, TrialId] | None]
         self._inbox = queue.SimpleQueue()
         # A daemon thread: a policy that hangs does not keep the process alive.
@@ -63,6 +67,16 @@ class PolicyThread:
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
         return ticket
+
+    @property
+    def ready_at(self) -> float:
+        """Since when the policy can be asked, by ``time.perf_counter`` [s]; infinite until it is made and loaded."""
+        return max(self._made_at, ready_at(self._policy))
+
+    def distrust(self) -> None:
+        """Ask a policy that has a process of its own in another one from the next episode on: its trial has failed."""
+        if isinstance(self._policy, PolicyProcess):
+            self._policy.distrust()
 
     def dismiss(self) -> None:
         """End the thread, and close its policy, after the question that it is answering."""
@@ -90,6 +104,7 @@ class PolicyThread:
                 if self._policy is None:
                     with POLICY_BOUNDARY:
                         self._policy = self._make()
+                    self._made_at = time.perf_counter()
                 if self._client and isinstance(seen, EpisodeStart):
                     name_trial(self._policy, trial)
                 outcome = answer(self._policy, seen)
@@ -104,6 +119,12 @@ def name_trial(client: object, trial: TrialId) -> None:
     told = getattr(client, "name_trial", None)
     if callable(told):
         told(trial)
+
+
+def ready_at(policy: object) -> float:
+    """Return since when a policy can be asked [s]: one in a process of its own says it, and others always can."""
+    told = getattr(policy, "ready_at", None)
+    return told if isinstance(told, float) else -math.inf
 
 
 def no_answer(limit_s: float) -> PolicyError:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.evaluation.trials.policy_factory import close_policy
-from betterbench.evaluation.trials.policy_thread import no_answer
-from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy, PolicyInfo
+from betterbench.evaluation.trials.policy_thread import no_answer, ready_at
+from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy
 from betterbench.policies.batching import BatchCollector
 
 
@@ -36,7 +36,7 @@ class SharedPolicy:
 
     def seat(self) -> Policy:
         """Return the policy as one connection sees it."""
-        return _SharedClient(self._policy.info, self._collector, self._deadline)
+        return _SharedClient(self._policy, self._collector, self._deadline)
 
     def close(self, *, timeout_s: float | None = None) -> None:
         """Stop the thread, after at most so many seconds if given, and close the policy unless it still hangs."""
@@ -68,11 +68,16 @@ class _SharedClient:
     """A shared policy as one connection sees it."""
 
     def __init__(
-        self, info: PolicyInfo, collector: BatchCollector[_Asked, np.ndarray], deadline: Deadline | None = None
+        self, policy: Policy, collector: BatchCollector[_Asked, np.ndarray], deadline: Deadline | None = None
     ) -> None:
-        self.info = info
-        self._collector, self._deadline = collector, deadline
+        self.info = policy.info
+        self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
+
+    @property
+    def ready_at(self) -> float:
+        """Since when the shared policy can be asked, by ``time.perf_counter`` [s]."""
+        return ready_at(self._policy)
 
     def reset(self, start: EpisodeStart) -> None:
         """Note that an episode begins; the policy is reset with the first observation."""
@@ -85,7 +90,7 @@ class _SharedClient:
         if deadline is None:
             return self._collector.ask((start, observation))
         try:
-            return self._collector.ask((start, observation), timeout_s=deadline.limit_s)
+            return self._collector.ask((start, observation), timeout_s=deadline.limit_s, ready_at=lambda: self.ready_at)
         except TimeoutError:
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None

@@ -203,6 +203,8 @@ class Worker:
         except StopIteration as end:
             entry: JournalEntry = end.value
         slot.steps, slot.ticket = None, -1
+        if entry.message is not None and slot.thread is not None:
+            slot.thread.distrust()  # the fault may have been found here, as that of an action of the wrong shape
         self._stop = self._stop or stop
         return replace(entry, wall={**entry.wall, **slot.figures}) if slot.figures else entry
 
@@ -210,8 +212,7 @@ class Worker:
         """Wait for an answer, take all that have come, and note which trials can go on."""
         now = time.perf_counter()
         if self._timed:
-            due = [s.asked_at for s in self._slots if s.waits]
-            timeout_s = min([timeout_s, *(max(0.0, t + self._settings.policy_timeout_s - now) for t in due)])
+            timeout_s = min([timeout_s, *(max(0.0, self._due(s) - now) for s in self._slots if s.waits)])
         try:
             answered = self._outbox.get(timeout=timeout_s) if timeout_s > 0.0 else self._outbox.get_nowait()
             while True:
@@ -253,10 +254,18 @@ class Worker:
                 self._shared = SharedPolicy(taken, MAX_BATCH)
             return self._shared.seat()
 
+    def _due(self, slot: _Slot) -> float:
+        """Return when the deadline of a question ends, by ``time.perf_counter`` [s].
+
+        It begins when the policy is loaded, which has a deadline of its own.
+        """
+        ready_at = -math.inf if slot.thread is None else slot.thread.ready_at
+        return max(slot.asked_at, ready_at) + self._settings.policy_timeout_s
+
     def _end_overdue(self) -> None:
         """End the trials whose policy hangs, with the process in which it does, and replace its thread."""
         limit = self._settings.policy_timeout_s
-        overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() - s.asked_at > limit]
+        overdue = [s for s in self._slots if s.waits and s.ticket >= 0 and time.perf_counter() > self._due(s)]
         for slot in overdue:
             slot.ticket = -1
             slot.outcome = no_answer(limit)
