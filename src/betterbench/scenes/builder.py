@@ -18,6 +18,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
 from betterbench.robots import RobotSpec, build_robot_spec, robot
 from betterbench.scenes.appearance import look_of
+from betterbench.scenes.instances import ROBOT_PREFIX
 from betterbench.scenes.objects import add_asset, rail_of, rest_pose
 from betterbench.scenes.rooms import Room
 from betterbench.scenes.stage import Quality, add_wrist_camera, stage_spec
@@ -26,8 +27,6 @@ from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
 from betterbench.tasks.relations import relation as relation_named
 from betterbench.tasks.relations.closed import MOUNTS
 from betterbench.tasks.relations.layer import LAYERS
-
-ROBOT_PREFIX = "robot/"
 
 
 @dataclass(frozen=True, slots=True)

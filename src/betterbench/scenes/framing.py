@@ -17,8 +17,8 @@ import numpy as np
 from betterbench.geometry import Pose, Vector
 from betterbench.robots import ArmIK
 from betterbench.scenes.appearance import CAMERA_SHIFT_M, CAMERA_TURN_RAD
-from betterbench.scenes.builder import ROBOT_PREFIX
 from betterbench.scenes.cameras import ViewPlacement, camera_matrices
+from betterbench.scenes.instances import ROBOT_PREFIX
 from betterbench.scenes.objects import rail_of
 from betterbench.scenes.rendering import NO_BODY, Renderer
 from betterbench.scenes.scene import Scene

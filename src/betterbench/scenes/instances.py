@@ -9,7 +9,9 @@ import numpy as np
 
 from betterbench.recording.modalities.labels import FIRST_OBJECT, STAGE
 from betterbench.robots import robot
-from betterbench.scenes.builder import ROBOT_PREFIX
+
+ROBOT_PREFIX = "robot/"
+"""What the names of the robot's parts begin with in the model of a scene."""
 
 _OBJECT = re.compile(r"object(\d+)_")
 _VISIBLE_GROUPS = 3

@@ -18,9 +18,10 @@ from betterbench.robots import ArmController
 from betterbench.robots.control import ControllerState
 from betterbench.robots.physics import PHYSICS
 from betterbench.scenes.appearance import room_of, start_joints_of, view_jitter_of
-from betterbench.scenes.builder import LABELS, ROBOT_PREFIX, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.cameras import ViewPlacement
 from betterbench.scenes.contacts import ContactReader
+from betterbench.scenes.instances import ROBOT_PREFIX
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
