@@ -119,6 +119,13 @@ class Browser:
             raise RuntimeError(answer["exceptionDetails"].get("exception", {}).get("description", "the script failed"))
         return answer["result"].get("value")
 
+    def wait_until(self, expression: str, *, patience_s: float = 30.0) -> None:
+        """Wait until an expression holds in the page; AssertionError if it does not in time."""
+        end = time.monotonic() + patience_s
+        while not self.value(expression):
+            assert time.monotonic() < end, f"{expression} did not come true"
+            time.sleep(0.05)
+
     def complaints(self) -> list[str]:
         """Return what the browser complained about since the page was opened: errors, refused resources."""
         self.value("1")

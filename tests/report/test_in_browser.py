@@ -186,9 +186,9 @@ def test_stills_stand_where_a_film_does_not_play(chromium, tmp_path):
     film = replace(film_of(showing, lambda: image), clip=b"this is no film")
     page = write_report([run], tmp_path, films={film.key: film})
     chromium.open(page, *LAPTOP)
-    chromium.value("location.hash = 'film-0'; new Promise(done => setTimeout(done, 500))")
+    chromium.value("location.hash = 'film-0'")
     shown = "(s => [...document.querySelectorAll(s)].filter(e => e.getBoundingClientRect().height > 0).length)"
-    assert chromium.value(f"{shown}('#film-0 video')") == 0
+    chromium.wait_until(f"{shown}('#film-0 video') == 0")
     assert chromium.value(f"{shown}('#film-0 .strip img')") >= len(showing.times_s)
 
 
