@@ -8,9 +8,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.looping import each
 
 from betterbench.cli.main import main
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.shortcuts.examine import audit_dataset
 from betterbench.shortcuts.lerobot import facts_of_lerobot
 
@@ -113,3 +114,52 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path):
     with pytest.raises(InvalidInputError, match="no proprioception"):
         facts_of_lerobot(path)
     assert main(["shortcuts", str(tmp_path / "nothing")]) == 2
+
+
+def changed(name, change):
+    """Returns a table in which one column has other values."""
+
+    def apply(table):
+        values = pa.array(change(table.column(name).to_pylist()))
+        return table.set_column(table.schema.get_field_index(name), name, values)
+
+    return apply
+
+
+@each(
+    "change, said",
+    [
+        (lambda t: t.drop_columns(["action"]), "has no column action"),
+        (lambda t: t.drop_columns(["task_index"]), "has no column task_index"),
+        (changed("action", lambda v: [[float("nan")] * 4, *v[1:]]), "action is no finite number in row 0"),
+        (changed("observation.state", lambda v: [*v[:-1], [0.0, 0.0, float("inf"), 0.0]]), r"observation\.state is no"),
+        (changed("task_index", lambda v: [None] * len(v)), "task_index is no finite number"),
+        (changed("action", lambda v: [x[:1] for x in v]), "800 numbers in 800 rows, and not 4"),
+        (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, and not 4"),
+        (changed("action", lambda v: ["a"] * len(v)), "it cannot be read"),
+        (lambda t: t.slice(0, 0), "it holds no episode"),
+        (lambda t: t.filter(pa.array(np.arange(len(t)) % STEPS == 0)), "it holds no episode"),
+    ],
+    lambda change, said: said,
+)
+def test_columns_that_are_missing_or_hold_no_numbers_are_one_clear_line(tmp_path_factory, change, said):
+    path = made_up(tmp_path_factory.mktemp("set") / "set", episodes=20)
+    file = path / "data" / "chunk-000" / "file-000.parquet"
+    pq.write_table(change(pq.read_table(file)), file)
+    with pytest.raises(BetterError, match=said):
+        facts_of_lerobot(path)
+
+
+def test_features_that_say_something_else_than_the_data_are_one_clear_line(tmp_path):
+    path = made_up(tmp_path / "set", episodes=20)
+    file = path / "meta" / "info.json"
+    known = json.loads(file.read_text())
+    for change, said in (
+        ({"shape": [10**7]}, "no proprioception"),
+        ({"shape": [400]}, "and not 400 in each"),
+        ({"names": ["grip"] * 4}, "are of the gripper"),
+    ):
+        features = {**known["features"], "observation.state": {**known["features"]["observation.state"], **change}}
+        file.write_text(json.dumps({**known, "features": features}))
+        with pytest.raises(BetterError, match=said):
+            facts_of_lerobot(path)

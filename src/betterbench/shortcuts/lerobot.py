@@ -35,6 +35,8 @@ CELLS = 3
 SET_OUT_SHARE = 0.1
 """Way of the tool, as a share of the range of all its positions, after which its direction is taken."""
 DIRECTIONS = 8
+MOST_NUMBERS = 10_000
+"""Most numbers of a column per frame."""
 MOST_EPISODES = 5000
 """Most episodes that are read, evenly chosen; the test needs no more."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
@@ -49,13 +51,17 @@ class _Columns:
     """Which columns and numbers of them are looked at.
 
     Attributes:
+        widths: How many numbers each column has that is read: 1, or as many as the features say.
         state: Name of the column with the proprioception.
+        action: Name of the column with the actions.
         position: Numbers of it that are x and y of the tool; None where its names do not tell.
         grip: Number of the action that moves the gripper.
         gripless: Numbers of the state that are not the gripper.
     """
 
+    widths: Mapping[str, int]
     state: str
+    action: str
     position: tuple[int, int] | None
     grip: int
     gripless: tuple[int, ...]
@@ -129,14 +135,17 @@ def _columns(path: Path, info: Mapping[str, Any]) -> _Columns:
             file, "the dataset has no proprioception (observation.state)", "Give one with proprioception"
         )
     action = "action" if sizes.get("action") else "actions"
-    names, acts = _names(features[states[0]]), _names(features[action])
+    names, acts = (_names(features[name])[: sizes[name]] for name in (states[0], action))
     grips = [i for i, name in enumerate(acts) if "grip" in name]
     position = None
     axes = [next((i for i, name in enumerate(names) if _is_axis(name, axis)), None) for axis in "xy"]
     if axes[0] is not None and axes[1] is not None:
         position = (axes[0], axes[1])
     gripless = tuple(i for i in range(sizes[states[0]]) if i >= len(names) or "grip" not in names[i])
-    return _Columns(states[0], position, grips[-1] if grips else sizes[action] - 1, gripless)
+    if not gripless:
+        raise InvalidInputError(file, f"all numbers of {states[0]} are of the gripper", "Correct their names")
+    widths = {"episode_index": 1, "task_index": 1, states[0]: sizes[states[0]], action: sizes[action]}
+    return _Columns(widths, states[0], action, position, grips[-1] if grips else sizes[action] - 1, gripless)
 
 
 def _size(feature: object) -> int:
@@ -144,7 +153,7 @@ def _size(feature: object) -> int:
     shape = feature.get("shape") if isinstance(feature, dict) else None
     dtype = str(feature.get("dtype")) if isinstance(feature, dict) else ""
     one = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int)
-    return int(shape[0]) if one and dtype.startswith("float") and shape[0] > 1 else 0  # type: ignore[index]
+    return int(shape[0]) if one and dtype.startswith("float") and 1 < shape[0] <= MOST_NUMBERS else 0  # type: ignore[index]
 
 
 def _names(feature: Mapping[str, Any]) -> list[str]:
@@ -180,29 +189,44 @@ def _episodes(path: Path, info: Mapping[str, Any], columns: _Columns) -> Iterato
     """Yield episodes in the order of their files, evenly chosen if there are very many."""
     total = info.get("total_episodes")
     every = max(1, math.ceil(total / MOST_EPISODES)) if isinstance(total, int) else 1
-    action = "action" if "action" in info["features"] else "actions"
-    needed = ["episode_index", "task_index", columns.state, action]
     for file in sorted((path / "data").rglob("*.parquet")):
-        try:
-            table = pq.read_table(file, columns=needed)
-            rows = {name: _numbers(table.column(name)) for name in needed}
-        except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-            raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
+        rows = _rows(file, columns)
         index = rows["episode_index"].astype(np.int64)
         for start, stop in _runs(index):
             number = int(index[start])
             if number % every == 0 and stop - start >= 2:
-                grip = rows[action][start:stop, columns.grip]
+                grip = rows[columns.action][start:stop, columns.grip]
                 yield _Episode(number, int(rows["task_index"][start]), rows[columns.state][start:stop], grip)
 
 
-def _numbers(column: pa.ChunkedArray) -> _Floats:
-    """Return a column as numbers, one row per frame."""
+def _rows(file: Path, columns: _Columns) -> Mapping[str, _Floats]:
+    """Return the columns of a file that are looked at; RecordError if one is missing, or not as the features say."""
+    try:
+        missing = [name for name in columns.widths if name not in pq.read_schema(file).names]
+        if missing:
+            raise RecordError(f"{file}: it has no column {missing[0]}. {_CURE}.")
+        table = pq.read_table(file, columns=list(columns.widths))
+        rows = {name: _numbers(table.column(name), width) for name, width in columns.widths.items()}
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
+    for name, values in rows.items():
+        bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
+        if bad.size:
+            raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Leave the episode out.")
+    return rows
+
+
+def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
+    """Return a column as numbers, one row per frame; ValueError if it does not have ``width`` numbers per frame."""
     flat = column.combine_chunks()
-    if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type):
-        values = np.asarray(flat.flatten().to_numpy(zero_copy_only=False), dtype=np.float64)
-        return values.reshape(len(flat), -1)
-    return np.asarray(flat.to_numpy(zero_copy_only=False), dtype=np.float64)
+    if width == 1:
+        return np.asarray(flat.to_numpy(zero_copy_only=False), dtype=np.float64)
+    listed = pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type)
+    values = np.asarray((flat.flatten() if listed else flat).to_numpy(zero_copy_only=False), dtype=np.float64)
+    if len(values) != width * len(flat):
+        msg = f"a column has {len(values)} numbers in {len(flat)} rows, and not {width} in each"
+        raise ValueError(msg)
+    return values.reshape(len(flat), width)
 
 
 def _runs(index: _Ints) -> Iterator[tuple[int, int]]:
