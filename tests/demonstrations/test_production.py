@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
+import weakref
 
 import numpy as np
 import pytest
 
+from betterbench.demonstrations import production
 from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import amplify, attempts_of, collect, method_of, set_hash
@@ -142,3 +144,18 @@ def test_neither_workers_nor_interruptions_decide(sources, amplified, tmp_path, 
     assert set_hash(broken) == set_hash(amplified)
     grown = amplify(sources.path, tmp_path / "two", demos=2)
     assert wanted.items() < record_files(grown).items()
+
+
+@pytest.mark.slow
+def test_the_scene_of_a_start_is_freed_before_the_one_after_the_next(sources, tmp_path, monkeypatch):
+    scenes, real = [], production.scene_of
+
+    def kept(*arguments):
+        assert sum(scene() is not None for scene in scenes) <= 1
+        scene = real(*arguments)
+        scenes.append(weakref.ref(scene))
+        return scene
+
+    monkeypatch.setattr(production, "scene_of", kept)
+    amplify(sources.path, tmp_path / "run", demos=1)
+    assert len(scenes) >= 4
