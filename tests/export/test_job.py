@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -267,3 +268,72 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
     with pytest.raises(RecordError, match=r"pairs\.jsonl: line 1.*Make the set again"):
         read_pairs(run)
+
+
+def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whole, tmp_path):
+    name = "meta/stats.json"
+    (tmp_path / "whole" / name).unlink()
+    with pytest.raises(RunConflictError, match=rf"{name}: is missing"):
+        export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))
+
+
+def column_lost(name):
+    def lose(path):
+        table = pq.read_table(path)
+        pq.write_table(table.drop_columns([name]), path)
+
+    return lose
+
+
+def key_lost(name):
+    return lambda path: path.write_text(json.dumps({**json.loads(path.read_bytes()), name: None}))
+
+
+DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
+VIDEO = "videos/observation.images.front"
+DAMAGE = (
+    (DATA, column_lost("action")),
+    (DATA, column_lost("episode_index")),
+    (DATA, lambda path: pq.write_table(pq.read_table(path).slice(0, 5), path)),
+    (EPISODES, column_lost("data/file_index")),
+    (EPISODES, column_lost(f"{VIDEO}/from_timestamp")),
+    (EPISODES, lambda path: pq.write_table(pq.read_table(path).slice(0, 1), path)),
+    ("meta/info.json", lambda path: path.write_text("[]")),
+    ("meta/info.json", lambda path: path.write_bytes(b"{")),
+    ("meta/betterbench.json", lambda path: path.write_text("{}")),
+    ("meta/betterbench.json", key_lost("episodes")),
+    ("meta/betterbench.json", key_lost("layout")),
+    (f"{VIDEO}/chunk-000/file-000.mp4", lambda path: path.unlink()),
+)
+
+
+def test_whatever_a_data_set_has_lost_a_check_is_one_line(demonstrations, whole, tmp_path):
+    for name, damage in DAMAGE:
+        file = tmp_path / "whole" / name
+        damage(file)
+        with pytest.raises(InvalidInputError) as told:
+            check_export([demonstrations.run], tmp_path / "whole")
+        assert "\n" not in str(told.value), name
+        file.write_bytes(whole[name])
+    check_export([demonstrations.run], tmp_path / "whole")
+
+
+def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path):
+    code = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        f"sys.path.insert(0, {str(Path(__file__).parent)!r});"
+        "from demonstrating import PaintedPictures; from betterbench.export import job; job.Pictures = PaintedPictures;"
+        "from betterbench.cli.main import main;"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (9_000, 9_000)); sys.exit(main(sys.argv[1:]))"
+    )
+    words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--out", str(tmp_path / "set")]
+    ended = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "Traceback" not in ended.stderr
+    assert "File too large. Nothing finished is lost" in " ".join(ended.stderr.split())
+    assert not (tmp_path / "set").exists()
+
+
+def test_validation_leaves_a_seed_for_training():
+    assert len(job.validation_seeds({1, 2, 3, 4}, 0.9)) == 3
+    assert job.validation_seeds({1}, 0.9) == set()

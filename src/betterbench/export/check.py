@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -89,7 +90,8 @@ def check_export(
                 shown = shown_images(record, layout, drawn.of(run, record, rows), rows)
                 kept = dict(zip(rows, shown, strict=True))
             for column in layout.images:
-                found = there.images(column.name, rows)
+                with _intact(f"{where}: its {column.name}"):
+                    found = there.images(column.name, rows)
                 for row in rows:
                     error = _error(found.get(row), kept[row][column.name])
                     if error > (0.0 if lossless else MOST_MEAN_ERROR):
@@ -104,16 +106,33 @@ def check_export(
 def _source(path: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     try:
-        if path.is_file():
-            return read_origin(path)
-        source: dict[str, Any] = json.loads((path / SOURCE_FILE).read_bytes())
+        source = read_origin(path) if path.is_file() else json.loads((path / SOURCE_FILE).read_bytes())
+        named = source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"]
+        named += source["quality"], source["images"]
+        named += tuple(about[key] for about in source["episodes"] for key in ("task", "condition", "record"))
+        counted = [int(about[key]) for about in source["episodes"] for key in ("seed", "rows")]
+        if not all(isinstance(name, str) for name in named) or min(counted, default=0) < 0:
+            raise ValueError("it names no layout, or no episodes")  # noqa: TRY301 - told below
     except BetterError:
         raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         said = str(error).splitlines()[0] if str(error) else type(error).__name__
         problem = f"is no data set of better export ({said})"
         raise InvalidInputError(str(path), problem, "Name its folder or file") from error
-    return source
+    form: dict[str, Any] = source
+    return form
+
+
+@contextmanager
+def _intact(where: str) -> Iterator[None]:
+    """Turn whatever goes wrong where a part of a data set is read into an InvalidInputError."""
+    try:
+        yield
+    except BetterError:
+        raise
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, pa.ArrowException) as error:
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InvalidInputError(where, f"is damaged ({said})", _CURE) from error
 
 
 def _record(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[RunFolder, Record]:
@@ -138,13 +157,18 @@ def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
 
 def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
     """Yield the episodes of a folder of version 2.1 or 3.0."""
-    version = json.loads(_read(path / "meta/info.json"))["codebase_version"]
+    with _intact(str(path / "meta/info.json")):
+        version = json.loads(_read(path / "meta/info.json"))["codebase_version"]
     places: list[Mapping[str, Any] | None] = [None] * len(episodes)
     if version == "v3.0":
         places = _parquet(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    if len(places) != len(episodes):
+        where = str(path / "meta/episodes")
+        raise InvalidInputError(where, f"lists {len(places)} episodes, and there are {len(episodes)}", _CURE)
     for number, place in enumerate(places):
-        table = _table(path, number, place, layout)
-        vectors = {c.name: _column(table, c.name, c.size) for c in (*layout.states, layout.action)}
+        with _intact(f"{path}: episode {number}"):
+            table = _table(path, number, place, layout)
+            vectors = {c.name: _column(table, c.name, c.size) for c in (*layout.states, layout.action)}
         yield _Stored(vectors, _pictures_of(path, number, place, table))
 
 
@@ -190,10 +214,11 @@ def _stored_robomimic(path: Path, layout: DatasetLayout, episodes: Sequence[Mapp
     """Yield the demonstrations of an HDF5 file."""
     with open_hdf5(path, "r") as file:
         for number in range(len(episodes)):
-            group = file[f"data/demo_{number}"]
-            vectors = {c.name: group["obs"][observation_name(c.name)][:] for c in layout.states}
-            vectors[layout.action.name] = group["actions"][:].astype(layout.action.dtype)
-            seen = {c.name: group["obs"][observation_name(c.name)] for c in layout.images}
+            with _intact(f"{path}: data/demo_{number}"):
+                group = file[f"data/demo_{number}"]
+                vectors = {c.name: group["obs"][observation_name(c.name)][:] for c in layout.states}
+                vectors[layout.action.name] = group["actions"][:].astype(layout.action.dtype)
+                seen = {c.name: group["obs"][observation_name(c.name)] for c in layout.images}
             yield _Stored(vectors, partial(_rows_of, seen))
 
 

@@ -183,14 +183,25 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality: str) -> Exported:
     """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
     try:
-        there = _stored_source(plan.to, out)["identity"]
+        source = _stored_source(plan.to, out)
+        there, sizes = source["identity"], dict(source.get("files", {}))
+        told = _told(plan, out, 0, quality)
     except (OSError, ValueError, KeyError, TypeError):
-        there = None
+        there, sizes = None, {}
     if there != identity:
         what = "another data set" if there else "something else"
         raise RunConflictError(f"{out}: there is {what} already. Choose another place with --out, or move it away.")
+    lost = next((name for name, size in sizes.items() if _size(out / name) != size), None)
+    if lost is not None:
+        problem = "is missing, or not as long as it was written"
+        raise RunConflictError(f"{out / lost}: {problem}. Move the data set away and run the command again.")
     shutil.rmtree(staging, ignore_errors=True)
-    return _told(plan, out, 0, quality)
+    return told
+
+
+def _size(file: Path) -> int | None:
+    """Return the length of a file in bytes; None if there is none."""
+    return file.stat().st_size if file.is_file() else None
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
@@ -262,7 +273,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         return
     stats = (write_v30 if plan.to == "lerobot" else write_v21)(whole, dataset)
     write_durably(whole / "README.md", card(dataset, stats).encode())
-    write_durably(whole / SOURCE_FILE, json_bytes(dataset.source))
+    files = {str(p.relative_to(whole)): p.stat().st_size for p in sorted(whole.rglob("*")) if p.is_file()}
+    write_durably(whole / SOURCE_FILE, json_bytes({**dataset.source, "files": files}))
     whole.replace(out)
 
 
@@ -290,9 +302,12 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
 
 
 def validation_seeds(seeds: set[int], share: float) -> set[int]:
-    """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts."""
+    """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts.
+
+    One seed at least is left for training.
+    """
     by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
-    return set(by_hash[: round(share * len(seeds))])
+    return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
 
 
 def _source(plan: ExportPlan, episodes: Sequence[DatasetEpisode], identity: str, quality: str) -> dict[str, Any]:
