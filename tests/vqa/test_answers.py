@@ -265,6 +265,11 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     (tmp_path / "bad.jsonl").write_text('{"model": "x", "set_sha256": "0"}\n')
     with pytest.raises(InvalidInputError, match="another set"):
         read_answers(tmp_path / "bad.jsonl", made)
+    head, first = file.read_text().splitlines()[:2]
+    for more, said in ((first, "was answered before"), ('{"id": "x", "text": "Yes"}', "x, which the set does not ask")):
+        (tmp_path / "bad.jsonl").write_text(f"{head}\n{first}\n{more}\n")
+        with pytest.raises(RecordError, match=said):
+            read_answers(tmp_path / "bad.jsonl", made)
     (tmp_path / "bad.jsonl").write_text("{}\n")
     with pytest.raises(RecordError, match="model: is missing"):
         read_answers(tmp_path / "bad.jsonl", made)

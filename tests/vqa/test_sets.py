@@ -15,7 +15,7 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.tasks import TrialId
-from betterbench.vqa.dataset import SetOptions, make_set, purpose_of, read_set
+from betterbench.vqa.dataset import SetOptions, begun_set, make_set, purpose_of, read_set
 from betterbench.vqa.question import Form
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
@@ -59,6 +59,20 @@ def test_interrupted_and_resumed_sets_have_the_same_bytes(run, photos, made, tmp
 
 
 @pytest.mark.slow
+def test_what_a_kill_left_half_written_neither_stops_the_next_command_nor_stays(made, tmp_path):
+    plan = {name: v for name, v in json.loads((made.path / "set.json").read_text()).items() if name != "schema_version"}
+    out = tmp_path / "set"
+    out.mkdir()
+    (out / ".set.json.abc.part").touch()
+    with begun_set(out, plan) as done:
+        assert not done
+    assert not list(out.rglob("*.part"))
+    (out / "images").mkdir()
+    (out / "images" / ".image.jpg.abc.part").touch()
+    with begun_set(out, plan):
+        assert not list(out.rglob("*.part"))
+
+
 def test_a_set_does_not_depend_on_the_number_of_workers(run, made, tmp_path):
     def opened():
         return ViewRenderer(run, size=SIZE, quality="fast")

@@ -23,7 +23,7 @@ from betterbench.demonstrations.production import SetProgress, amplify, collect,
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
-from betterbench.recording.durable import on_disk
+from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts
@@ -105,6 +105,7 @@ def make_dataset(
     hashed = set_hash(run)
     audit, prediction = _audited(facts, hashed)
     with on_disk(out):
+        remove_parts(out)
         sheets = _sheets(run, trials, out, tell) if pictures else {}
         missing = _missing(recipe, len(trials))
         made = MadeDataset(

@@ -64,6 +64,12 @@ def write_durably(path: Path, data: bytes) -> None:
         written.finish()
 
 
+def remove_parts(folder: Path) -> None:
+    """Delete what killed processes left half-written in a folder and below; the caller holds the lock of the folder."""
+    for part in folder.rglob(f".*{PART_SUFFIX}"):
+        part.unlink(missing_ok=True)
+
+
 _LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})
 
 

@@ -19,7 +19,7 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
 from betterbench.json_form import read_bounded, read_form, strict_form
-from betterbench.recording.durable import PART_SUFFIX, write_durably
+from betterbench.recording.durable import PART_SUFFIX, remove_parts, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock, is_locked
@@ -92,7 +92,7 @@ class RunFolder:
         if fresh and path.exists() and any(not _is_leftover(p) for p in path.iterdir()):
             raise RunConflictError(f"{path}: the folder holds other files and no run. Choose an empty or a new folder.")
         with RunLock(path / LOCK_NAME):
-            _remove_parts(path)
+            remove_parts(path)
             if not (path / "run.json").exists():
                 write_durably(path / "run.json", _run_json(wanted))
                 _copy_task_files(path, wanted["plan"])
@@ -403,12 +403,6 @@ def _seed(seed: int) -> int:
 def _is_leftover(path: Path) -> bool:
     """Tell whether a file is one that a run that never began may have left."""
     return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
-
-
-def _remove_parts(folder: Path) -> None:
-    """Delete half-written files of a killed process; the caller holds the lock of the run."""
-    for part in folder.rglob(f".*{PART_SUFFIX}"):
-        part.unlink(missing_ok=True)
 
 
 _GROWING = ("trials", "task_versions", "task_files")

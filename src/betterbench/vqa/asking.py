@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
 from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording.line_journal import MAX_BYTES, LineJournal
@@ -203,6 +203,9 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
     found = _parsed(lines, file)
     if found.head.set_sha256 != asked.sha256:
         raise InvalidInputError(str(file), f"its answers are to another set than {asked.path}", "Name that set")
+    unknown = found.answers.keys() - {q.id for q in asked.questions}
+    if unknown:
+        raise RecordError(f"{file}: answers {one_line(min(unknown))}, which the set does not ask. {_CURE}.")
     return found
 
 
@@ -212,6 +215,8 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
     answers: dict[str, ModelAnswer] = {}
     for number, line in enumerate(lines[1:], start=2):
         answer = read_form(_ANSWER, line, where=f"{where} {number}", cure=_CURE, raises=RecordError)
+        if answer.id in answers:
+            raise RecordError(f"{where} {number}: {one_line(answer.id)} was answered before. {_CURE}.")
         answers[answer.id] = answer
     return Answers(head, answers)
 

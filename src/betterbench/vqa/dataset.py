@@ -22,7 +22,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
-from betterbench.recording.durable import on_disk
+from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.run import first_difference
@@ -241,7 +241,8 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
         out, file = self._out, self._out / "set.json"
         if out.exists() and not out.is_dir():
             raise RunConflictError(f"{out}: this is a file. Choose another folder for the set.")
-        others = [p for p in out.iterdir() if p.name != ".lock"] if out.is_dir() else []
+        there = out.iterdir() if out.is_dir() else ()
+        others = [p for p in there if p.name != ".lock" and not p.name.endswith(PART_SUFFIX)]
         if others and not file.exists():
             raise RunConflictError(f"{out}: the folder holds other files and no set. Choose an empty or a new folder.")
         lock = RunLock(out / ".lock")
@@ -249,6 +250,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
         try:
             plan = json.loads(dump_json(self._plan))
             _require_same(file, plan)
+            remove_parts(out)
             write_durably(file, json.dumps(plan, indent=1, sort_keys=True).encode() + b"\n")
             if (out / "summary.json").exists():
                 shutil.rmtree(out / "candidates", ignore_errors=True)
