@@ -140,7 +140,7 @@ def changed(name, change):
         (lambda t: t.slice(0, 0), "it holds no episode"),
         (lambda t: t.filter(pa.array(np.arange(len(t)) % STEPS == 0)), "it holds no episode"),
     ],
-    lambda change, said: said,
+    lambda _, said: said,
 )
 def test_columns_that_are_missing_or_hold_no_numbers_are_one_clear_line(tmp_path_factory, change, said):
     path = made_up(tmp_path_factory.mktemp("set") / "set", episodes=20)
