@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from betterbench.demonstrations import production
 from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import amplify, attempts_of, collect, method_of, set_hash
+from betterbench.demonstrations.sources import demonstrated_source
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation import check_record
 from betterbench.recording import RunFolder
@@ -102,6 +105,27 @@ def test_bad_input_is_one_clear_error(sources, tmp_path):
     with pytest.raises(InvalidInputError, match="no successful demonstration of fast_food"):
         amplify(sources.path, tmp_path / "c", tasks=["fast_food"])
     assert not any((tmp_path / name).exists() for name in "abc")
+
+
+def test_a_damaged_source_or_one_of_another_version_is_one_clear_error(sources, tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(sources.path, copy)
+    record = min(copy.glob("records/*/*/*.parquet"))
+    record.write_bytes(record.read_bytes()[:5000])
+    with pytest.raises(RecordError, match=re.escape(str(record))):
+        amplify(copy, tmp_path / "out", demos=1)
+    monkeypatch.setattr("betterbench.demonstrations.sources.SUITE_VERSION", "9.9")
+    with pytest.raises(RecordError, match=r"recorded with version 2\.0 of the suite, and this is version 9\.9"):
+        amplify(sources.path, tmp_path / "out", demos=1)
+    assert not (tmp_path / "out").exists()
+
+
+def test_stored_segments_are_not_trusted(sources):
+    record = next(sources.records())
+    (first, *rest) = record.metadata.segments
+    forged = replace(first, stop=first.stop + 10**6, skills=())
+    lied = replace(record, metadata=replace(record.metadata, segments=(forged, *rest)))
+    assert demonstrated_source(lied).segments == record.metadata.segments
 
 
 def test_the_report_counts_every_attempt(sources, amplified):

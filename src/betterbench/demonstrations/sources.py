@@ -6,14 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from betterbench.assets import Asset
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.experts.planner import turned_grasps
 from betterbench.geometry import Pose, angle_between, distance, rotate
 from betterbench.interventions import resolve_condition
 from betterbench.recording import Record, RunFolder, SkillWindow, SubgoalSegment, subgoal_segments
 from betterbench.scenes.builder import place_objects
 from betterbench.state import ObjectInfo, SceneInfo, WorldState
-from betterbench.tasks import TrialId
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.placing import foot_offset
@@ -128,7 +128,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
     Raises:
         InvalidInputError: If a record has the seed of a test, or none of the task is a demonstration that succeeded.
-        RecordError: If a record cannot be read.
+        RecordError: If a record cannot be read, or is of another version of the suite or the task.
     """
     found = []
     for entry in run.entries():
@@ -139,6 +139,7 @@ def load_library(run: RunFolder, task: str) -> Library:
             cure = f"Give demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
             raise InvalidInputError(str(run.path), problem, cure)
         record = run.read_record(entry.task, entry.condition, entry.seed)
+        _require_version(record, str(run.record_path(entry.task, entry.condition, entry.seed)))
         if record.outcome.success:
             found.append(demonstrated_source(record))
     if not found:
@@ -147,12 +148,27 @@ def load_library(run: RunFolder, task: str) -> Library:
     return Library(sorted(found, key=lambda s: s.trial))
 
 
+def _require_version(record: Record, where: str) -> None:
+    """Raise RecordError if a record is of another version of the suite or its task, whose things lie elsewhere."""
+    meta = record.metadata
+    versions = (
+        ("suite", meta.suite_version, SUITE_VERSION),
+        (f"task {meta.task}", meta.task_version, get_task(meta.task).version),
+    )
+    for what, there, now in versions:
+        if there != now:
+            raise RecordError(
+                f"{where}: was recorded with version {one_line(there)} of the {what}, and this is version {now}. "
+                "Collect the demonstrations again."
+            )
+
+
 def demonstrated_source(record: Record) -> Source:
-    """Return what a successful record demonstrates; its segments are derived where it holds none."""
+    """Return what a successful record demonstrates; its segments are derived from its states, whatever it says."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
-    segments = meta.segments or subgoal_segments(record, condition.condition)
+    segments = subgoal_segments(record, condition.condition)
     placed = place_objects(condition.task, condition.condition, meta.seed, shown=meta.looks)
     assets = {p.spec.name: p.asset for p in placed}
     skills = tuple(
