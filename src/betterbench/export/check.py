@@ -107,9 +107,9 @@ def _source(path: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     try:
         source = read_origin(path) if path.is_file() else json.loads((path / SOURCE_FILE).read_bytes())
-        named = source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"]
-        named += source["quality"], source["images"]
-        named += tuple(about[key] for about in source["episodes"] for key in ("task", "condition", "record"))
+        layout = source["layout"]
+        named = [layout["adapter"]["name"], layout["observation"]["name"], source["quality"], source["images"]]
+        named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]
         counted = [int(about[key]) for about in source["episodes"] for key in ("seed", "rows")]
         if not all(isinstance(name, str) for name in named) or min(counted, default=0) < 0:
             raise ValueError("it names no layout, or no episodes")  # noqa: TRY301 - told below

@@ -7,6 +7,7 @@ follow from the records and the options alone.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import shutil
@@ -182,13 +183,13 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 
 def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality: str) -> Exported:
     """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
-    try:
+    told: Exported | None = None
+    there, sizes = None, dict[str, int]()
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         source = _stored_source(plan.to, out)
-        there, sizes = source["identity"], dict(source.get("files", {}))
         told = _told(plan, out, 0, quality)
-    except (OSError, ValueError, KeyError, TypeError):
-        there, sizes = None, {}
-    if there != identity:
+        there, sizes = source["identity"], dict(source.get("files", {}))
+    if told is None or there != identity:
         what = "another data set" if there else "something else"
         raise RunConflictError(f"{out}: there is {what} already. Choose another place with --out, or move it away.")
     lost = next((name for name, size in sizes.items() if _size(out / name) != size), None)
