@@ -45,7 +45,9 @@ def served(name, layout, observation="state_only"):
 
 
 def check_exact(proof, name):
-    assert {axis.name for axis in proof.moved} >= ({"joint1"} if name == "openpi_droid" else {"x", "y", "z", "rz"})
+    assert {axis.name for axis in proof.moved} >= (
+        {"joint1"} if PRESETS[name].answer.space.startswith("joint") else {"x", "y", "z", "rz"}
+    )
     for axis in proof.moved:
         assert axis.factor == pytest.approx(1.0, abs=0.02), axis
     assert proof.is_proven
@@ -62,8 +64,9 @@ def test_a_preset_on_our_own_server_has_factors_of_one(name, tmp_path):
 @pytest.mark.render
 @pytest.mark.parametrize("name", sorted(PRESETS))
 def test_every_preset_on_our_own_server_has_factors_of_one(name):
-    cameras = {"openpi_droid": "droid", "native": "state_only"}.get(name, "default")
-    check_exact(served(name, f"preset={name}", cameras), name)
+    cameras = {"openpi_droid": "droid", "gr00t_oxe_droid": "droid", "native": "state_only"}.get(name, "default")
+    options = {"x_vla": "&send.domain_id=3"}.get(name, "")
+    check_exact(served(name, f"preset={name}{options}", cameras), name)
 
 
 class Checkpoint:
