@@ -527,7 +527,7 @@ def test_a_host_whose_policy_hangs_is_replaced_and_later_trials_are_not_harmed(p
     run = evaluate(plan, tmp_path / "run", workers=2, envs=1, policy_timeout_s=4.0)
     assert "hangs and is started again" in caplog.text
     told = [error for _, error in outcomes(run).values()]
-    late = [error for error in told if error is not None]
+    late = [error for error in told if error]
     assert 1 <= len(late) <= 2, "those in the batch that hung"
     assert set(late) == {"the policy gave no answer within 4 s. Raise --policy-timeout."}
     assert [e.status for e in run.entries()] == ["done"] * 6
