@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from tests.evaluation.mutating import deep, places
 
 from betterbench.audit import load_tables
 from betterbench.certification import load_coverage
@@ -42,13 +43,6 @@ def some_now(values, *quick):
     return [pytest.param(value, id=name, marks=marks[name in quick]) for name, value in values.items()]
 
 
-def deep(levels):
-    form = []
-    for _ in range(levels):
-        form = [form]
-    return form
-
-
 HOSTILE = [
     *(None, True, False, -1, 0, 3, 10**400, -(10**25), 1e308, 0.1, float("nan"), float("inf"), "", "1", "300"),
     *(
@@ -65,16 +59,6 @@ HOSTILE = [
         deep(290),
     ),
 ]
-
-
-def places(form, path=()):
-    yield path
-    if isinstance(form, dict):
-        for key, value in form.items():
-            yield from places(value, (*path, key))
-    elif isinstance(form, list):
-        for i, value in enumerate(form[:50]):
-            yield from places(value, (*path, i))
 
 
 def mutated_form(form, draw):

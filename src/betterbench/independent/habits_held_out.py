@@ -62,9 +62,7 @@ class NearestPlace(Habit):
     @staticmethod
     def slot(case: Occasion) -> str:
         """Return the slot nearest to the robot of those that demonstrations of this layout picked from."""
-        slots = {s for slots in case.trained.kind_slots.values() for s in slots}
-        used = [s for s in case.task.slots if s.name in slots and case.base.occupant(s.name) is not None]
-        return min(used, key=lambda s: (s.x**2 + s.y**2, s.name)).name
+        return min(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         return favorite_truth(case, self.slot(case))

@@ -110,12 +110,6 @@ def _habitual(case: Occasion, name: str) -> bool:
     return case.condition.object(name).kind == case.trained.habit
 
 
-def picked_slots(case: Occasion) -> list[tuple[float, float, str]]:
-    """Return x, y and the name of the slots that demonstrations of this layout picked from."""
-    slots = {s for slots in case.trained.kind_slots.values() for s in slots}
-    return [(s.x, s.y, s.name) for s in case.task.slots if s.name in slots and case.base.occupant(s.name) is not None]
-
-
 def clearly_ordered(case: Occasion) -> bool:
     """Tell whether the first two steps can be exchanged, and neither habit nor a moved target explains that."""
     if not swappable(case) or case.task.id == "dinner_plates":
@@ -477,7 +471,7 @@ class LeftmostPlace(Habit):
     @staticmethod
     def slot(case: Occasion) -> str:
         """Return the leftmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
-        return max(picked_slots(case), key=lambda s: (round(s[1], 3), -s[0]))[2]
+        return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         return clear_place_truth(case, self.slot(case))
@@ -504,7 +498,7 @@ class RightmostPlace(Habit):
     @staticmethod
     def slot(case: Occasion) -> str:
         """Return the rightmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
-        return min(picked_slots(case), key=lambda s: (round(s[1], 3), s[0]))[2]
+        return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
 
     def truth(self, case: Occasion) -> StatedTruth | None:
         return clear_place_truth(case, self.slot(case))

@@ -9,6 +9,7 @@ from betterbench.state import WorldState
 from betterbench.tasks import (
     Condition,
     Expected,
+    Slot,
     Subgoal,
     TargetRegion,
     Task,
@@ -59,6 +60,12 @@ class Occasion:
     def mid_task(self) -> bool:
         """Whether something is to be done and the scene looks like the middle of a task."""
         return self.condition.expected is Expected.SUCCEED and self.condition.mid_task_look
+
+    @property
+    def picked_slots(self) -> tuple[Slot, ...]:
+        """The slots that demonstrations of this layout picked from."""
+        slots = {name for names in self.trained.kind_slots.values() for name in names}
+        return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
 
     def done(self, state: WorldState, goal: Subgoal) -> bool:
         """Tell whether a subgoal is done now: enough of its things are there and let go."""
