@@ -15,7 +15,7 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_line,
+    evaluation_lines,
     export_line,
     exposure,
     filled,
@@ -218,14 +218,10 @@ def _module(training: Training, group: str, *, ours: bool) -> str:
 
 
 def _evaluation(training: Training) -> str:
-    benchmark, data = training.recipe.benchmark, training.data[0]
-    if benchmark == "better":
-        return evaluation_line(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
-    if benchmark == "libero":
-        return (
-            "# on LIBERO itself: BeingH/benchmark/libero of Being-H\n# on our suite, without training on it:\n"
-            + evaluation_line("openpi://localhost:8000?preset=being_h_libero_spatial", training.recipe, data)
-        )
-    return (
-        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    return evaluation_lines(
+        training.recipe,
+        training.data[0],
+        address=f"openpi://localhost:8000?preset={PRESET}",
+        on_libero="# on LIBERO itself: BeingH/benchmark/libero of Being-H",
+        libero_address="openpi://localhost:8000?preset=being_h_libero_spatial",
     )

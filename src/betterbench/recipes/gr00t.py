@@ -15,7 +15,7 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_line,
+    evaluation_lines,
     export_line,
     exposure,
     filled,
@@ -162,15 +162,10 @@ def _quoted(names: Any) -> str:  # noqa: ANN401 - any collection of texts
 
 
 def _evaluation(training: Training) -> str:
-    benchmark, data = training.recipe.benchmark, training.only_data
-    if benchmark == "better":
-        return evaluation_line(f"gr00t://localhost:5555?preset={PRESET}", training.recipe, data)
-    if benchmark == "libero":
-        return (
-            "# on LIBERO itself: examples/LIBERO/README.md of Isaac-GR00T\n"
-            "# on our suite, without training on it:\n"
-            + evaluation_line("gr00t://localhost:5555?preset=gr00t_libero_panda_spatial", training.recipe, data)
-        )
-    return (
-        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    return evaluation_lines(
+        training.recipe,
+        training.only_data,
+        address=f"gr00t://localhost:5555?preset={PRESET}",
+        on_libero="# on LIBERO itself: examples/LIBERO/README.md of Isaac-GR00T",
+        libero_address="gr00t://localhost:5555?preset=gr00t_libero_panda_spatial",
     )

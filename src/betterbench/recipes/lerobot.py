@@ -15,7 +15,7 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    evaluation_line,
+    evaluation_lines,
     export_line,
     exposure,
     shell,
@@ -164,15 +164,10 @@ def _nested(settings: tuple[Setting, ...]) -> dict[str, Any]:
 
 
 def _evaluation(training: Training, checkpoint: str) -> str:
-    benchmark, data = training.recipe.benchmark, training.only_data
-    if benchmark == "better":
-        return evaluation_line(f"lerobot:{checkpoint}", training.recipe, data)
-    if benchmark == "libero":
-        return (
-            "# on LIBERO itself:\n"
-            + shell(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
-            + " --env.task=libero_spatial"
-        )
-    return (
-        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    on_libero = shell(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
+    return evaluation_lines(
+        training.recipe,
+        training.only_data,
+        address=f"lerobot:{checkpoint}",
+        on_libero=f"# on LIBERO itself:\n{on_libero} --env.task=libero_spatial",
     )

@@ -11,7 +11,7 @@ from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
     TrainingData,
-    evaluation_line,
+    evaluation_lines,
     export_line,
     exposure,
     filled,
@@ -129,16 +129,11 @@ def _file(name: str, settings: tuple[Setting, ...]) -> str:
 
 
 def _evaluation(training: Training) -> str:
-    benchmark, data = training.recipe.benchmark, training.only_data
-    if benchmark == "better":
-        return evaluation_line(f"openpi://localhost:8000?preset={PRESET}", training.recipe, data)
-    if benchmark == "libero":
-        return (
-            "# on LIBERO itself, from openpi's folder, for each suite:\n"
-            "python examples/libero/main.py --args.task-suite-name libero_spatial\n"
-            "# on our suite, without training on it:\n"
-            + evaluation_line("openpi://localhost:8000?preset=openpi_libero_spatial", training.recipe, data)
-        )
-    return (
-        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    return evaluation_lines(
+        training.recipe,
+        training.only_data,
+        address=f"openpi://localhost:8000?preset={PRESET}",
+        on_libero="# on LIBERO itself, from openpi's folder, for each suite:\n"
+        "python examples/libero/main.py --args.task-suite-name libero_spatial",
+        libero_address="openpi://localhost:8000?preset=openpi_libero_spatial",
     )

@@ -167,8 +167,29 @@ def export_line(data: TrainingData, to: str, *, images: str = "video", place: st
     return shell(words)
 
 
-def evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
-    """Return the command that evaluates a policy on the suite."""
+def evaluation_lines(
+    recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
+) -> str:
+    """Return the commands that evaluate what was trained: on our suite, or as its own benchmark does.
+
+    Args:
+        recipe: What was trained.
+        data: What it was trained on.
+        address: Policy of a recipe for our suite.
+        on_libero: How the framework itself evaluates a recipe for LIBERO.
+        libero_address: Policy of a recipe for LIBERO on our suite, where it can be asked there.
+    """
+    if recipe.benchmark == "better":
+        return _evaluation_line(address, recipe, data)
+    if recipe.benchmark == "libero":
+        unseen = "" if libero_address is None else _evaluation_line(libero_address, recipe, data)
+        return on_libero + (f"\n# on our suite, without training on it:\n{unseen}" if unseen else "")
+    return (
+        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    )
+
+
+def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
     words = ["better", "eval", "--policy", address, "--suite", "better60"]
     words += ["--quality", data.quality] * (data.quality != "standard")
     return shell([*words, "--out", f"runs/{recipe.name}"])
