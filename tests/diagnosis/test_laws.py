@@ -237,6 +237,15 @@ def test_a_record_without_its_predicates_is_refused(stage):
         diagnose_record(broken)
 
 
+def test_a_record_without_a_slot_of_its_task_is_one_line(stage):
+    record = stage("morning_coffee", "train1").end()
+    scene = record.metadata.scene
+    slots = tuple(replace(s, name="elsewhere") if s.name == "near" else s for s in scene.slots)
+    forged = replace(record, metadata=replace(record.metadata, scene=replace(scene, slots=slots)))
+    with pytest.raises(RecordError, match="no slot near; record the trial again"):
+        diagnose_record(forged)
+
+
 def test_a_diagnosis_does_not_change_the_record(stage):
     record = stage("fast_food", "R1").bring("burger_1").end()
     assert diagnose_record(record) == diagnose_record(record)

@@ -14,6 +14,7 @@ from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
 from betterbench.diagnosis.verdict import Attempt, TrialDiagnosis
+from betterbench.errors import RecordError
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
 from betterbench.tasks import (
@@ -100,6 +101,10 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
     m = record.metadata
     resolved = resolved_of(m)
     task, condition = resolved.task, resolved.condition
+    missing = {s.name for s in task.slots} - {s.name for s in m.scene.slots}
+    if missing:
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no slot {min(missing)}; record the trial again."
+        raise RecordError(text)
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
     harm = () if record.outcome.success else find_harm(record, trace, condition)
     episode = analyze_episode(trace, condition, _trained(task.id), harm=harm)
