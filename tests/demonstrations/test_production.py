@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import re
 import shutil
@@ -14,10 +15,12 @@ import pytest
 from betterbench.demonstrations import production
 from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
 from betterbench.demonstrations.amplifier import AmplifierSettings
+from betterbench.demonstrations.attempt import amplify_attempt
 from betterbench.demonstrations.production import amplify, attempts_of, collect, method_of, set_hash
-from betterbench.demonstrations.sources import demonstrated_source
+from betterbench.demonstrations.sources import demonstrated_source, load_library
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation import check_record
+from betterbench.experts.planner import Planner
 from betterbench.recording import RunFolder
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
@@ -168,6 +171,24 @@ def test_neither_workers_nor_interruptions_decide(sources, amplified, tmp_path, 
     assert set_hash(broken) == set_hash(amplified)
     grown = amplify(sources.path, tmp_path / "two", demos=2)
     assert wanted.items() < record_files(grown).items()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_amplified_attempt_frees_its_scene_without_the_garbage_collector(sources, monkeypatch, fails):
+    if fails:
+        monkeypatch.setattr(Planner, "way_to", lambda *_, **__: None)
+    scene = production.scene_of(next(iter(sources.entries())).key, "standard")
+    library = load_library(sources, "morning_coffee")
+    gc.collect()
+    gc.disable()
+    try:
+        attempt = amplify_attempt(scene, 0, library, AmplifierSettings())
+        there = weakref.ref(scene)
+        del scene
+        assert there() is None
+    finally:
+        gc.enable()
+    assert attempt.note.failure == ("no free way" if fails else "")
 
 
 @pytest.mark.slow

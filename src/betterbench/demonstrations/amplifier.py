@@ -122,6 +122,12 @@ class Amplifier:
             self.failure = (failed.kind, failed.reason)
             raise
 
+    def close(self) -> None:
+        """Forget the episode, so that its scene, of some 20 MB, is freed with the last reference to it."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
+
     def disturb(self, action: np.ndarray) -> np.ndarray:
         """Return what is executed in place of the last action: with noise, unless the arm settles.
 

@@ -106,7 +106,10 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     demonstrator = Demonstrator("amplified", "amplify", {"speed": lead.speed}, (), settings.action_noise)
     disturb = agent.disturb if settings.action_noise else None
     context = _context(scene, AMPLIFIED, demonstrator)
-    record = run_episode(scene, agent, context=context, disturb=disturb).record
+    try:
+        record = run_episode(scene, agent, context=context, disturb=disturb).record
+    finally:
+        agent.close()
     sources = tuple(dict.fromkeys(agent.used))
     record = _said(record, replace(demonstrator, sources=sources))
     found = judge_attempt(scene, record, number, agent.failure)

@@ -9,7 +9,6 @@ workers or on interruptions.
 from __future__ import annotations
 
 import functools
-import gc
 import hashlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -459,7 +458,6 @@ def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> No
 
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     """Try one start until an attempt is accepted, and write its record; run by a worker."""
-    gc.collect()  # the scene of the start before refers to itself and holds some 20 MB
     load_sources(method.task_files)
     run = RunFolder.open(Path(out))
     began = time.perf_counter()

@@ -111,6 +111,7 @@ def run_episode(
             return result
         finally:
             steps.close()
+            outcome = kept = None  # an error refers to this frame, which holds the scene
 
 
 def episode_steps(
