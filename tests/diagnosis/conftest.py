@@ -126,6 +126,8 @@ class Stage:
         self.task = self.setting.task
         rng = np.random.default_rng(seed)
         self.info = self._scene(backwards=backwards)
+        self.carriers = [o for o in self.info.objects if o.regions or o.category in LAYERS]
+        self.supported: tuple[tuple, dict[str, tuple[float, str]]] = ((), {})
         self.positions = {}
         for o in self.condition.objects:
             if o.name in self.condition.layout:
@@ -306,7 +308,7 @@ class Stage:
         x, y = self.positions[name][:2] if spot is None else spot
         height = self.positions[name][2] if below is None else below
         found = [(0.0, "table")]
-        for o in self.info.objects:
+        for o in self.carriers:
             carried = o.name == self.grip and o.name not in self.rails
             if o.name == name or carried or o.name not in self.positions:
                 continue
@@ -326,8 +328,16 @@ class Stage:
                 found.append((base + o.size_m[2], o.name))
         return max((f for f in found if f[0] <= height + 1e-6), default=found[0])
 
+    def supports(self) -> dict[str, tuple[float, str]]:
+        """Returns what carries each object that is on no rails; worked out again when something has moved."""
+        there = (self.grip, *(p.tobytes() for p in self.positions.values()))
+        if there != self.supported[0]:
+            self.supported = there, {n: self.support(n) for n in self.positions if n not in self.rails}
+        return self.supported[1]
+
     def state(self) -> WorldState:
         names = [o.name for o in self.info.objects]
+        supports = self.supports()
         contacts = []
         for name in names:
             if self.pushing == name:
@@ -336,15 +346,15 @@ class Stage:
                 contacts += [Contact(name, "left_finger", 10.0), Contact(name, "right_finger", 10.0)]
             if name in self.rails:
                 continue
-            height, carrier = self.support(name)
+            height, carrier = supports[name]
             if self.positions[name][2] - height <= 1e-3:
                 contacts.append(Contact(name, carrier, 1.0))
         lifted = self.grip is not None and self.grip not in self.rails
-        held = self.grip if lifted and self.positions[self.grip][2] - self.support(self.grip)[0] > 0.003 else None
+        held = self.grip if lifted and self.positions[self.grip][2] - supports[self.grip][0] > 0.003 else None
         speeds = tuple(float(np.linalg.norm(self.positions[n] - self.previous[n])) * RATE for n in names)
         tool = Pose(tuple(float(v) for v in self.tool), DOWN)
         joints = tuple(float(v) for v in (*self.tool, 0, 0, 0, 0))
-        still = tuple([0.0] * 7) if np.allclose(self.tool, self.last_tool) else tuple([0.3] * 7)
+        still = tuple([0.0] * 7) if np.abs(self.tool - self.last_tool).max() < 1e-6 else tuple([0.3] * 7)
         return WorldState(
             info=self.info, step=self.step, time_s=self.step / RATE,
             positions=tuple(tuple(float(v) for v in self.positions[n]) for n in names),

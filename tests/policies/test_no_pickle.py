@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import ast
+import functools
 from pathlib import Path
 
 import betterbench
 
 UNPICKLING = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
 PACKAGE = Path(betterbench.__file__).parent
+
+
+@functools.cache
+def tree(file: Path) -> ast.Module:
+    """Return the syntax tree of a file."""
+    return ast.parse(file.read_text())
 
 
 def imported(tree: ast.Module) -> set[str]:
@@ -40,19 +47,15 @@ def options(tree: ast.Module) -> list[tuple[str, str, object]]:
 def test_the_package_imports_no_pickle():
     files = sorted(PACKAGE.rglob("*.py"))
     assert len(files) > 100
-    assert {
-        f.name: sorted(imported(ast.parse(f.read_text())) & UNPICKLING)
-        for f in files
-        if imported(ast.parse(f.read_text())) & UNPICKLING
-    } == {}
+    found = {f.name: sorted(imported(tree(f)) & UNPICKLING) for f in files}
+    assert {name: names for name, names in found.items() if names} == {}
 
 
 def test_no_reader_is_told_to_unpickle():
     for file in PACKAGE.rglob("*.py"):
-        tree = ast.parse(file.read_text())
-        for function, option, value in options(tree):
+        for function, option, value in options(tree(file)):
             assert value is (option == "weights_only"), f"{file.name}: {function}({option}={value})"
-        for node in ast.walk(tree):
+        for node in ast.walk(tree(file)):
             if (
                 isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Attribute)

@@ -18,6 +18,7 @@ they differ.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.robots.meshes import visual_parts
+from betterbench.robots.meshes import MeshPart, visual_parts
 from betterbench.robots.physics import PHYSICS
 from betterbench.robots.spec import Progress, RobotSpec, register_robot
 
@@ -516,11 +517,17 @@ def _exclude_neighbors(spec: mujoco.MjSpec) -> None:
         spec.add_exclude(name=f"{first}_{second}", bodyname1=first, bodyname2=second)
 
 
+@functools.cache
+def _visuals() -> tuple[MeshPart, ...]:
+    return visual_parts(_SHARES, _paint, faces=FACE_BUDGET)
+
+
 def _add_visuals(bodies: dict[str, mujoco.MjsBody], spec: mujoco.MjSpec, progress: Progress | None) -> None:
     """Add the decimated meshes to the bodies, and the rubber of the pads, which the meshes show only in part."""
     seen = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
     fingers = [spec.body(name) for name in PANDA.finger_bodies]
-    for part in visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress):
+    parts = _visuals() if progress is None else visual_parts(_SHARES, _paint, faces=FACE_BUDGET, progress=progress)
+    for part in parts:
         mesh = spec.add_mesh(name=part.name)
         mesh.uservert = part.vertices.ravel()
         mesh.userface = part.faces.ravel()
