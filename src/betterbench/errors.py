@@ -208,6 +208,10 @@ class WorkerError(BetterError):
     """Worker processes keep dying; the run stops and can be resumed."""
 
 
+class TrainingError(BetterError):
+    """A training cannot go on: its loss is not finite. What was saved before stays."""
+
+
 class MissingDependencyError(BetterError):
     """A system library or an optional extra is not installed; the text says how to install it."""
 

@@ -81,6 +81,7 @@ VERBS: dict[str, Verb] = {
     "teleop": Verb("teleop:teleop_command", "Demonstrate in the browser, by gizmo, keys or a leader arm."),
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
     "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
+    "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe."),
     "shortcuts": Verb("shortcuts:shortcuts_command", "Find what a learner of a dataset could go by."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),

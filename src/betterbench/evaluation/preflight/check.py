@@ -215,8 +215,8 @@ def _first_question(
     """Begin the episode; return what the policy is shown, None for a privileged one, and what asks it."""
     state = scene.reset()
     if client is None:
-        expert = make_expert(policy, scene)
-        return None, lambda: expert.act_on_state(state)
+        privileged = make_privileged(policy, scene)
+        return None, lambda: privileged.act_on_state(state)
     observer = Observer(images or observation_spec("state_only"))
     try:
         seen = observer.observe(scene, state)

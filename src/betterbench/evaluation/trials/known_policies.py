@@ -23,6 +23,7 @@ PLAIN = {
 INDEPENDENT_FAMILY = PolicyEntry(
     "independent:HABIT-MANNER", "A faulty policy of the second, independent family, for calibrations.", privileged=True
 )
+LEARNED = PolicyEntry("learned:CHECKPOINT", "A learner that better train has trained.", privileged=True)
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry(
@@ -51,4 +52,4 @@ def known_policies() -> tuple[PolicyEntry, ...]:
     """Return all policies that can be evaluated."""
     privileged = tuple(PolicyEntry(e.address, e.summary, privileged=True) for e in EXPERTS.values())
     privileged += tuple(PolicyEntry(name, text, privileged=True) for name, text in REPLAYS.items())
-    return (*privileged, INDEPENDENT_FAMILY, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())
+    return (*privileged, INDEPENDENT_FAMILY, LEARNED, *PLAIN.values(), *PREFIXES.values(), *CONNECTED.values())

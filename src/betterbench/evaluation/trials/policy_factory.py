@@ -16,10 +16,12 @@ from betterbench.experts import make_expert, parse_address
 from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.learned import is_learned, learned_info, make_learned
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
 from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
+from betterbench.state import PrivilegedPolicy
 
 SOURCE = "source file"
 """Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
@@ -57,7 +59,22 @@ def make_policy(address: str) -> Policy:
 
 def is_privileged(address: str) -> bool:
     """Return whether a policy sees the privileged state instead of observations."""
-    return parse_address(address) is not None or is_independent(address)
+    return parse_address(address) is not None or is_independent(address) or is_learned(address)
+
+
+def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
+    """Return a policy that sees the privileged state, for one episode in a scene.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+        InvalidInputError: If an option is unknown or out of range, or a checkpoint is missing or damaged.
+        MissingDependencyError: If a checkpoint needs an extra that is not installed.
+    """
+    if is_independent(address):
+        return make_independent(address, scene)
+    if is_learned(address):
+        return make_learned(address, scene.condition.instruction.text, scene.seed)
+    return make_expert(address, scene)
 
 
 def is_remote(address: str) -> bool:
@@ -112,7 +129,9 @@ class PolicyFactory:
     def info(self) -> PolicyInfo:
         """What the policy says about itself; it is made once to ask it, and raises what :func:`check_policy` raises."""
         if self._info is None:
-            if is_privileged(self.address):
+            if is_learned(self.address):
+                self._info = learned_info(self.address)
+            elif is_privileged(self.address):
                 self._info = PolicyInfo(self.address, action_space=EE_DELTA.name, needs_images=False)
             elif self.address.startswith("replay:"):
                 RunFolder.open(Path(self.address.removeprefix("replay:")))
@@ -142,10 +161,8 @@ class PolicyFactory:
 
     def policy(self, scene: Scene, trial: Trial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread."""
-        if is_independent(self.address):
-            return make_independent(self.address, scene)
         if is_privileged(self.address):
-            return make_expert(self.address, scene)
+            return make_privileged(self.address, scene)
         if self.address.startswith("replay:"):
             return Replay(
                 self.address.removeprefix("replay:"),

@@ -1,0 +1,118 @@
+"""``better train``: a learner of one's own demonstrations, by one recipe file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+
+if TYPE_CHECKING:
+    from betterbench.learned import TrainingRecipe
+    from betterbench.training.data import TrainingSet
+    from betterbench.training.loop import TrainingResult
+
+
+def train_command(
+    recipe: Annotated[Path, tyro.conf.Positional],
+    *,
+    out: Path,
+    data: tuple[str, ...] = (),
+    tasks: tuple[str, ...] = (),
+    seed: int | None = None,
+    steps: int | None = None,
+    device: str = "cpu",
+    json: bool = False,
+) -> None:
+    """Train a small learner on demonstrations, to be evaluated as learned:OUT.
+
+    The folder holds checkpoint.safetensors with the recipe inside, tables of loss, validation and rollouts, and their
+    curves. The same command resumes a training that was ended, to the same weights. Several devices train together
+    under torchrun.
+
+    Example: better train recipe.yaml --out learners/coffee
+
+    Args:
+        recipe: YAML file with the recipe.
+        out: Folder of the training.
+        data: Folders of demonstrations, instead of those of the recipe.
+        tasks: Tasks that are trained on, instead of those of the recipe.
+        seed: Seed, instead of that of the recipe.
+        steps: Training steps, instead of those of the recipe.
+        device: Device of torch: cpu, cuda or cuda:N.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.learned.address import require_torch
+
+    chosen = _recipe(recipe, {"data": data or None, "tasks": tasks or None, "seed": seed, "steps": steps})
+    require_torch("better train")
+    from betterbench.training.data import epochs_of, read_training_set
+    from betterbench.training.loop import TrainingProgress, train
+
+    with progress_bar("reading demonstrations", 1) as (bar, row):
+        found = read_training_set(chosen, on_read=lambda done, of: bar.update(row, completed=done, total=of))
+    first = os.environ.get("RANK", "0") == "0"
+    if first:
+        say(_about(found, epochs_of(found, chosen)))
+    with progress_bar("training", chosen.steps) as (bar, row):
+
+        def on_progress(progress: TrainingProgress) -> None:
+            note = f"loss {progress.loss:.4f}, {progress.samples_per_s:,.0f} samples/s"
+            bar.update(row, completed=progress.step, note=note)
+
+        result = train(chosen, found, out, device=device, on_progress=on_progress)
+    if first:
+        _print(result, out, json=json)
+
+
+def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
+    from betterbench.cli.yaml_file import read_yaml
+    from betterbench.learned.recipe import CURE, read_training_recipe
+
+    return read_training_recipe(read_yaml(path, cure=CURE), where=str(path), changes=changes)
+
+
+def _about(data: TrainingSet, epochs: float) -> str:
+    held_out, frames = int(data.held_out.sum()), len(data.frames(held_out=False))
+    return (
+        f"{len(data.trials) - held_out} demonstrations with {frames:,} frames, {held_out} held out; "
+        f"{epochs:.1f} passes over them"
+    )
+
+
+def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
+    """Print the last validation, and how the learner is evaluated."""
+    log = result.log
+    errors = [row for row in log.errors if row.step == log.losses[-1].step]
+    rollouts = [row for row in log.rollouts if row.step == log.losses[-1].step]
+    if json:
+        print_json(
+            {
+                "checkpoint": str(result.checkpoint),
+                "parameters": result.parameters,
+                "loss": log.losses[-1].loss,
+                "samples_per_s": round(result.samples_per_s, 1),
+                "validation": [asdict(row) for row in errors],
+                "rollouts": [asdict(row) for row in rollouts],
+            }
+        )
+        return
+    print_table(
+        ["phase", "frames", "off by [mm/step]", "turned by [deg/step]", "gripper wrong"],
+        [
+            [e.phase, str(e.frames), f"{e.translation_mm:.2f}", f"{e.rotation_deg:.2f}", f"{e.gripper_wrong:.1%}"]
+            for e in errors
+        ],
+    )
+    solved = sum(row.success for row in rollouts)
+    OUT.print(
+        f"\nloss {log.losses[-1].loss:.4f}; {solved} of {len(rollouts)} rollouts solved; "
+        f"{result.parameters:,} parameters; {result.samples_per_s:,.0f} samples/s",
+        markup=False,
+    )
+    OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
+    OUT.print(f"evaluate    better eval --policy learned:{out}", markup=False, soft_wrap=True)

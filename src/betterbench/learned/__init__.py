@@ -1,0 +1,9 @@
+"""Learned policies: what they are shown, their networks, their checkpoints, and how a checkpoint acts.
+
+Only :mod:`network`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`address` imports them when they are used.
+"""
+
+from betterbench.learned.address import is_learned, learned_info, make_learned
+from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
+
+__all__ = ["TrainingRecipe", "is_learned", "learned_info", "make_learned", "read_training_recipe"]

@@ -1,0 +1,131 @@
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of the tensors in the header."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+import torch
+from pydantic import TypeAdapter
+from safetensors import SafetensorError
+from torch import Tensor
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_bounded, read_form
+from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
+from betterbench.learned.vocabulary import Vocabulary
+from betterbench.recording.durable import on_disk, write_durably
+
+FILE_NAME = "checkpoint.safetensors"
+ACTION_SPACE = "ee_delta"
+"""Action space in which learners answer."""
+_KEY = "betterbench"
+_MAX_BYTES = 1 << 30
+_CURE = "Name a checkpoint.safetensors that better train wrote, or train it again"
+_VOCABULARY = TypeAdapter(Vocabulary)
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """What a checkpoint says about itself.
+
+    Attributes:
+        recipe: How it was trained.
+        vocabulary: What the learner has numbers for.
+        step: Steps of training.
+        data: SHA-256 over the records that it was trained on.
+        action_space: Action space in which it answers.
+    """
+
+    recipe: TrainingRecipe
+    vocabulary: Vocabulary
+    step: int
+    data: str
+    action_space: str = ACTION_SPACE
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "recipe": self.recipe.to_json()}
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
+    """Write tensors and what is said about them, durably; equal arguments give equal bytes.
+
+    Raises StorageError if the disk is full; the file that was there before then stays.
+    """
+    held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
+    # One entry: the order of several would differ from process to process.
+    text = json.dumps({**about, "sha256": _digest(held)}, sort_keys=True)
+    with on_disk(path):
+        write_durably(path, safetensors.torch.save(held, metadata={_KEY: text}))
+
+
+def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Return the tensors of a file and what is said about them; InvalidInputError if a byte of it is not right."""
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    try:
+        tensors = safetensors.torch.load(data)
+        length = int.from_bytes(data[:8], "little")
+        about = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
+        told = about.pop("sha256")
+    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        problem = f"is no checkpoint of betterbench, or is damaged ({type(error).__name__})"
+        raise InvalidInputError(str(path), problem, cure) from error
+    if _digest(tensors) != told:
+        raise InvalidInputError(str(path), "is damaged: its weights are not those that were written", cure)
+    return tensors, about
+
+
+def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
+    """Write the weights of a learner, as :func:`write_tensors` does."""
+    write_tensors(path, weights, trained.to_json())
+
+
+def read_checkpoint(path: Path) -> tuple[ObjectsNetwork, Trained]:
+    """Return the network of a checkpoint, ready to answer, and what it says about itself.
+
+    Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
+    """
+    weights, about = read_tensors(path)
+    trained = _trained(about, str(path))
+    if trained.action_space != ACTION_SPACE:
+        problem = f"answers in the action space {trained.action_space!r}"
+        raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
+    with torch.random.fork_rng(devices=[]):
+        network = ObjectsNetwork(trained.recipe, trained.vocabulary)
+    load_weights(network, weights, str(path))
+    return network.eval(), trained
+
+
+def load_weights(network: ObjectsNetwork, weights: Mapping[str, Tensor], where: str) -> None:
+    """Put weights into a network; InvalidInputError if they are of another one."""
+    there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
+    if there != wanted:
+        names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
+        problem = f"its weights are those of another network ({names[0]} differs)"
+        raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
+    network.load_state_dict(dict(weights))
+
+
+def _trained(about: Mapping[str, Any], where: str) -> Trained:
+    try:
+        recipe = read_training_recipe(about["recipe"], where=f"{where}: recipe")
+        vocabulary = read_form(_VOCABULARY, about["vocabulary"], where=f"{where}: vocabulary", cure=_CURE)
+        return Trained(recipe, vocabulary, int(about["step"]), str(about["data"]), str(about["action_space"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError(where, f"its header says no {error}", _CURE) from error
+
+
+def _digest(tensors: Mapping[str, Tensor]) -> str:
+    """Return the SHA-256 over names, types, shapes and bytes of tensors."""
+    whole = hashlib.sha256()
+    for name, tensor in sorted(tensors.items()):
+        whole.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}\n".encode())
+        whole.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes() if tensor.numel() else b"")
+    return whole.hexdigest()

@@ -1,0 +1,194 @@
+"""The network of the ``objects`` family: one token per word, past state and object, read out as a chunk of actions."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.learned.tokens import POSE_NUMBERS, TOOL_NUMBERS
+from betterbench.learned.vocabulary import ABSENT, MOST_WORDS, Vocabulary
+
+ACTION_NUMBERS = 7
+NEAR_M, TOUCHING_M = 0.1, 0.02
+"""Scales at which a learner is told where an object is from its tool [m]."""
+_TIME_NUMBERS = 32
+_LONGEST_PERIOD = 100.0
+
+
+@dataclass(slots=True)
+class Shown:
+    """What a batch of B samples with at most n objects shows.
+
+    Attributes:
+        words: (B, MOST_WORDS) int64.
+        tools: (B, history, 10) float32, the present first.
+        poses: (B, n, 9) float32.
+        sizes: (B, n, 3) float32.
+        categories: (B, n) int64; :data:`ABSENT` where there is no object.
+        colors: (B, n) int64.
+        blind: (B,) bool: samples whose state is left out; None for none.
+    """
+
+    words: Tensor
+    tools: Tensor
+    poses: Tensor
+    sizes: Tensor
+    categories: Tensor
+    colors: Tensor
+    blind: Tensor | None = None
+
+
+class _Block(nn.Module):
+    """A layer of a transformer that normalizes before attention and before its two linear maps."""
+
+    def __init__(self, width: int, heads: int, dropout: float) -> None:
+        super().__init__()
+        self.heads, self.dropout = heads, dropout
+        self.before_attention, self.before_maps = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.queries_keys_values = nn.Linear(width, 3 * width)
+        self.joined = nn.Linear(width, width)
+        self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+
+    def forward(self, tokens: Tensor, seen: Tensor) -> Tensor:
+        batch, length, width = tokens.shape
+        parts = self.queries_keys_values(self.before_attention(tokens))
+        parts = parts.view(batch, length, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        mixed = functional.scaled_dot_product_attention(parts[0], parts[1], parts[2], attn_mask=seen)
+        tokens = tokens + self._dropped(self.joined(mixed.transpose(1, 2).reshape(batch, length, width)))
+        return tokens + self._dropped(self.maps(self.before_maps(tokens)))
+
+    def _dropped(self, values: Tensor) -> Tensor:
+        return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
+
+
+class ObjectsNetwork(nn.Module):
+    """From words, states and objects to a chunk of normalized actions, (B, chunk, 7).
+
+    The buffers hold the mean and scale of tools, positions and actions in the training data. Objects carry no number
+    of their own, so that their order means nothing.
+    """
+
+    def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
+        super().__init__()
+        size, (words, categories, colors) = recipe.size, vocabulary.sizes()
+        width = size.width
+        self.recipe, self.chunk = recipe, recipe.chunk
+        self.given = recipe.proprioception.given
+        self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
+        self.objects = nn.ModuleDict(
+            {
+                "category": nn.Embedding(categories, width),
+                "color": nn.Embedding(colors, width),
+                "pose": nn.Linear(POSE_NUMBERS + 3 + (6 if self.given else 0), width),
+            }
+        )
+        self.state = nn.ModuleDict(
+            {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
+        )
+        self.missing = nn.Parameter(torch.zeros(width))
+        self.readout = nn.Parameter(torch.zeros(width))
+        for embedding in (*self.words.values(), self.objects["category"], self.objects["color"], self.state["when"]):
+            nn.init.normal_(embedding.weight, std=0.1)
+        self.trunk = nn.ModuleList(_Block(width, size.heads, recipe.dropout) for _ in range(size.layers))
+        self.last = nn.LayerNorm(width)
+        numbers = recipe.chunk * ACTION_NUMBERS
+        extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
+        self.head = nn.Sequential(
+            nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
+            nn.Linear(2 * width, numbers),
+        )  # fmt: skip
+        for name, count in (("tool", TOOL_NUMBERS), ("position", 3), ("action", ACTION_NUMBERS)):
+            self.register_buffer(f"{name}_mean", torch.zeros(count))
+            self.register_buffer(f"{name}_scale", torch.ones(count))
+
+    def parts(self) -> dict[str, list[nn.Parameter]]:
+        """Return the parameters by the part of the network that recipes name."""
+        found: dict[str, list[nn.Parameter]] = {"words": [], "objects": [], "state": [], "trunk": [], "head": []}
+        home = {"missing": "state", "readout": "trunk", "last": "trunk"}
+        for name, parameter in self.named_parameters():
+            first = name.partition(".")[0]
+            found[home.get(first, first)].append(parameter)
+        return found
+
+    def summary(self, shown: Shown) -> Tensor:
+        """Return what the readout token has gathered, (B, width)."""
+        batch = shown.words.shape[0]
+        words = self.words["which"](shown.words) + self.words["where"].weight
+        objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
+        objects = objects + self.objects["pose"](self._object_numbers(shown))
+        parts = [self.readout.expand(batch, 1, -1), words, objects]
+        seen = [shown.words.new_ones(batch, 1, dtype=torch.bool), shown.words != ABSENT, shown.categories != ABSENT]
+        if self.given:
+            state = self.state["tool"]((shown.tools - self.tool_mean) / self.tool_scale)
+            if shown.blind is not None:
+                state = torch.where(shown.blind[:, None, None], self.missing, state)
+            parts.append(state + self.state["when"].weight)
+            seen.append(seen[0].expand(batch, shown.tools.shape[1]))
+        tokens = torch.cat(parts, dim=1)
+        mask = torch.cat(seen, dim=1)[:, None, None, :]
+        for block in self.trunk:
+            tokens = block(tokens, mask)
+        gathered: Tensor = self.last(tokens[:, 0])
+        return gathered
+
+    def _object_numbers(self, shown: Shown) -> Tensor:
+        """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
+        positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
+        numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
+        if self.given:
+            away = shown.poses[..., :3] - shown.tools[:, :1, :3]
+            if shown.blind is not None:
+                away = torch.where(shown.blind[:, None, None], torch.zeros_like(away), away)
+            numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
+        return torch.cat(numbers, dim=-1)
+
+    def loss(self, shown: Shown, actions: Tensor, counted: Tensor) -> Tensor:
+        """Return the mean loss of a batch.
+
+        Args:
+            shown: What is shown.
+            actions: (B, chunk, 7) actions of the demonstrators.
+            counted: (B, chunk) bool: False after the end of a demonstration.
+        """
+        wanted = (actions - self.action_mean) / self.action_scale
+        summary = self.summary(shown)
+        if self.recipe.loss == "flow":
+            # Times as GR00T N1 draws them: Beta(1.5, 1), most of them near the noise.
+            times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
+            noise = torch.randn_like(wanted)
+            between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
+            error = (self._velocity(summary, between, times) - (wanted - noise)).square()
+        else:
+            error = (self.head(summary).view_as(wanted) - wanted).abs()
+        weights = counted[:, :, None].to(error.dtype)
+        return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
+
+    def forward(self, shown: Shown, actions: Tensor, counted: Tensor) -> Tensor:
+        """Return :meth:`loss`, which is what several processes share their gradients of."""
+        return self.loss(shown, actions, counted)
+
+    def answer(self, shown: Shown, noise: Tensor | None = None) -> Tensor:
+        """Return chunks of actions, (B, chunk, 7); a flow begins at ``noise``, (B, chunk, 7)."""
+        summary = self.summary(shown)
+        if self.recipe.loss == "flow":
+            if noise is None:
+                raise ValueError("a flow begins with noise")
+            found, count = noise, self.recipe.flow_steps
+            for step in range(count):
+                times = torch.full((len(noise),), step / count, device=noise.device)
+                found = found + self._velocity(summary, found, times) / count
+        else:
+            found = self.head(summary).view(len(summary), self.chunk, ACTION_NUMBERS)
+        return found * self.action_scale + self.action_mean
+
+    def _velocity(self, summary: Tensor, between: Tensor, times: Tensor) -> Tensor:
+        rates = torch.arange(_TIME_NUMBERS // 2, device=times.device) * (2.0 * math.log(_LONGEST_PERIOD))
+        angles = times[:, None] * torch.exp(rates / _TIME_NUMBERS)
+        numbers = torch.cat([summary, between.flatten(1), angles.sin(), angles.cos()], dim=1)
+        velocity: Tensor = self.head(numbers).view_as(between)
+        return velocity

@@ -1,0 +1,183 @@
+"""Recipes of training: everything that decides which weights a learner ends with, in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import read_form, strict_form
+
+RECIPE_VERSION = 1
+"""Version of how a recipe becomes weights."""
+
+CURE = "Correct the recipe; docs/learned.md shows one"
+
+Family = Literal["objects"]
+Loss = Literal["l1", "flow"]
+Part = Literal["words", "objects", "state", "trunk", "head"]
+"""Parts of the network that can be frozen."""
+
+Positive = Annotated[int, Field(ge=1, le=10_000_000)]
+Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+Length = Annotated[float, Field(ge=0.0, le=0.1)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """Size of a transformer: width of its tokens, layers, and heads of attention."""
+
+    width: Annotated[int, Field(ge=8, le=1024)]
+    layers: Annotated[int, Field(ge=1, le=24)]
+    heads: Annotated[int, Field(ge=1, le=32)]
+
+    def __post_init__(self) -> None:
+        """Refuse a width that the heads cannot share."""
+        if self.width % self.heads:
+            raise InvalidInputError(
+                "width", f"{self.width} cannot be shared by {self.heads} heads", "Give a multiple of the heads"
+            )
+
+
+CAPACITIES = {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)}
+"""Sizes by name: 0.2, 0.9 and 2.8 million parameters."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Proprioception:
+    """What the learner is told about its own arm.
+
+    Attributes:
+        given: False to leave out the tool's pose and the fingers, and what follows from them.
+        noise_m: Standard deviation of noise on the tool's position in training [m].
+        dropout: Share of training samples in which the whole state is left out.
+    """
+
+    given: bool = True
+    noise_m: Length = 0.0
+    dropout: Share = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Augmentation:
+    """What is changed at random in training samples.
+
+    Attributes:
+        object_noise_m: Standard deviation of noise on each object's position [m].
+        shift_m: Half the side of the square by which tool and all objects are shifted together [m].
+    """
+
+    object_noise_m: Length = 0.0
+    shift_m: Length = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class TrainingRecipe:
+    """How a learner is trained.
+
+    Attributes:
+        data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
+        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would.
+        tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
+        variations: Take demonstrations of test variations too, as the covered regime holds.
+        demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
+        capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
+        history: States that the learner sees: the present one and those before it.
+        history_stride: Control steps from one of them to the next.
+        chunk: Actions of one answer.
+        execute: Actions of an answer that are executed before the learner looks again.
+        loss: ``l1``, or ``flow`` for flow matching.
+        flow_steps: Steps of integration when a flow is drawn from.
+        dropout: Share of activations that is dropped in training.
+        gripper_weight: How much more often a sample at a change of the gripper is drawn than another one.
+        start: Checkpoint whose weights training begins with, or None.
+        frozen: Parts whose weights stay as they began.
+        learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
+        ema: Decay of the mean of weights, which is what is evaluated.
+        clip: Largest norm of the gradient.
+        validation: Share of seeds that are held out, chosen as ``better export --validation`` does.
+        validate_every: Steps between two validations.
+        rollouts: Starts of held-out demonstrations that each validation acts from.
+        save_every: Steps between two saved states, from which training resumes.
+        threads: Threads of one process; weights repeat bit for bit at the same number only.
+    """
+
+    data: Annotated[tuple[str, ...], Field(min_length=1)]
+    family: Family = "objects"
+    tasks: tuple[str, ...] = ()
+    variations: bool = False
+    demonstrations: Positive | None = None
+    capacity: Literal["small", "base", "large"] | Capacity = "base"
+    proprioception: Proprioception = field(default_factory=Proprioception)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    history: Annotated[int, Field(ge=1, le=16)] = 1
+    history_stride: Annotated[int, Field(ge=1, le=100)] = 4
+    chunk: Annotated[int, Field(ge=1, le=100)] = 16
+    execute: Annotated[int, Field(ge=1, le=100)] = 8
+    loss: Loss = "l1"
+    flow_steps: Annotated[int, Field(ge=1, le=100)] = 10
+    dropout: Share = 0.0
+    gripper_weight: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
+    start: str | None = None
+    frozen: tuple[Part, ...] = ()
+    steps: Positive = 12_000
+    batch: Annotated[int, Field(ge=1, le=65_536)] = 128
+    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 3e-4
+    warmup: Annotated[int, Field(ge=0)] = 500
+    weight_decay: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-4
+    ema: Share = 0.999
+    clip: Annotated[float, Field(gt=0.0)] = 1.0
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
+    validation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.1
+    validate_every: Positive = 2_000
+    rollouts: Annotated[int, Field(ge=0, le=1000)] = 4
+    save_every: Positive = 1_000
+    threads: Annotated[int, Field(ge=1, le=256)] = 1
+    version: Literal[1] = RECIPE_VERSION
+
+    def __post_init__(self) -> None:
+        """Refuse values that contradict each other."""
+        if self.execute > self.chunk:
+            problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
+            raise InvalidInputError("execute", problem, "Give at most as many")
+        if self.start is None and self.frozen:
+            raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
+
+    @property
+    def size(self) -> Capacity:
+        """The capacity in numbers."""
+        return CAPACITIES[self.capacity] if isinstance(self.capacity, str) else self.capacity
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with every value that the file left out."""
+        form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return form
+
+
+_FORM = TypeAdapter(TrainingRecipe)
+
+
+def read_training_recipe(
+    form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
+) -> TrainingRecipe:
+    """Return the recipe that a JSON form stands for.
+
+    Args:
+        form: The fields, as a mapping, or as JSON text.
+        where: File, for errors.
+        changes: Fields that take the place of those of the form; None leaves a field alone.
+
+    Raises:
+        InvalidInputError: If a field is missing, unknown or out of range; the text names it.
+    """
+    if changes and isinstance(form, Mapping):
+        form = {**form, **{name: value for name, value in changes.items() if value is not None}}
+    return read_form(_FORM, form, where=where, cure=CURE)

@@ -1,0 +1,67 @@
+"""The words, categories and colors that a learner knows: those of its training data, and one for all others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.json_form import strict_form
+
+ABSENT, UNKNOWN = 0, 1
+"""Numbers of what is not there, and of what training never showed."""
+_FIRST = 2
+MOST_WORDS = 40
+"""Words of an instruction that are read; those after them are left out."""
+
+_WORD = re.compile(r"[a-z0-9]+(?:'[a-z]+)?")
+
+
+def words_of(instruction: str) -> list[str]:
+    """Return the words of an instruction in lower case, without punctuation."""
+    return _WORD.findall(instruction.lower())
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Vocabulary:
+    """What a learner has numbers for."""
+
+    words: tuple[str, ...]
+    categories: tuple[str, ...]
+    colors: tuple[str, ...]
+
+    @classmethod
+    def of(cls, instructions: Iterable[str], categories: Iterable[str], colors: Iterable[str]) -> Vocabulary:
+        """Return the vocabulary of training data, sorted."""
+        words = {word for text in instructions for word in words_of(text)}
+        return cls(tuple(sorted(words)), tuple(sorted(set(categories))), tuple(sorted(set(colors))))
+
+    def sizes(self) -> tuple[int, int, int]:
+        """Return how many numbers there are for words, categories and colors."""
+        words, categories, colors = (_FIRST + len(known) for known in (self.words, self.categories, self.colors))
+        return words, categories, colors
+
+    def word_ids(self, instruction: str) -> np.ndarray:
+        """Return the numbers of the words of an instruction, (MOST_WORDS,) int64, with :data:`ABSENT` after them."""
+        found = _ids(words_of(instruction)[:MOST_WORDS], self.words)
+        return np.pad(found, (0, MOST_WORDS - len(found)), constant_values=ABSENT)
+
+    def category_ids(self, names: Sequence[str]) -> np.ndarray:
+        """Return the numbers of categories, int64."""
+        return _ids(names, self.categories)
+
+    def color_ids(self, names: Sequence[str]) -> np.ndarray:
+        """Return the numbers of colors, int64."""
+        return _ids(names, self.colors)
+
+    def unknown_words(self, instruction: str) -> tuple[str, ...]:
+        """Return the words of an instruction that training never showed."""
+        return tuple(word for word in words_of(instruction) if word not in self.words)
+
+
+def _ids(names: Sequence[str], known: Sequence[str]) -> np.ndarray:
+    numbers = {name: _FIRST + i for i, name in enumerate(known)}
+    return np.array([numbers.get(name, UNKNOWN) for name in names], dtype=np.int64)

@@ -1,0 +1,77 @@
+"""Batches of a training set: which frames a step draws follows from seed and step alone, so that nothing is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from betterbench.learned.network import Shown
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.training.data import TrainingSet
+
+
+class Batches:
+    """The frames of a training set as tensors on a device."""
+
+    def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
+        self._recipe = recipe
+        frames = data.frames(held_out=False)
+        self._pool = np.concatenate([frames, *_repeats(frames, data, recipe)])
+        names = ("words", "sizes", "categories", "colors", "tools", "poses", "actions", "episodes", "first", "last")
+        self._held = {name: torch.from_numpy(getattr(data, name)).to(device) for name in names}
+        self._device = device
+
+    def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
+        """Return the frames of a step that one of several processes computes."""
+        # The counter of a Philox generator makes streams of their own for each step, without what came before it.
+        generator = np.random.Generator(np.random.Philox(key=self._recipe.seed, counter=[0, 0, 0, step]))
+        found = self._pool[generator.integers(len(self._pool), size=self._recipe.batch)]
+        return found[rank::world]
+
+    def sample(self, frames: np.ndarray, *, training: bool) -> tuple[Shown, Tensor, Tensor]:
+        """Return what frames show, their chunks of actions, (B, chunk, 7), and which of these count, (B, chunk)."""
+        held, recipe = self._held, self._recipe
+        at = torch.from_numpy(frames).to(self._device)
+        episode = held["episodes"][at]
+        first, last = held["first"][episode], held["last"][episode]
+        ahead = at[:, None] + torch.arange(recipe.chunk, device=self._device)
+        back = at[:, None] - recipe.history_stride * torch.arange(recipe.history, device=self._device)
+        shown = Shown(
+            words=held["words"][episode],
+            tools=held["tools"][torch.maximum(back, first[:, None])],
+            poses=held["poses"][at],
+            sizes=held["sizes"][episode],
+            categories=held["categories"][episode],
+            colors=held["colors"][episode],
+        )
+        if training:
+            self._augment(shown)
+        return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
+
+    def _augment(self, shown: Shown) -> None:
+        """Change what is shown as the recipe asks, with torch's own generator."""
+        recipe, batch = self._recipe, len(shown.words)
+        own, other = recipe.proprioception, recipe.augmentation
+        if own.noise_m:
+            noise = own.noise_m * torch.randn(batch, 1, 3, device=self._device)
+            shown.tools = torch.cat([shown.tools[..., :3] + noise, shown.tools[..., 3:]], dim=-1)
+        if other.object_noise_m:
+            noise = other.object_noise_m * torch.randn_like(shown.poses[..., :3])
+            shown.poses = torch.cat([shown.poses[..., :3] + noise, shown.poses[..., 3:]], dim=-1)
+        if other.shift_m:
+            shift = other.shift_m * (2.0 * torch.rand(batch, 1, 3, device=self._device) - 1.0)
+            shift[..., 2] = 0.0
+            shown.tools = torch.cat([shown.tools[..., :3] + shift, shown.tools[..., 3:]], dim=-1)
+            shown.poses = torch.cat([shown.poses[..., :3] + shift, shown.poses[..., 3:]], dim=-1)
+        if own.dropout:
+            shown.blind = torch.rand(batch, device=self._device) < own.dropout
+
+
+def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
+    """Return frames at changes of the gripper as often again as their weight says; a fraction is spread evenly."""
+    at_gripper = frames[data.at_gripper[frames]]
+    extra = recipe.gripper_weight - 1.0
+    whole = int(extra)
+    spread = np.linspace(0, len(at_gripper), round((extra - whole) * len(at_gripper)), endpoint=False).astype(np.int64)
+    return [at_gripper] * whole + [at_gripper[spread]]

@@ -1,0 +1,238 @@
+"""What records of demonstrations give a learner: arrays of all frames, and what stays the same in each episode."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.export.actions import commands
+from betterbench.export.job import validation_seeds
+from betterbench.export.selection import ChosenTrial, select_demonstrations
+from betterbench.interface.actions import EE_DELTA, action_space
+from betterbench.interventions import resolve_condition
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.learned.tokens import Things, pose_numbers, things_of, tool_numbers
+from betterbench.learned.vocabulary import Vocabulary
+from betterbench.recording import Record, RunFolder, subgoal_segments
+from betterbench.tasks import TrialId
+
+PHASES = ("move", "pick", "carry", "place", "slide", "miss")
+"""What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
+
+OnRead = Callable[[int, int], None]
+"""Called with the number of records that were read, and of all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingSet:
+    """The frames of all demonstrations, one after the other: F frames of E episodes with at most n objects.
+
+    Attributes:
+        vocabulary: Words, categories and colors of the demonstrations that are trained on.
+        trials: The trial of each episode.
+        sha256: Hash over the records.
+        words: (E, MOST_WORDS) int64.
+        sizes: (E, n, 3) float32 [m]; zero where there is no object.
+        categories: (E, n) int64; ABSENT where there is no object.
+        colors: (E, n) int64.
+        held_out: (E,) bool: episodes for validation.
+        tools: (F, 10) float32.
+        poses: (F, n, 9) float32.
+        actions: (F, 7) float32 in ``ee_delta``, with gripper commands of -1 or +1.
+        episodes: (F,) int64 episode of each frame.
+        first: (E,) int64 first frame of each episode.
+        last: (E,) int64 last frame of each episode.
+        phases: (F,) int64 indices into :data:`PHASES`.
+        at_gripper: (F,) bool: frames in whose chunk the gripper changes.
+    """
+
+    vocabulary: Vocabulary
+    trials: tuple[TrialId, ...]
+    sha256: str
+    words: np.ndarray
+    sizes: np.ndarray
+    categories: np.ndarray
+    colors: np.ndarray
+    held_out: np.ndarray
+    tools: np.ndarray
+    poses: np.ndarray
+    actions: np.ndarray
+    episodes: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    phases: np.ndarray
+    at_gripper: np.ndarray
+
+    def frames(self, *, held_out: bool) -> np.ndarray:
+        """Return the frames that are trained on, or those that are held out, int64."""
+        return np.flatnonzero(self.held_out[self.episodes] == held_out)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Episode:
+    trial: TrialId
+    record: Record
+    actions: np.ndarray
+
+
+def read_training_set(recipe: TrainingRecipe, *, on_read: OnRead | None = None) -> TrainingSet:
+    """Read the demonstrations that a recipe names.
+
+    Raises:
+        RunConflictError: If a folder is no run.
+        RecordError: If a record is missing or damaged.
+        UnknownNameError: If no run has a task that is asked for.
+        InvalidInputError: If nothing is left, or a record is of another action space.
+    """
+    runs = [RunFolder.open(run_folder(Path(place))) for place in recipe.data]
+    selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
+    chosen = _fewer(selection.demonstrations, recipe.demonstrations)
+    held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
+    episodes = []
+    for number, demonstration in enumerate(chosen):
+        trial = demonstration.trial
+        record = runs[demonstration.run].read_record(trial.task, trial.condition, trial.seed)
+        episodes.append(_Episode(trial, record, _actions(record, trial, runs[demonstration.run].path)))
+        if on_read is not None:
+            on_read(number + 1, len(chosen))
+    if all(episode.trial.seed in held_out for episode in episodes):
+        raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
+    digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
+    return _joined(episodes, held_out, digest, recipe.chunk)
+
+
+def run_folder(place: Path) -> Path:
+    """Return the run of a folder of ``better dataset``, or the folder itself."""
+    return place / "demonstrations" if (place / "dataset.json").is_file() else place
+
+
+def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
+    """Return at most so many demonstrations of each condition, those with the lowest seeds."""
+    by_condition = defaultdict(list)
+    for demonstration in chosen:
+        by_condition[demonstration.trial.task, demonstration.trial.condition].append(demonstration)
+    return [d for found in by_condition.values() for d in found[:most]]
+
+
+def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
+    """Return the actions that were meant, (n_steps, 7): without the noise that a demonstrator added to them."""
+    space = record.metadata.action_space
+    if space != EE_DELTA.name:
+        where = f"{run}: {trial}"
+        problem = f"its actions are in {space!r}, and learners answer in {EE_DELTA.name!r}"
+        raise InvalidInputError(where, problem, f"Record it with --action-space {EE_DELTA.name}")
+    demonstrator = record.metadata.demonstrator
+    noisy = demonstrator is not None and demonstrator.action_noise > 0.0
+    meant = np.array(record.action[1:] if noisy else record.applied[1:])
+    if noisy:
+        meant = np.array([action_space(space).clip(action) for action in meant]).reshape(-1, EE_DELTA.dim)
+    meant[:, -1] = np.sign(commands(meant[:, -1]))
+    return meant
+
+
+def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk: int) -> TrainingSet:
+    """Return the arrays of all episodes."""
+    trained = [e.record.metadata for e in episodes if e.trial.seed not in held_out]
+    vocabulary = Vocabulary.of(
+        (meta.instruction for meta in trained),
+        (o.category for meta in trained for o in meta.scene.objects),
+        (o.color for meta in trained for o in meta.scene.objects),
+    )
+    most = max(len(e.record.metadata.scene.objects) for e in episodes)
+    things = [things_of(e.record.metadata.instruction, e.record.metadata.scene.objects, vocabulary) for e in episodes]
+    steps = np.array([len(e.actions) for e in episodes])
+    ends = np.cumsum(steps)
+    return TrainingSet(
+        vocabulary=vocabulary,
+        trials=tuple(e.trial for e in episodes),
+        sha256=digest,
+        words=np.stack([t.words for t in things]),
+        sizes=np.stack([_padded(t.sizes, most) for t in things]),
+        categories=np.stack([_padded(t.categories, most) for t in things]),
+        colors=np.stack([_padded(t.colors, most) for t in things]),
+        held_out=np.array([e.trial.seed in held_out for e in episodes]),
+        tools=np.concatenate([_tools(e.record) for e in episodes]),
+        poses=np.concatenate([_poses(e.record, most) for e in episodes]),
+        actions=np.concatenate([e.actions for e in episodes]).astype(np.float32),
+        episodes=np.repeat(np.arange(len(episodes)), steps),
+        first=ends - steps,
+        last=ends - 1,
+        phases=np.concatenate([_phases(e.record) for e in episodes]),
+        at_gripper=np.concatenate([_at_gripper(e.actions[:, -1], chunk) for e in episodes]),
+    )
+
+
+def _padded(values: np.ndarray, most: int) -> np.ndarray:
+    """Return values of objects, (n, ...), with zeros for those that are not there."""
+    filled = np.zeros((most, *values.shape[1:]), dtype=values.dtype)
+    filled[: len(values)] = values
+    return filled
+
+
+def _tools(record: Record) -> np.ndarray:
+    rows = slice(0, record.n_steps)
+    return tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows])
+
+
+def _poses(record: Record, most: int) -> np.ndarray:
+    rows = slice(0, record.n_steps)
+    poses = pose_numbers(record.object_positions[rows], record.object_quaternions[rows])
+    filled = np.zeros((len(poses), most, poses.shape[-1]), dtype=np.float32)
+    filled[:, : poses.shape[1]] = poses
+    return filled
+
+
+def _phases(record: Record) -> np.ndarray:
+    """Return what each frame is about, by the segments of the record or those that are derived from it."""
+    meta = record.metadata
+    segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
+    closed = record.gripper_command[: record.n_steps] > 0.0
+    phases = np.where(closed, PHASES.index("carry"), PHASES.index("move"))
+    for segment in segments:
+        for skill in segment.skills:
+            phases[skill.start : skill.stop] = PHASES.index(skill.kind)
+    return phases.astype(np.int64)
+
+
+def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
+    """Return which frames have a change of the gripper among the actions of their chunk, (n,) bool."""
+    found = np.zeros(len(gripper), dtype=bool)
+    for change in np.flatnonzero(np.diff(gripper)) + 1:
+        found[max(0, change - chunk + 1) : change + 1] = True
+    return found
+
+
+def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
+    """Return mean and scale of tools, positions of objects and actions over the training frames, float32.
+
+    Actions are mapped by their 1st and 99th percentiles to [-1, 1]; scales have floors, so that a number that hardly
+    moves is not blown up.
+    """
+    frames = data.frames(held_out=False)
+    tools, actions = data.tools[frames].astype(np.float64), data.actions[frames].astype(np.float64)
+    there = data.categories[data.episodes[frames]] != 0
+    positions = data.poses[frames][there][:, :3].astype(np.float64)
+    low, high = np.quantile(actions, [0.01, 0.99], axis=0)
+    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 0.02)
+    middle[-1], half[-1] = 0.0, 1.0
+    found = {
+        "tool_mean": tools.mean(axis=0),
+        "tool_scale": np.maximum(tools.std(axis=0), 0.01),
+        "position_mean": positions.mean(axis=0),
+        "position_scale": np.maximum(positions.std(axis=0), 0.05),
+        "action_mean": middle,
+        "action_scale": half,
+    }
+    return {name: values.astype(np.float32) for name, values in found.items()}
+
+
+def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
+    """Return how often training sees each frame on average."""
+    return recipe.steps * recipe.batch / max(1, math.prod(data.frames(held_out=False).shape))

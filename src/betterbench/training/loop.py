@@ -1,0 +1,364 @@
+"""The loop of training: each step follows from weights, seed and number of the step, so that it can be resumed."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.distributed
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
+
+from betterbench.errors import InvalidInputError, RunConflictError, TrainingError
+from betterbench.json_form import read_bounded
+from betterbench.learned.checkpoint import (
+    FILE_NAME,
+    Trained,
+    load_weights,
+    read_tensors,
+    write_checkpoint,
+    write_tensors,
+)
+from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.policy import Learner
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.recording import first_difference, write_durably
+from betterbench.recording.durable import PART_SUFFIX, on_disk
+from betterbench.recording.lock import RunLock
+from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.training.batches import Batches
+from betterbench.training.curves import Log, LossRow
+from betterbench.training.data import TrainingSet, scales_of
+from betterbench.training.validation import phase_errors, roll_out, rollout_trials
+
+STATE_NAME = "state.safetensors"
+"""What training resumes from: weights, their mean, and the moments of the optimizer."""
+_RECIPE_NAME = "recipe.json"
+_MAX_RECIPE = 1 << 20
+_ROW_STEPS = 50
+_BETAS = (0.9, 0.95)
+_STATE_CURE = "Remove the folder and train again"
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingProgress:
+    """How far a training is.
+
+    Attributes:
+        step: Steps that are done, those of earlier sittings included.
+        steps: Steps of the recipe.
+        loss: Mean loss of the last steps.
+        samples_per_s: Training samples per second of this sitting, without validation.
+    """
+
+    step: int
+    steps: int
+    loss: float
+    samples_per_s: float
+
+
+OnProgress = Callable[[TrainingProgress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """The processes that train together, and which of them this is, as ``torchrun`` says in the environment."""
+
+    rank: int = 0
+    size: int = 1
+
+    @classmethod
+    def here(cls) -> World:
+        """Return what the environment says; one process alone if it says nothing."""
+        return cls(int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1")))
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingResult:
+    """A training that is complete.
+
+    Attributes:
+        checkpoint: File of the learner.
+        parameters: Numbers that were trained.
+        log: Its tables.
+        seconds: What this sitting took, reading of data left out [s].
+        samples_per_s: Training samples per second of this sitting, without validation; 0 if nothing was left to do.
+    """
+
+    checkpoint: Path
+    parameters: int
+    log: Log
+    seconds: float
+    samples_per_s: float
+
+
+def train(
+    recipe: TrainingRecipe,
+    data: TrainingSet,
+    out: Path,
+    *,
+    device: str = "cpu",
+    on_progress: OnProgress | None = None,
+) -> TrainingResult:
+    """Train a learner by a recipe, or go on where the last sitting was ended.
+
+    On one machine and with as many threads and processes, the weights are the same bit for bit whatever interrupts it.
+
+    Raises:
+        RunConflictError: If the folder holds another training, or another process writes to it.
+        TrainingError: If the loss is not finite; what was saved before stays.
+        InvalidInputError: If the saved state is damaged, or the device cannot be used.
+        StorageError: If the disk is full; what was saved before stays.
+    """
+    world = World.here()
+    _require_device(device)
+    if recipe.batch % world.size:
+        raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
+    with contextlib.ExitStack() as stack:
+        if world.rank == 0:
+            with on_disk(out):
+                stack.enter_context(RunLock(out / LOCK_NAME))
+            _keep_recipe(recipe, data, out, device, world)
+        stack.enter_context(_deterministic(recipe.threads))
+        stack.enter_context(_together(world, device))
+        return _Training(recipe, data, out, device, world).run(on_progress)
+
+
+class _Training:
+    """One training while it runs."""
+
+    def __init__(self, recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: World) -> None:
+        self._recipe, self._data, self._out, self._device, self._world = recipe, data, out, device, world
+        self._batches = Batches(data, recipe, device)
+        torch.manual_seed(recipe.seed)
+        self._network = ObjectsNetwork(recipe, data.vocabulary)
+        for name, values in scales_of(data).items():
+            getattr(self._network, name).copy_(torch.from_numpy(values))
+        if recipe.start is not None:
+            _begin_with(self._network, Path(recipe.start), data)
+        for part, parameters in self._network.parts().items():
+            for parameter in parameters:
+                parameter.requires_grad_(part not in recipe.frozen)
+        self._network.to(device)
+        self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
+        if not self._trained:
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
+        self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
+        self._optimizer = torch.optim.AdamW(
+            self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
+        )
+        self._step, self._log = 0, Log()
+        if (out / STATE_NAME).exists():
+            self._restore()
+
+    def run(self, on_progress: OnProgress | None) -> TrainingResult:
+        """Train to the end and write the checkpoint."""
+        recipe, began = self._recipe, time.perf_counter()
+        first, busy = self._step, 0.0
+        shared: nn.Module = self._network
+        if self._world.size > 1:
+            shared = DistributedDataParallel(self._network)
+        rows: list[tuple[float, float]] = []
+        while self._step < recipe.steps:
+            at = time.perf_counter()
+            rows.append(self._advance(shared))
+            busy += time.perf_counter() - at
+            done, ended = self._step, self._step == recipe.steps
+            if done % _ROW_STEPS == 0 or ended:
+                means = [sum(values) / len(rows) for values in zip(*rows, strict=True)]
+                self._log.losses.append(LossRow(done, round(means[0], 6), self._rate(done - 1), round(means[1], 6)))
+                rows = []
+                if on_progress is not None and self._world.rank == 0:
+                    speed = (done - first) * recipe.batch / busy
+                    on_progress(TrainingProgress(done, recipe.steps, means[0], speed))
+            if done % recipe.validate_every == 0 or ended:
+                self._validate()
+            if done % recipe.save_every == 0 or ended:
+                # A row that is begun would be lost with the process.
+                rows = self._save(rows)
+        checkpoint = self._out / FILE_NAME
+        if self._world.rank == 0:
+            write_checkpoint(checkpoint, self._mean, self._about())
+            self._log.write(self._out)
+        count = sum(p.numel() for p in self._trained.values())
+        speed = (self._step - first) * recipe.batch / busy if busy else 0.0
+        return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
+
+    def _advance(self, shared: nn.Module) -> tuple[float, float]:
+        """Take one step; return its loss and the norm of its gradient."""
+        recipe, world = self._recipe, self._world
+        torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
+        self._network.train()
+        shown, actions, counted = self._batches.sample(
+            self._batches.drawn(self._step, world.rank, world.size), training=True
+        )
+        loss = shared(shown, actions, counted)
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
+        found = float(loss.detach()), float(norm)
+        if not all(math.isfinite(value) for value in found):
+            raise TrainingError(
+                f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot go on. "
+                f"What was saved in {self._out} stays: train with a smaller learning_rate or clip, into another folder."
+            )
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._rate(self._step)
+        self._optimizer.step()
+        self._step += 1
+        self._follow()
+        return found
+
+    def _rate(self, step: int) -> float:
+        """Return the learning rate of a step, counted from 0."""
+        recipe = self._recipe
+        if step < recipe.warmup:
+            return recipe.learning_rate * (step + 1) / recipe.warmup
+        share = (step - recipe.warmup) / max(1, recipe.steps - recipe.warmup)
+        return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
+
+    def _follow(self) -> None:
+        """Move the mean of the weights toward them; at first faster, because it began at random weights."""
+        decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
+        with torch.no_grad():
+            names = list(self._trained)
+            torch._foreach_lerp_(  # noqa: SLF001 - the fast way that torch's own swa_utils takes
+                [self._mean[name] for name in names], [self._trained[name].detach() for name in names], 1.0 - decay
+            )
+
+    def _about(self) -> Trained:
+        return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256)
+
+    def _validate(self) -> None:
+        """Add the errors per phase and a few rollouts of the mean weights to the log."""
+        if self._world.rank:
+            return
+        network = ObjectsNetwork(self._recipe, self._data.vocabulary).to(self._device)
+        network.load_state_dict(self._mean)
+        network.eval()
+        self._log.errors += phase_errors(network, self._batches, self._data, self._recipe, self._step)
+        learner = Learner(network, self._about())
+        for trial in rollout_trials(self._data, self._recipe.rollouts):
+            self._log.rollouts.append(roll_out(learner, trial, self._step))
+
+    def _save(self, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Write the tables, then the state that training resumes from; return the rows that are still to be joined."""
+        if self._world.rank:
+            return rows
+        self._log.write(self._out)
+        tensors = {f"weights/{name}": tensor for name, tensor in self._network.state_dict().items()}
+        tensors |= {f"mean/{name}": tensor for name, tensor in self._mean.items()}
+        for name, parameter in self._trained.items():
+            moments = self._optimizer.state[parameter]
+            tensors |= {f"first/{name}": moments["exp_avg"], f"second/{name}": moments["exp_avg_sq"]}
+        write_tensors(self._out / STATE_NAME, tensors, {"step": self._step, "rows": rows})
+        return rows
+
+    def _restore(self) -> None:
+        """Go back to the saved state."""
+        path = self._out / STATE_NAME
+        tensors, about = read_tensors(path, cure=_STATE_CURE)
+        parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
+        for name, tensor in tensors.items():
+            part, _, rest = name.partition("/")
+            parts[part][rest] = tensor.to(self._device)
+        load_weights(self._network, parts["weights"], str(path))
+        self._mean = parts["mean"]
+        self._step = int(about["step"])
+        for name, parameter in self._trained.items():
+            self._optimizer.state[parameter] = {
+                "step": torch.tensor(float(self._step)),
+                "exp_avg": parts["first"][name],
+                "exp_avg_sq": parts["second"][name],
+            }
+        self._log = Log.read(self._out, self._step)
+
+
+def _begin_with(network: ObjectsNetwork, start: Path, data: TrainingSet) -> None:
+    """Take over the weights of a checkpoint, which has to know the same words and things."""
+    weights, about = read_tensors(start / FILE_NAME if start.is_dir() else start)
+    known = first_difference(about.get("vocabulary"), json.loads(json.dumps(_form(data))), "vocabulary")
+    if known is not None:
+        problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"
+        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained on such data")
+    load_weights(network, weights, f"start: {start}")
+
+
+def _form(data: TrainingSet) -> dict[str, object]:
+    known = data.vocabulary
+    return {"words": known.words, "categories": known.categories, "colors": known.colors}
+
+
+def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: World) -> None:
+    """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
+    form = {
+        "recipe": recipe.to_json(),
+        "data": data.sha256,
+        "torch": torch.__version__,
+        "device": device.partition(":")[0],
+        "processes": world.size,
+    }
+    path = out / _RECIPE_NAME
+    if path.exists():
+        cure = "Choose another folder"
+        try:
+            there = json.loads(read_bounded(path, max_bytes=_MAX_RECIPE, cure=cure))
+        except (ValueError, RecursionError) as error:
+            raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
+        found = first_difference(there, form, "training")
+        if found is not None:
+            raise RunConflictError(
+                f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
+                "Give the same recipe and data to resume it, or choose another folder."
+            )
+        return
+    if any(not p.name.endswith(PART_SUFFIX) and p.name != LOCK_NAME for p in out.iterdir()):
+        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
+    with on_disk(out):
+        write_durably(path, (json.dumps(form, indent=1) + "\n").encode())
+
+
+def _require_device(device: str) -> None:
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, ValueError) as error:
+        problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
+        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda where there is a card") from error
+
+
+@contextlib.contextmanager
+def _deterministic(threads: int) -> Iterator[None]:
+    """Compute with so many threads meanwhile, and leave torch's random numbers outside as they were."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng():
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextlib.contextmanager
+def _together(world: World, device: str) -> Iterator[None]:
+    """Connect the processes that train together; nothing where there is one alone."""
+    if world.size == 1:
+        yield
+        return
+    torch.distributed.init_process_group("nccl" if device.startswith("cuda") else "gloo")
+    try:
+        yield
+    finally:
+        torch.distributed.destroy_process_group()
+
+
+def _step_seed(seed: int, step: int, rank: int) -> int:
+    digest = hashlib.sha256(f"betterbench training {seed} {step} {rank}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") >> 1
