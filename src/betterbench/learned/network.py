@@ -25,7 +25,7 @@ class Shown:
     """What a batch of B samples with at most n objects shows.
 
     Attributes:
-        words: (B, MOST_WORDS) int64.
+        words: (B, w) int64, at most MOST_WORDS of them.
         tools: (B, history, 10) float32, the present first.
         poses: (B, n, 9) float32.
         sizes: (B, n, 3) float32.
@@ -118,7 +118,7 @@ class ObjectsNetwork(nn.Module):
     def summary(self, shown: Shown) -> Tensor:
         """Return what the readout token has gathered, (B, width)."""
         batch = shown.words.shape[0]
-        words = self.words["which"](shown.words) + self.words["where"].weight
+        words = self.words["which"](shown.words) + self.words["where"].weight[: shown.words.shape[1]]
         objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
         objects = objects + self.objects["pose"](self._object_numbers(shown))
         parts = [self.readout.expand(batch, 1, -1), words, objects]

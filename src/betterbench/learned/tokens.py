@@ -25,7 +25,7 @@ class Things:
     """What stays the same in an episode.
 
     Attributes:
-        words: (MOST_WORDS,) numbers of the instruction's words.
+        words: (w,) numbers of the instruction's words.
         sizes: (n, 3) extents of the objects [m].
         categories: (n,) numbers of their categories.
         colors: (n,) numbers of their colors.

@@ -45,9 +45,8 @@ class Vocabulary:
         return words, categories, colors
 
     def word_ids(self, instruction: str) -> np.ndarray:
-        """Return the numbers of the words of an instruction, (MOST_WORDS,) int64, with :data:`ABSENT` after them."""
-        found = _ids(words_of(instruction)[:MOST_WORDS], self.words)
-        return np.pad(found, (0, MOST_WORDS - len(found)), constant_values=ABSENT)
+        """Return the numbers of the words of an instruction, at most MOST_WORDS of them, int64."""
+        return _ids(words_of(instruction)[:MOST_WORDS], self.words)
 
     def category_ids(self, names: Sequence[str]) -> np.ndarray:
         """Return the numbers of categories, int64."""

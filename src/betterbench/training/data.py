@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,7 +37,7 @@ class TrainingSet:
         vocabulary: Words, categories and colors of the demonstrations that are trained on.
         trials: The trial of each episode.
         sha256: Hash over the records.
-        words: (E, MOST_WORDS) int64.
+        words: (E, w) int64; ABSENT after the last word.
         sizes: (E, n, 3) float32 [m]; zero where there is no object.
         categories: (E, n) int64; ABSENT where there is no object.
         colors: (E, n) int64.
@@ -147,13 +146,14 @@ def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk
     )
     most = max(len(e.record.metadata.scene.objects) for e in episodes)
     things = [things_of(e.record.metadata.instruction, e.record.metadata.scene.objects, vocabulary) for e in episodes]
+    longest = max(len(t.words) for t in things)
     steps = np.array([len(e.actions) for e in episodes])
     ends = np.cumsum(steps)
     return TrainingSet(
         vocabulary=vocabulary,
         trials=tuple(e.trial for e in episodes),
         sha256=digest,
-        words=np.stack([t.words for t in things]),
+        words=np.stack([_padded(t.words, longest) for t in things]),
         sizes=np.stack([_padded(t.sizes, most) for t in things]),
         categories=np.stack([_padded(t.categories, most) for t in things]),
         colors=np.stack([_padded(t.colors, most) for t in things]),
@@ -170,7 +170,7 @@ def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk
 
 
 def _padded(values: np.ndarray, most: int) -> np.ndarray:
-    """Return values of objects, (n, ...), with zeros for those that are not there."""
+    """Return values of objects or words, (n, ...), with zeros for those that are not there."""
     filled = np.zeros((most, *values.shape[1:]), dtype=values.dtype)
     filled[: len(values)] = values
     return filled
@@ -235,4 +235,4 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
     """Return how often training sees each frame on average."""
-    return recipe.steps * recipe.batch / max(1, math.prod(data.frames(held_out=False).shape))
+    return recipe.steps * recipe.batch / len(data.frames(held_out=False))

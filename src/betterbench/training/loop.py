@@ -156,6 +156,7 @@ class _Training:
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
         self._step, self._log = 0, Log()
+        self._rows: list[list[float]] = []  # loss and norm of the steps since the last row of the log
         if (out / STATE_NAME).exists():
             self._restore()
 
@@ -166,24 +167,22 @@ class _Training:
         shared: nn.Module = self._network
         if self._world.size > 1:
             shared = DistributedDataParallel(self._network)
-        rows: list[tuple[float, float]] = []
         while self._step < recipe.steps:
             at = time.perf_counter()
-            rows.append(self._advance(shared))
+            self._rows.append(self._advance(shared))
             busy += time.perf_counter() - at
             done, ended = self._step, self._step == recipe.steps
             if done % _ROW_STEPS == 0 or ended:
-                means = [sum(values) / len(rows) for values in zip(*rows, strict=True)]
+                means = [sum(values) / len(self._rows) for values in zip(*self._rows, strict=True)]
                 self._log.losses.append(LossRow(done, round(means[0], 6), self._rate(done - 1), round(means[1], 6)))
-                rows = []
+                self._rows = []
                 if on_progress is not None and self._world.rank == 0:
                     speed = (done - first) * recipe.batch / busy
                     on_progress(TrainingProgress(done, recipe.steps, means[0], speed))
             if done % recipe.validate_every == 0 or ended:
                 self._validate()
             if done % recipe.save_every == 0 or ended:
-                # A row that is begun would be lost with the process.
-                rows = self._save(rows)
+                self._save()
         checkpoint = self._out / FILE_NAME
         if self._world.rank == 0:
             write_checkpoint(checkpoint, self._mean, self._about())
@@ -192,7 +191,7 @@ class _Training:
         speed = (self._step - first) * recipe.batch / busy if busy else 0.0
         return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
 
-    def _advance(self, shared: nn.Module) -> tuple[float, float]:
+    def _advance(self, shared: nn.Module) -> list[float]:
         """Take one step; return its loss and the norm of its gradient."""
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
@@ -204,7 +203,7 @@ class _Training:
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
-        found = float(loss.detach()), float(norm)
+        found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
             raise TrainingError(
                 f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot go on. "
@@ -249,18 +248,17 @@ class _Training:
         for trial in rollout_trials(self._data, self._recipe.rollouts):
             self._log.rollouts.append(roll_out(learner, trial, self._step))
 
-    def _save(self, rows: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        """Write the tables, then the state that training resumes from; return the rows that are still to be joined."""
+    def _save(self) -> None:
+        """Write the tables, then the state that training resumes from."""
         if self._world.rank:
-            return rows
+            return
         self._log.write(self._out)
         tensors = {f"weights/{name}": tensor for name, tensor in self._network.state_dict().items()}
         tensors |= {f"mean/{name}": tensor for name, tensor in self._mean.items()}
         for name, parameter in self._trained.items():
             moments = self._optimizer.state[parameter]
             tensors |= {f"first/{name}": moments["exp_avg"], f"second/{name}": moments["exp_avg_sq"]}
-        write_tensors(self._out / STATE_NAME, tensors, {"step": self._step, "rows": rows})
-        return rows
+        write_tensors(self._out / STATE_NAME, tensors, {"step": self._step, "rows": self._rows})
 
     def _restore(self) -> None:
         """Go back to the saved state."""
@@ -272,7 +270,7 @@ class _Training:
             parts[part][rest] = tensor.to(self._device)
         load_weights(self._network, parts["weights"], str(path))
         self._mean = parts["mean"]
-        self._step = int(about["step"])
+        self._step, self._rows = int(about["step"]), about["rows"]
         for name, parameter in self._trained.items():
             self._optimizer.state[parameter] = {
                 "step": torch.tensor(float(self._step)),

@@ -20,9 +20,9 @@ from betterbench.evaluation.trials.policy_factory import (
     is_privileged,
     is_remote,
     make_policy,
+    make_privileged,
 )
 from betterbench.evaluation.trials.policy_thread import name_trial
-from betterbench.experts import make_expert
 from betterbench.interface import (
     EpisodeStart,
     Observation,

@@ -15,7 +15,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
 from betterbench.evaluation.serving.memory import return_memory
-from betterbench.experts import make_expert
+from betterbench.evaluation.trials.policy_factory import make_privileged
 from betterbench.geometry import conjugate, multiply, normalize, to_axis_angle
 from betterbench.interface import Observation
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
@@ -51,7 +51,7 @@ class ShadowSimulation:
             found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast")
         )
         self.step_limit = found.task.step_limit(found.condition)
-        self._expert = make_expert(policy, self._scene)
+        self._expert = make_privileged(policy, self._scene)
         try:
             self._state: WorldState = self._scene.reset()
         except PremiseError as problem:

@@ -1,0 +1,84 @@
+"""What a learner is shown: never what would hand over the answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import rotate
+from betterbench.learned import read_training_recipe
+from betterbench.learned.tokens import six_numbers, things_of
+from betterbench.learned.vocabulary import MOST_WORDS, UNKNOWN, Vocabulary
+from betterbench.state import ObjectInfo
+
+sys.path.insert(0, str(Path(__file__).parent))
+from recipes import tiny
+
+MUG = ObjectInfo("mug_1", "blue mug", "mug#1", "mug", "blue", "cylinder", "item", fixed=False, mass_kg=0.2, size_m=(0.1, 0.1, 0.1))  # fmt: skip
+KNOWN = Vocabulary.of(["Put the blue mug away."], ["mug"], ["blue", "red"])
+
+
+def same(a, b) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+
+
+@pytest.mark.parametrize(
+    "hidden", [{"name": "x"}, {"role": "distractor"}, {"slot": "far"}, {"kind": "red mug"}, {"fixed": True}, {"asset": "x"}]
+)
+def test_name_role_and_slot_change_nothing(hidden):
+    other = dataclasses.replace(MUG, **hidden)
+    assert same(things_of("put the mug", [MUG], KNOWN), things_of("put the mug", [other], KNOWN))
+
+
+@pytest.mark.parametrize("visible", [{"category": "cup"}, {"color": "red"}, {"size_m": (0.1, 0.1, 0.2)}])
+def test_category_color_and_size_are_shown(visible):
+    other = dataclasses.replace(MUG, **visible)
+    assert not same(things_of("put the mug", [MUG], KNOWN), things_of("put the mug", [other], KNOWN))
+
+
+def test_unknown_words_share_a_number_and_are_named():
+    assert list(KNOWN.word_ids("Put the GREEN mug!")) == [*KNOWN.word_ids("put the"), UNKNOWN, *KNOWN.word_ids("mug")]
+    assert KNOWN.unknown_words("Put the GREEN mug!") == ("green",)
+    assert len(KNOWN.word_ids("mug " * 1000)) == MOST_WORDS
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1))
+def test_six_numbers_are_the_turned_axes(numbers):
+    q = np.array(numbers) / np.linalg.norm(numbers)
+    wanted = [*rotate(tuple(q.tolist()), (1.0, 0.0, 0.0)), *rotate(tuple(q.tolist()), (0.0, 1.0, 0.0))]
+    assert six_numbers(q) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("form", "named"),
+    [
+        ({}, "data"),
+        ({"data": []}, "data"),
+        ({"data": ["x"], "stepps": 3}, "stepps"),
+        ({"data": ["x"], "steps": 0}, "steps"),
+        ({"data": ["x"], "learning_rate": float("nan")}, ""),
+        ({"data": ["x"], "chunk": 4, "execute": 5}, "execute"),
+        ({"data": ["x"], "loss": "l2"}, "loss"),
+        ({"data": ["x"], "frozen": ["trunk"]}, "frozen"),
+        ({"data": ["x"], "capacity": {"width": 10, "layers": 1, "heads": 3}}, "width"),
+        ({"data": ["x"], "version": 2}, "version"),
+    ],
+)
+def test_a_wrong_recipe_is_one_line_that_names_the_field(form, named):
+    with pytest.raises(InvalidInputError) as caught:
+        read_training_recipe(form, where="r.yaml")
+    assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recipe_is_read_back_from_its_json():
+    recipe = tiny(proprioception={"given": False}, tasks=["morning_coffee"])
+    assert read_training_recipe(recipe.to_json()) == recipe
+    assert read_training_recipe(recipe.to_json(), changes={"seed": 7, "steps": None}) == dataclasses.replace(recipe, seed=7)

@@ -1,0 +1,51 @@
+"""A training set that was never recorded: the tool goes to the object whose color the instruction names."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.learned.vocabulary import Vocabulary
+from betterbench.tasks import TrialId
+from betterbench.training.data import TrainingSet
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "learned"))
+STEPS = 20
+
+
+def made_up(episodes: int = 12, *, seed: int = 0) -> TrainingSet:
+    draw = np.random.default_rng(seed)
+    known = Vocabulary(("blue", "red"), ("mug",), ("blue", "red"))
+    places = draw.uniform(-0.2, 0.2, (episodes, 2, 3))
+    wanted = np.arange(episodes) % 2
+    goal = places[np.arange(episodes), wanted]
+    share = np.linspace(0.0, 1.0, STEPS)[:, None]
+    ways = goal[:, None] * share
+    tools = np.zeros((episodes, STEPS, 10))
+    tools[..., :3], tools[..., 3], tools[..., 7], tools[..., 9] = ways, 1.0, 1.0, 0.08
+    poses = np.zeros((episodes, STEPS, 2, 9))
+    poses[..., :3], poses[..., 3], poses[..., 7] = places[:, None], 1.0, 1.0
+    actions = np.zeros((episodes, STEPS, 7))
+    actions[..., :3] = goal[:, None] / 0.2
+    actions[..., 6] = np.where(np.arange(STEPS) < STEPS - 3, -1.0, 1.0)
+    ends = np.arange(1, episodes + 1) * STEPS
+    return TrainingSet(
+        vocabulary=known,
+        trials=tuple(TrialId("morning_coffee", "train1", i) for i in range(episodes)),
+        sha256=f"made up {seed}",
+        words=known.word_ids("blue red")[wanted][:, None],
+        sizes=np.full((episodes, 2, 3), 0.1, dtype=np.float32),
+        categories=np.full((episodes, 2), 2),
+        colors=np.tile(np.array([2, 3]), (episodes, 1)),
+        held_out=np.arange(episodes) >= episodes - 2,
+        tools=tools.reshape(-1, 10).astype(np.float32),
+        poses=poses.reshape(-1, 2, 9).astype(np.float32),
+        actions=actions.reshape(-1, 7).astype(np.float32),
+        episodes=np.repeat(np.arange(episodes), STEPS),
+        first=ends - STEPS,
+        last=ends - 1,
+        phases=np.tile((np.arange(STEPS) >= STEPS - 5).astype(np.int64), episodes),
+        at_gripper=np.tile(np.arange(STEPS) >= STEPS - 6, episodes),
+    )

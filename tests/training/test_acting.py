@@ -1,0 +1,94 @@
+"""A checkpoint that acts: the same records each time, and one line about what is wrong with an address."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+
+for folder in ("learned", "training"):
+    sys.path.insert(0, str(Path(__file__).parent.parent / folder))
+from made_up import made_up
+from recipes import tiny
+
+from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.serving.shadow import ShadowSimulation
+from betterbench.interface.actions import EE_DELTA
+from betterbench.learned import learned_info, make_learned
+from betterbench.learned.checkpoint import Trained, write_checkpoint
+from betterbench.learned.network import ObjectsNetwork
+from betterbench.recording import RunFolder
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId, get_task
+
+TRIAL = TrialId("morning_coffee", "train1", 0)
+
+
+@pytest.fixture(scope="module", params=["l1", "flow"])
+def checkpoint(request, tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("learner")
+    recipe, known = tiny(loss=request.param, history=3, history_stride=2), made_up().vocabulary
+    torch.manual_seed(0)
+    network = ObjectsNetwork(recipe, known)
+    write_checkpoint(out / "checkpoint.safetensors", network.state_dict(), Trained(recipe, known, 12, "none"))
+    return out
+
+
+def played(address: str, steps: int = 7) -> np.ndarray:
+    task = get_task(TRIAL.task)
+    scene = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
+    policy, state, actions = make_learned(address, scene.condition.instruction.text, 0), scene.reset(), []
+    for _ in range(steps):
+        actions.append(policy.act_on_state(state))
+        assert np.array_equal(policy.act_on_state(state), actions[-1])
+        scene.step(actions[-1])
+        state = scene.state()
+    return np.array(actions)
+
+
+def test_the_same_checkpoint_acts_the_same(checkpoint):
+    first = played(f"learned:{checkpoint}")
+    assert np.array_equal(first, played(f"learned:{checkpoint}/checkpoint.safetensors"))
+    assert np.abs(first).max() <= 1.0
+    looking = played(f"learned:{checkpoint}?execute=1")
+    assert np.array_equal(first[0], looking[0])
+    assert not np.array_equal(first, looking)
+    served = ShadowSimulation(f"learned:{checkpoint}", TRIAL)
+    assert np.array_equal(first, served.actions(0, 7))
+
+
+def test_the_fingerprint_is_told(checkpoint):
+    info = learned_info(f"learned:{checkpoint}")
+    assert info.metadata["checkpoint"].startswith("sha256 ")
+    assert not info.needs_images
+
+
+@pytest.mark.parametrize(
+    ("options", "error"), [("?execute=0", InvalidInputError), ("?execute=5", InvalidInputError), ("?speed=1", UnknownNameError)]
+)
+def test_a_wrong_option_is_refused(checkpoint, options, error):
+    with pytest.raises(error):
+        learned_info(f"learned:{checkpoint}{options}")
+
+
+@pytest.mark.parametrize("address", ["learned:", "learned:/nowhere/at/all"])
+def test_a_checkpoint_that_is_not_there_is_one_line(address, capsys):
+    assert main(["eval", "--policy", address, "--out", "/nowhere/run"]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_it_is_evaluated_to_the_same_records(checkpoint, tmp_path):
+    for name in ("one", "two"):
+        words = ["--tasks", TRIAL.task, "--variations", "L1", "--trials", "1", "--out", str(tmp_path / name)]
+        assert main(["eval", "--policy", f"learned:{checkpoint}", *words]) == 0
+    files = [sorted(RunFolder.open(tmp_path / name).path.glob("records/*/*/*.parquet")) for name in ("one", "two")]
+    assert files[0]
+    assert [f.read_bytes() for f in files[0]] == [f.read_bytes() for f in files[1]]

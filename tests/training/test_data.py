@@ -1,0 +1,96 @@
+"""From records to what a learner is trained on."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.learned.tokens import moment_of
+from betterbench.scenes import Scene
+from betterbench.scenes.stage import quality_preset
+from betterbench.tasks import TrialId, get_task
+from betterbench.training.data import PHASES, read_training_set, scales_of
+
+for folder in ("learned", "export"):
+    sys.path.insert(0, str(Path(__file__).parent.parent / folder))
+from demonstrating import STEPS, Keeper, add_record, start_run, success
+from recipes import tiny
+
+TRIALS = [TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "train1", 1)]
+
+
+@pytest.fixture(scope="module")
+def records():
+    found, task = [], get_task("morning_coffee")
+    for trial in TRIALS:
+        scene = Scene(task, task.training[0], seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+        observer = Observer(observation_spec("state_only"))
+        found.append(success(run_episode(scene, Keeper(), context=TrialContext("keeper"), observer=observer).record))
+        observer.close()
+    return found
+
+
+@pytest.fixture
+def run_of(records, tmp_path):
+    def make(**changes):
+        run = start_run(tmp_path / "run", TRIALS)
+        for record in records:
+            add_record(run, dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, **changes)))
+        return run
+
+    return make
+
+
+def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, records):
+    data = read_training_set(tiny(data=[str(run_of().path)], validation=0.0))
+    assert data.trials == tuple(TRIALS)
+    assert len(data.actions) == 2 * STEPS
+    for number, record in enumerate(records):
+        rows = np.flatnonzero(data.episodes == number)
+        assert (data.first[number], data.last[number]) == (rows[0], rows[-1])
+        for row, state in zip(rows, record.states(), strict=False):
+            tool, poses = moment_of(state)
+            assert np.array_equal(data.tools[row], tool)
+            assert np.array_equal(data.poses[row][: len(poses)], poses)
+        assert np.array_equal(data.actions[rows][:, :6], record.applied[1:, :6].astype(np.float32))
+        assert set(data.actions[rows][:, 6]) <= {-1.0, 1.0}
+    assert {PHASES[i] for i in data.phases} <= set(PHASES)
+
+
+def test_whole_seeds_are_held_out(run_of):
+    data = read_training_set(tiny(data=[str(run_of().path)], validation=0.5))
+    assert data.held_out.sum() == 1
+    assert set(data.frames(held_out=True)).isdisjoint(data.frames(held_out=False))
+
+
+def test_a_limit_takes_the_lowest_seeds(run_of):
+    data = read_training_set(tiny(data=[str(run_of().path)], validation=0.0, demonstrations=1))
+    assert data.trials == (TRIALS[0],)
+
+
+def test_scales_have_floors(run_of):
+    scales = scales_of(read_training_set(tiny(data=[str(run_of().path)], validation=0.0)))
+    assert scales["tool_scale"].min() >= 0.01
+    assert scales["action_scale"].min() >= 0.02
+    assert (scales["action_mean"][6], scales["action_scale"][6]) == (0.0, 1.0)
+
+
+def test_a_dataset_of_another_action_space_is_one_line(run_of):
+    run = run_of(action_space="ee_pose")
+    with pytest.raises(InvalidInputError, match="its actions are in 'ee_pose'") as caught:
+        read_training_set(tiny(data=[str(run.path)]))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_without_a_run_is_one_line(tmp_path):
+    with pytest.raises(BetterError) as caught:
+        read_training_set(tiny(data=[str(tmp_path)]))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,211 @@
+"""Training: resumed is undisturbed, wrong input is one line, and what is learned can be told."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parent.parent / "learned"))
+from made_up import made_up
+from recipes import tiny
+
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
+from betterbench.learned.checkpoint import read_checkpoint
+from betterbench.learned.network import ObjectsNetwork
+from betterbench.recording import durable
+from betterbench.training.batches import Batches
+from betterbench.training.loop import STATE_NAME, train
+
+FILES = ("checkpoint.safetensors", STATE_NAME, "loss.csv", "validation.csv", "rollouts.csv", "curves.svg", "recipe.json")
+
+
+class Stopped(Exception):
+    """Stands for whatever ends a process."""
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    return {name: (out / name).read_bytes() for name in FILES}
+
+
+def stop_at(monkeypatch, step: int) -> None:
+    before = Batches.drawn
+
+    def drawn(self, asked, *rest):
+        if asked == step:
+            raise Stopped
+        return before(self, asked, *rest)
+
+    monkeypatch.setattr(Batches, "drawn", drawn)
+
+
+@pytest.mark.parametrize("changes", [{}, {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}}])
+def test_resumed_is_undisturbed(tmp_path, monkeypatch, changes):
+    recipe, data = tiny(**changes), made_up()
+    train(recipe, data, tmp_path / "whole")
+    for step in (3, 5, 10):
+        with monkeypatch.context() as patched, pytest.raises(Stopped):
+            stop_at(patched, step)
+            train(recipe, data, tmp_path / "parts")
+    train(recipe, data, tmp_path / "parts")
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+
+
+def test_another_seed_gives_other_weights(tmp_path):
+    for seed in (0, 1):
+        train(tiny(seed=seed), made_up(), tmp_path / str(seed))
+    one, other = ((tmp_path / str(s) / FILES[0]).read_bytes() for s in (0, 1))
+    assert one != other
+
+
+def test_a_complete_training_is_left_as_it_is(tmp_path):
+    recipe, data = tiny(), made_up()
+    train(recipe, data, tmp_path / "out")
+    before = contents(tmp_path / "out")
+    assert train(recipe, data, tmp_path / "out").samples_per_s == 0.0
+    assert contents(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("other", [{"seed": 3}, {"steps": 13}])
+def test_another_recipe_does_not_go_on_in_the_folder(tmp_path, other):
+    train(tiny(), made_up(), tmp_path / "out")
+    with pytest.raises(RunConflictError, match=next(iter(other))):
+        train(tiny(**other), made_up(), tmp_path / "out")
+    with pytest.raises(RunConflictError, match="data"):
+        train(tiny(), made_up(seed=1), tmp_path / "out")
+
+
+def test_a_folder_with_other_files_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("x")
+    with pytest.raises(RunConflictError, match="other files"):
+        train(tiny(), made_up(), tmp_path)
+
+
+def test_a_loss_that_is_not_finite_keeps_what_was_saved(tmp_path, monkeypatch):
+    recipe, data, before = tiny(), made_up(), ObjectsNetwork.loss
+    calls = []
+
+    def loss(self, *given):
+        calls.append(1)
+        return before(self, *given) * (float("nan") if len(calls) > 6 else 1.0)
+
+    with monkeypatch.context() as patched, pytest.raises(TrainingError, match="step 7: the loss is nan"):
+        patched.setattr(ObjectsNetwork, "loss", loss)
+        train(recipe, data, tmp_path / "out")
+    train(recipe, data, tmp_path / "out")
+    train(recipe, data, tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_a_full_disk_keeps_what_was_saved(tmp_path, monkeypatch):
+    recipe, data, before = tiny(), made_up(), durable.DurableFile.finish
+    calls = []
+
+    def finish(self):
+        calls.append(1)
+        if len(calls) > 8:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        before(self)
+
+    with monkeypatch.context() as patched, pytest.raises(StorageError, match="make room"):
+        patched.setattr(durable.DurableFile, "finish", finish)
+        train(recipe, data, tmp_path / "out")
+    assert (tmp_path / "out" / STATE_NAME).exists()
+    train(recipe, data, tmp_path / "out")
+    train(recipe, data, tmp_path / "whole")
+    assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("harm", ["cut", "flipped", "empty", "text"])
+def test_a_damaged_file_is_one_line(tmp_path, harm):
+    train(tiny(), made_up(), tmp_path / "out")
+    for name in (STATE_NAME, "checkpoint.safetensors"):
+        path = tmp_path / "out" / name
+        good = path.read_bytes()
+        flipped = bytearray(good)
+        flipped[-9] ^= 64
+        path.write_bytes({"cut": good[:-40], "flipped": bytes(flipped), "empty": b"", "text": b"weights " * 99}[harm])
+    with pytest.raises(InvalidInputError, match="damaged"):
+        read_checkpoint(tmp_path / "out" / "checkpoint.safetensors")
+    with pytest.raises(InvalidInputError, match="damaged"):
+        train(tiny(), made_up(), tmp_path / "out")
+
+
+def test_draws_follow_from_the_step_alone_and_are_shared_out():
+    batches = Batches(made_up(), tiny(), "cpu")
+    whole = batches.drawn(5)
+    assert np.array_equal(whole, batches.drawn(5))
+    assert not np.array_equal(whole, batches.drawn(6))
+    shared = np.empty_like(whole)
+    for rank in range(2):
+        shared[rank::2] = batches.drawn(5, rank, 2)
+    assert np.array_equal(shared, whole)
+
+
+def test_held_out_demonstrations_are_never_drawn():
+    data = made_up()
+    batches = Batches(data, tiny(batch=4096), "cpu")
+    assert not data.held_out[data.episodes[batches.drawn(0)]].any()
+
+
+def test_chunks_end_and_histories_begin_with_the_demonstration():
+    data, recipe = made_up(), tiny(history=3, history_stride=2)
+    shown, actions, counted = Batches(data, recipe, "cpu").sample(np.array([19, 21]), training=False)
+    assert counted.tolist() == [[True, False, False, False], [True] * 4]
+    assert np.array_equal(actions[0], np.repeat(data.actions[19:20], 4, axis=0))
+    assert np.array_equal(shown.tools[0], data.tools[[19, 17, 15]])
+    assert np.array_equal(shown.tools[1], data.tools[[21, 20, 20]])
+
+
+def test_the_order_of_objects_means_nothing():
+    data = made_up()
+    torch.manual_seed(0)
+    network = ObjectsNetwork(tiny(), data.vocabulary).eval()
+    shown, _, _ = Batches(data, tiny(), "cpu").sample(np.arange(8), training=False)
+    turned = dataclasses.replace(
+        shown, **{name: getattr(shown, name).flip(1) for name in ("poses", "sizes", "categories", "colors")}
+    )
+    with torch.inference_mode():
+        torch.testing.assert_close(network.answer(shown), network.answer(turned), atol=1e-5, rtol=1e-5)
+
+
+def test_without_proprioception_the_tool_changes_nothing():
+    data, recipe = made_up(), tiny(proprioception={"given": False})
+    network = ObjectsNetwork(recipe, data.vocabulary).eval()
+    shown, _, _ = Batches(data, recipe, "cpu").sample(np.arange(8), training=False)
+    moved = dataclasses.replace(shown, tools=shown.tools + 1.0)
+    with torch.inference_mode():
+        assert torch.equal(network.answer(shown), network.answer(moved))
+
+
+def test_frozen_parts_stay_as_they_began(tmp_path):
+    data = made_up()
+    train(tiny(), data, tmp_path / "first")
+    recipe = tiny(start=str(tmp_path / "first"), frozen=["words", "trunk"], ema=0.0)
+    train(recipe, data, tmp_path / "second")
+    (before, _), (after, _) = (read_checkpoint(tmp_path / f / "checkpoint.safetensors") for f in ("first", "second"))
+    for part, parameters in after.parts().items():
+        same = all(torch.equal(a, b) for a, b in zip(parameters, before.parts()[part], strict=True))
+        assert same == (part in recipe.frozen), part
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["l1", "flow"])
+def test_the_word_decides_where_the_tool_goes(tmp_path, loss):
+    recipe = tiny(
+        loss=loss, steps=1500, batch=64, learning_rate=3e-3, ema=0.99, capacity={"width": 32, "layers": 2, "heads": 4},
+        validate_every=1500, save_every=1500,
+    )  # fmt: skip
+    log = train(recipe, made_up(200), tmp_path / "out").log
+    overall = next(row for row in log.errors if row.phase == "all")
+    typical = 50.0 * np.linalg.norm(made_up(200).actions[:, :3], axis=1).mean()
+    assert overall.translation_mm < 0.25 * typical
+    assert overall.gripper_wrong < 0.05
