@@ -21,7 +21,9 @@ from betterbench.state import ObjectInfo
 sys.path.insert(0, str(Path(__file__).parent))
 from recipes import tiny
 
-MUG = ObjectInfo("mug_1", "blue mug", "mug#1", "mug", "blue", "cylinder", "item", fixed=False, mass_kg=0.2, size_m=(0.1, 0.1, 0.1))  # fmt: skip
+MUG = ObjectInfo(
+    "mug_1", "blue mug", "mug#1", "mug", "blue", "cylinder", "item", fixed=False, mass_kg=0.2, size_m=(0.1, 0.1, 0.1)
+)
 KNOWN = Vocabulary.of(["Put the blue mug away."], ["mug"], ["blue", "red"])
 
 
@@ -30,7 +32,8 @@ def same(a, b) -> bool:
 
 
 @pytest.mark.parametrize(
-    "hidden", [{"name": "x"}, {"role": "distractor"}, {"slot": "far"}, {"kind": "red mug"}, {"fixed": True}, {"asset": "x"}]
+    "hidden",
+    [{"name": "x"}, {"role": "distractor"}, {"slot": "far"}, {"kind": "red mug"}, {"fixed": True}, {"asset": "x"}],
 )
 def test_name_role_and_slot_change_nothing(hidden):
     other = dataclasses.replace(MUG, **hidden)
@@ -81,4 +84,6 @@ def test_a_wrong_recipe_is_one_line_that_names_the_field(form, named):
 def test_a_recipe_is_read_back_from_its_json():
     recipe = tiny(proprioception={"given": False}, tasks=["morning_coffee"])
     assert read_training_recipe(recipe.to_json()) == recipe
-    assert read_training_recipe(recipe.to_json(), changes={"seed": 7, "steps": None}) == dataclasses.replace(recipe, seed=7)
+    assert read_training_recipe(recipe.to_json(), changes={"seed": 7, "steps": None}) == dataclasses.replace(
+        recipe, seed=7
+    )

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.tasks import TrialId
 from betterbench.training.data import TrainingSet
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "learned"))
 STEPS = 20
 
 

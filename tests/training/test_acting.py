@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("safetensors")
-
-for folder in ("learned", "training"):
-    sys.path.insert(0, str(Path(__file__).parent.parent / folder))
-from made_up import made_up
-from recipes import tiny
+import torch
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -27,6 +19,7 @@ from betterbench.recording import RunFolder
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, get_task
+from recipes import tiny
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 
@@ -71,7 +64,8 @@ def test_the_fingerprint_is_told(checkpoint):
 
 
 @pytest.mark.parametrize(
-    ("options", "error"), [("?execute=0", InvalidInputError), ("?execute=5", InvalidInputError), ("?speed=1", UnknownNameError)]
+    ("options", "error"),
+    [("?execute=0", InvalidInputError), ("?execute=5", InvalidInputError), ("?speed=1", UnknownNameError)],
 )
 def test_a_wrong_option_is_refused(checkpoint, options, error):
     with pytest.raises(error):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,10 +16,6 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, get_task
 from betterbench.training.data import PHASES, read_training_set, scales_of
-
-for folder in ("learned", "export"):
-    sys.path.insert(0, str(Path(__file__).parent.parent / folder))
-from demonstrating import STEPS, Keeper, add_record, start_run, success
 from recipes import tiny
 
 TRIALS = [TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "train1", 1)]

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-torch = pytest.importorskip("torch")
-pytest.importorskip("safetensors")
-
-sys.path.insert(0, str(Path(__file__).parent))
-sys.path.insert(0, str(Path(__file__).parent.parent / "learned"))
+import torch
 from made_up import made_up
-from recipes import tiny
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import read_checkpoint
@@ -24,11 +17,20 @@ from betterbench.learned.network import ObjectsNetwork
 from betterbench.recording import durable
 from betterbench.training.batches import Batches
 from betterbench.training.loop import STATE_NAME, train
+from recipes import tiny
 
-FILES = ("checkpoint.safetensors", STATE_NAME, "loss.csv", "validation.csv", "rollouts.csv", "curves.svg", "recipe.json")
+FILES = (
+    "checkpoint.safetensors",
+    STATE_NAME,
+    "loss.csv",
+    "validation.csv",
+    "rollouts.csv",
+    "curves.svg",
+    "recipe.json",
+)
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """Stands for whatever ends a process."""
 
 
@@ -41,20 +43,23 @@ def stop_at(monkeypatch, step: int) -> None:
 
     def drawn(self, asked, *rest):
         if asked == step:
-            raise Stopped
+            raise StoppedError
         return before(self, asked, *rest)
 
     monkeypatch.setattr(Batches, "drawn", drawn)
 
 
-@pytest.mark.parametrize("changes", [{}, {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}}]
+)
 def test_resumed_is_undisturbed(tmp_path, monkeypatch, changes):
     recipe, data = tiny(**changes), made_up()
     train(recipe, data, tmp_path / "whole")
     for step in (3, 5, 10):
-        with monkeypatch.context() as patched, pytest.raises(Stopped):
+        with monkeypatch.context() as patched:
             stop_at(patched, step)
-            train(recipe, data, tmp_path / "parts")
+            with pytest.raises(StoppedError):
+                train(recipe, data, tmp_path / "parts")
     train(recipe, data, tmp_path / "parts")
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
 
@@ -97,9 +102,10 @@ def test_a_loss_that_is_not_finite_keeps_what_was_saved(tmp_path, monkeypatch):
         calls.append(1)
         return before(self, *given) * (float("nan") if len(calls) > 6 else 1.0)
 
-    with monkeypatch.context() as patched, pytest.raises(TrainingError, match="step 7: the loss is nan"):
+    with monkeypatch.context() as patched:
         patched.setattr(ObjectsNetwork, "loss", loss)
-        train(recipe, data, tmp_path / "out")
+        with pytest.raises(TrainingError, match="step 7: the loss is nan"):
+            train(recipe, data, tmp_path / "out")
     train(recipe, data, tmp_path / "out")
     train(recipe, data, tmp_path / "whole")
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
@@ -115,9 +121,10 @@ def test_a_full_disk_keeps_what_was_saved(tmp_path, monkeypatch):
             raise OSError(errno.ENOSPC, "No space left on device")
         before(self)
 
-    with monkeypatch.context() as patched, pytest.raises(StorageError, match="make room"):
+    with monkeypatch.context() as patched:
         patched.setattr(durable.DurableFile, "finish", finish)
-        train(recipe, data, tmp_path / "out")
+        with pytest.raises(StorageError, match="make room"):
+            train(recipe, data, tmp_path / "out")
     assert (tmp_path / "out" / STATE_NAME).exists()
     train(recipe, data, tmp_path / "out")
     train(recipe, data, tmp_path / "whole")

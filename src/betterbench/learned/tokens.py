@@ -1,4 +1,4 @@
-"""What a learner of the ``objects`` family is shown: numbers of the tool, and of each object what a detector could tell.
+"""What a learner of the ``objects`` family is shown: the tool, and of each object what a detector could tell.
 
 Never shown are an object's name, role and slot, what is held, and anything that a task asks for: they would hand over
 the answer.

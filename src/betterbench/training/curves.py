@@ -61,10 +61,10 @@ class Log:
         phases = dict.fromkeys(row.phase for row in self.errors)
         errors = {p: [(row.step, row.translation_mm) for row in self.errors if row.phase == p] for p in phases}
         height = 2 * _HEIGHT
+        head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" font-family="sans-serif"'
         return "\n".join(
             [
-                f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {height}" font-family="sans-serif" '
-                'font-size="12">',
+                f'{head} font-size="12">',
                 f'<rect width="{_WIDTH}" height="{height}" fill="white"/>',
                 *_chart("training loss", loss, 0),
                 *_chart("error of the next actions on held-out demonstrations [mm per control step]", errors, _HEIGHT),
@@ -118,7 +118,9 @@ def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             readers = [_READERS[str(f.type)] for f in fields(kind)]
-            rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in [*csv.reader(file)][1:]]
+            rows = [
+                kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in [*csv.reader(file)][1:]
+            ]
     except (OSError, ValueError, KeyError) as error:
         raise RecordError(f"{path}: cannot be read ({error}). Choose another folder, or remove this one.") from error
     return [row for row in rows if row.step <= until]

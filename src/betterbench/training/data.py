@@ -17,7 +17,7 @@ from betterbench.export.selection import ChosenTrial, select_demonstrations
 from betterbench.interface.actions import EE_DELTA, action_space
 from betterbench.interventions import resolve_condition
 from betterbench.learned.recipe import TrainingRecipe
-from betterbench.learned.tokens import Things, pose_numbers, things_of, tool_numbers
+from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.recording import Record, RunFolder, subgoal_segments
 from betterbench.tasks import TrialId

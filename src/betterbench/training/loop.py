@@ -32,8 +32,8 @@ from betterbench.learned.policy import Learner
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk
-from betterbench.recording.lock import RunLock
 from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.lock import RunLock
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
@@ -229,7 +229,7 @@ class _Training:
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():
             names = list(self._trained)
-            torch._foreach_lerp_(  # noqa: SLF001 - the fast way that torch's own swa_utils takes
+            torch._foreach_lerp_(
                 [self._mean[name] for name in names], [self._trained[name].detach() for name in names], 1.0 - decay
             )
 

@@ -115,9 +115,7 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
     """Let a learner act in a trial of a training condition; nothing is recorded."""
     found = resolve_condition(trial.task, trial.condition)
-    scene = Scene(
-        found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast")
-    )
+    scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
     policy = LearnedPolicy(
         "learned",
         learner,

@@ -1,0 +1,13 @@
+"""Where the extra `train` is not installed, the tests that train are left out."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+TESTS = Path(__file__).parent.parent
+sys.path[:0] = [str(TESTS / name) for name in ("training", "learned", "export")]
+
+NEEDED = ("torch", "safetensors")
+collect_ignore = [] if all(map(importlib.util.find_spec, NEEDED)) else ["test_acting.py", "test_loop.py"]
