@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from made_up import made_up
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from demonstrating import STEPS, Keeper, add_record, start_run, success
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.errors import BetterError, InvalidInputError
