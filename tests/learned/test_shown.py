@@ -19,7 +19,7 @@ from betterbench.learned.vocabulary import MOST_WORDS, UNKNOWN, Vocabulary
 from betterbench.state import ObjectInfo
 
 sys.path.insert(0, str(Path(__file__).parent))
-from recipes import tiny
+from small_recipes import tiny
 
 MUG = ObjectInfo(
     "mug_1", "blue mug", "mug#1", "mug", "blue", "cylinder", "item", fixed=False, mass_kg=0.2, size_m=(0.1, 0.1, 0.1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from made_up import made_up
+from small_recipes import tiny
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -20,7 +21,6 @@ from betterbench.recording import RunFolder
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, get_task
-from recipes import tiny
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 

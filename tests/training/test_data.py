@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from demonstrating import STEPS, Keeper, add_record, start_run, success
+from small_recipes import tiny
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.errors import BetterError, InvalidInputError
@@ -17,7 +18,6 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, get_task
 from betterbench.training.data import PHASES, read_training_set, scales_of
-from recipes import tiny
 
 TRIALS = [TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "train1", 1)]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from made_up import made_up
+from small_recipes import tiny
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import read_checkpoint
@@ -17,7 +18,6 @@ from betterbench.learned.network import ObjectsNetwork
 from betterbench.recording import durable
 from betterbench.training.batches import Batches
 from betterbench.training.loop import STATE_NAME, train
-from recipes import tiny
 
 FILES = (
     "checkpoint.safetensors",

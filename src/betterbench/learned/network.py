@@ -87,13 +87,17 @@ class ObjectsNetwork(nn.Module):
                 "pose": nn.Linear(POSE_NUMBERS + 3 + (6 if self.given else 0), width),
             }
         )
-        self.state = nn.ModuleDict(
-            {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
-        )
-        self.missing = nn.Parameter(torch.zeros(width))
+        # What is never used has no gradient, so it is not there.
+        if self.given:
+            self.state = nn.ModuleDict(
+                {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
+            )
+        if self.given and recipe.proprioception.dropout:
+            self.missing = nn.Parameter(torch.zeros(width))
         self.readout = nn.Parameter(torch.zeros(width))
-        for embedding in (*self.words.values(), self.objects["category"], self.objects["color"], self.state["when"]):
-            nn.init.normal_(embedding.weight, std=0.1)
+        for module in self.modules():
+            if isinstance(module, nn.Embedding):
+                nn.init.normal_(module.weight, std=0.1)
         self.trunk = nn.ModuleList(_Block(width, size.heads, recipe.dropout) for _ in range(size.layers))
         self.last = nn.LayerNorm(width)
         numbers = recipe.chunk * ACTION_NUMBERS
