@@ -300,7 +300,7 @@ def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: s
     form = {
         "recipe": recipe.to_json(),
         "data": data.sha256,
-        "torch": torch.__version__,
+        "torch": str(torch.__version__),
         "device": device.partition(":")[0],
         "processes": world.size,
     }
