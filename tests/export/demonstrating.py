@@ -55,9 +55,9 @@ def success(record: Record) -> Record:
     return dataclasses.replace(record, outcome=Outcome("success", True))
 
 
-def start_run(path: Path, trials, *, policy: str = "keeper") -> RunFolder:
+def start_run(path: Path, trials, *, policy: str = "keeper", action_space: str = "ee_delta") -> RunFolder:
     planned = [{"task": t.task, "condition": t.condition, "variation": None, "seed": t.seed} for t in trials]
-    plan = {"trials": planned, "policy": policy, "action_space": "ee_delta", "quality": quality_preset("fast").name}
+    plan = {"trials": planned, "policy": policy, "action_space": action_space, "quality": quality_preset("fast").name}
     return RunFolder.start(path, plan)
 
 

@@ -36,7 +36,7 @@ def records():
 @pytest.fixture
 def run_of(records, tmp_path):
     def make(**changes):
-        run = start_run(tmp_path / "run", TRIALS)
+        run = start_run(tmp_path / "run", TRIALS, action_space=changes.get("action_space", "ee_delta"))
         for record in records:
             add_record(run, dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, **changes)))
         return run

@@ -13,7 +13,7 @@ from made_up import made_up
 from small_recipes import tiny
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
-from betterbench.learned.checkpoint import read_checkpoint
+from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
 from betterbench.learned.network import ObjectsNetwork
 from betterbench.recording import durable
 from betterbench.training.batches import Batches
@@ -129,6 +129,35 @@ def test_a_full_disk_keeps_what_was_saved(tmp_path, monkeypatch):
     train(recipe, data, tmp_path / "out")
     train(recipe, data, tmp_path / "whole")
     assert contents(tmp_path / "out") == contents(tmp_path / "whole")
+
+
+def test_what_a_killed_process_left_half_written_is_removed(tmp_path):
+    train(tiny(), made_up(), tmp_path / "out")
+    part = tmp_path / "out" / f".{STATE_NAME}.abc.part"
+    part.write_bytes(b"half")
+    train(tiny(), made_up(), tmp_path / "out")
+    assert not part.exists()
+
+
+def test_weights_that_are_not_finite_are_refused(tmp_path):
+    network, path = ObjectsNetwork(tiny(), made_up().vocabulary), tmp_path / "checkpoint.safetensors"
+    with torch.no_grad():
+        network.readout[0] = float("nan")
+    write_checkpoint(path, network.state_dict(), Trained(tiny(), made_up().vocabulary, 1, "none"))
+    with pytest.raises(InvalidInputError, match="not finite"):
+        read_checkpoint(path)
+
+
+def test_another_start_does_not_go_on_in_the_folder(tmp_path):
+    data, recipe = made_up(), tiny(start=str(tmp_path / "first"))
+    with pytest.raises(InvalidInputError, match="holds no checkpoint"):
+        train(recipe, data, tmp_path / "second")
+    train(tiny(), data, tmp_path / "first")
+    train(recipe, data, tmp_path / "second")
+    train(tiny(seed=1), data, tmp_path / "other")
+    (tmp_path / "other" / FILES[0]).replace(tmp_path / "first" / FILES[0])
+    with pytest.raises(RunConflictError, match="start"):
+        train(recipe, data, tmp_path / "second")
 
 
 @pytest.mark.parametrize("harm", ["cut", "flipped", "empty", "text"])

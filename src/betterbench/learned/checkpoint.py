@@ -100,6 +100,9 @@ def read_checkpoint(path: Path) -> tuple[ObjectsNetwork, Trained]:
     with torch.random.fork_rng(devices=[]):
         network = ObjectsNetwork(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
+    broken = next((name for name, tensor in weights.items() if not bool(tensor.isfinite().all())), None)
+    if broken is not None:
+        raise InvalidInputError(str(path), f"its weights are not finite ({broken})", _CURE)
     return network.eval(), trained
 
 

@@ -21,7 +21,7 @@ _LONGEST_PERIOD = 100.0
 
 
 @dataclass(slots=True)
-class Shown:
+class ShownBatch:
     """What a batch of B samples with at most n objects shows.
 
     Attributes:
@@ -73,6 +73,14 @@ class ObjectsNetwork(nn.Module):
     of their own, so that their order means nothing.
     """
 
+    tool_mean: Tensor
+    tool_scale: Tensor
+    position_mean: Tensor
+    position_scale: Tensor
+    action_mean: Tensor
+    action_scale: Tensor
+    state: nn.ModuleDict
+
     def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
         super().__init__()
         size, (words, categories, colors) = recipe.size, vocabulary.sizes()
@@ -119,7 +127,7 @@ class ObjectsNetwork(nn.Module):
             found[home.get(first, first)].append(parameter)
         return found
 
-    def summary(self, shown: Shown) -> Tensor:
+    def summary(self, shown: ShownBatch) -> Tensor:
         """Return what the readout token has gathered, (B, width)."""
         batch = shown.words.shape[0]
         words = self.words["which"](shown.words) + self.words["where"].weight[: shown.words.shape[1]]
@@ -140,7 +148,7 @@ class ObjectsNetwork(nn.Module):
         gathered: Tensor = self.last(tokens[:, 0])
         return gathered
 
-    def _object_numbers(self, shown: Shown) -> Tensor:
+    def _object_numbers(self, shown: ShownBatch) -> Tensor:
         """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
         positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
         numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
@@ -151,7 +159,7 @@ class ObjectsNetwork(nn.Module):
             numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
         return torch.cat(numbers, dim=-1)
 
-    def loss(self, shown: Shown, actions: Tensor, counted: Tensor) -> Tensor:
+    def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
         """Return the mean loss of a batch.
 
         Args:
@@ -172,11 +180,11 @@ class ObjectsNetwork(nn.Module):
         weights = counted[:, :, None].to(error.dtype)
         return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
 
-    def forward(self, shown: Shown, actions: Tensor, counted: Tensor) -> Tensor:
+    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
         """Return :meth:`loss`, which is what several processes share their gradients of."""
         return self.loss(shown, actions, counted)
 
-    def answer(self, shown: Shown, noise: Tensor | None = None) -> Tensor:
+    def answer(self, shown: ShownBatch, noise: Tensor | None = None) -> Tensor:
         """Return chunks of actions, (B, chunk, 7); a flow begins at ``noise``, (B, chunk, 7)."""
         summary = self.summary(shown)
         if self.recipe.loss == "flow":

@@ -12,7 +12,7 @@ import torch
 
 from betterbench.interface import PolicyInfo
 from betterbench.learned.checkpoint import Trained, read_checkpoint
-from betterbench.learned.network import ACTION_NUMBERS, ObjectsNetwork, Shown
+from betterbench.learned.network import ACTION_NUMBERS, ObjectsNetwork, ShownBatch
 from betterbench.learned.tokens import Things, moment_of, things_of
 from betterbench.recording.parquet import file_digest
 from betterbench.state import WorldState
@@ -61,7 +61,7 @@ class Learner:
         Returns:
             (chunk, 7) float64, within the bounds of the action space.
         """
-        shown = Shown(
+        shown = ShownBatch(
             words=self._batch(things.words),
             tools=self._batch(np.stack([tool for tool, _ in moments])),
             poses=self._batch(moments[0][1]),
@@ -75,7 +75,8 @@ class Learner:
             noise = self._batch(drawn)
         with torch.inference_mode():
             answer = self.network.answer(shown, noise)[0].cpu().numpy().astype(np.float64)
-        return np.clip(answer, -1.0, 1.0)
+        limited: np.ndarray = np.clip(answer, -1.0, 1.0)
+        return limited
 
     def _batch(self, values: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(values).unsqueeze(0).to(self._device)

@@ -12,19 +12,19 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_form, strict_form
 
-RECIPE_VERSION = 1
+RECIPE_VERSION: Literal[1] = 1
 """Version of how a recipe becomes weights."""
 
 CURE = "Correct the recipe; docs/learned.md shows one"
 
-Family = Literal["objects"]
-Loss = Literal["l1", "flow"]
-Part = Literal["words", "objects", "state", "trunk", "head"]
+_Family = Literal["objects"]
+_Loss = Literal["l1", "flow"]
+_Part = Literal["words", "objects", "state", "trunk", "head"]
 """Parts of the network that can be frozen."""
 
-Positive = Annotated[int, Field(ge=1, le=10_000_000)]
-Share = Annotated[float, Field(ge=0.0, lt=1.0)]
-Length = Annotated[float, Field(ge=0.0, le=0.1)]
+_Positive = Annotated[int, Field(ge=1, le=10_000_000)]
+_Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+_Length = Annotated[float, Field(ge=0.0, le=0.1)]
 
 
 @strict_form
@@ -60,8 +60,8 @@ class Proprioception:
     """
 
     given: bool = True
-    noise_m: Length = 0.0
-    dropout: Share = 0.0
+    noise_m: _Length = 0.0
+    dropout: _Share = 0.0
 
 
 @strict_form
@@ -74,8 +74,8 @@ class Augmentation:
         shift_m: Half the side of the square by which tool and all objects are shifted together [m].
     """
 
-    object_noise_m: Length = 0.0
-    shift_m: Length = 0.0
+    object_noise_m: _Length = 0.0
+    shift_m: _Length = 0.0
 
 
 @strict_form
@@ -111,10 +111,10 @@ class TrainingRecipe:
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
-    family: Family = "objects"
+    family: _Family = "objects"
     tasks: tuple[str, ...] = ()
     variations: bool = False
-    demonstrations: Positive | None = None
+    demonstrations: _Positive | None = None
     capacity: Literal["small", "base", "large"] | Capacity = "base"
     proprioception: Proprioception = field(default_factory=Proprioception)
     augmentation: Augmentation = field(default_factory=Augmentation)
@@ -122,24 +122,24 @@ class TrainingRecipe:
     history_stride: Annotated[int, Field(ge=1, le=100)] = 4
     chunk: Annotated[int, Field(ge=1, le=100)] = 16
     execute: Annotated[int, Field(ge=1, le=100)] = 8
-    loss: Loss = "l1"
+    loss: _Loss = "l1"
     flow_steps: Annotated[int, Field(ge=1, le=100)] = 10
-    dropout: Share = 0.0
+    dropout: _Share = 0.0
     gripper_weight: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
     start: str | None = None
-    frozen: tuple[Part, ...] = ()
-    steps: Positive = 12_000
+    frozen: tuple[_Part, ...] = ()
+    steps: _Positive = 12_000
     batch: Annotated[int, Field(ge=1, le=65_536)] = 128
     learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 3e-4
     warmup: Annotated[int, Field(ge=0)] = 500
     weight_decay: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-4
-    ema: Share = 0.999
+    ema: _Share = 0.999
     clip: Annotated[float, Field(gt=0.0)] = 1.0
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
     validation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.1
-    validate_every: Positive = 2_000
+    validate_every: _Positive = 2_000
     rollouts: Annotated[int, Field(ge=0, le=1000)] = 4
-    save_every: Positive = 1_000
+    save_every: _Positive = 250
     threads: Annotated[int, Field(ge=1, le=256)] = 1
     version: Literal[1] = RECIPE_VERSION
 

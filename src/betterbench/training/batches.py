@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from betterbench.learned.network import Shown
+from betterbench.learned.network import ShownBatch
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.training.data import TrainingSet
 
@@ -29,7 +29,7 @@ class Batches:
         found = self._pool[generator.integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
 
-    def sample(self, frames: np.ndarray, *, training: bool) -> tuple[Shown, Tensor, Tensor]:
+    def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
         """Return what frames show, their chunks of actions, (B, chunk, 7), and which of these count, (B, chunk)."""
         held, recipe = self._held, self._recipe
         at = torch.from_numpy(frames).to(self._device)
@@ -37,7 +37,7 @@ class Batches:
         first, last = held["first"][episode], held["last"][episode]
         ahead = at[:, None] + torch.arange(recipe.chunk, device=self._device)
         back = at[:, None] - recipe.history_stride * torch.arange(recipe.history, device=self._device)
-        shown = Shown(
+        shown = ShownBatch(
             words=held["words"][episode],
             tools=held["tools"][torch.maximum(back, first[:, None])],
             poses=held["poses"][at],
@@ -49,7 +49,7 @@ class Batches:
             self._augment(shown)
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
 
-    def _augment(self, shown: Shown) -> None:
+    def _augment(self, shown: ShownBatch) -> None:
         """Change what is shown as the recipe asks, with torch's own generator."""
         recipe, batch = self._recipe, len(shown.words)
         own, other = recipe.proprioception, recipe.augmentation

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from betterbench.errors import RecordError
 from betterbench.recording.durable import on_disk, write_durably
@@ -110,17 +110,20 @@ def _table(kind: type[Row], rows: Sequence[Row]) -> bytes:
     return text.getvalue().encode()
 
 
-_READERS = {"int": int, "float": float, "str": str, "bool": {"True": True, "False": False}.__getitem__}
+_READERS: Mapping[str, Callable[[str], Any]] = {
+    "int": int,
+    "float": float,
+    "str": str,
+    "bool": {"True": True, "False": False}.__getitem__,
+}
 
 
 def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
     """Return the rows of a table up to a step; RecordError if it cannot be read."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            readers = [_READERS[str(f.type)] for f in fields(kind)]
-            rows = [
-                kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in [*csv.reader(file)][1:]
-            ]
+        readers = [_READERS[str(f.type)] for f in fields(kind)]
+        cells = [*csv.reader(path.read_text(encoding="utf-8").splitlines())][1:]
+        rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
     except (OSError, ValueError, KeyError) as error:
         raise RecordError(f"{path}: cannot be read ({error}). Choose another folder, or remove this one.") from error
     return [row for row in rows if row.step <= until]

@@ -31,9 +31,10 @@ from betterbench.learned.network import ObjectsNetwork
 from betterbench.learned.policy import Learner
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import first_difference, write_durably
-from betterbench.recording.durable import PART_SUFFIX, on_disk
+from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
+from betterbench.recording.parquet import file_digest
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
@@ -65,7 +66,7 @@ class TrainingProgress:
     samples_per_s: float
 
 
-OnProgress = Callable[[TrainingProgress], None]
+OnTraining = Callable[[TrainingProgress], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ def train(
     out: Path,
     *,
     device: str = "cpu",
-    on_progress: OnProgress | None = None,
+    on_progress: OnTraining | None = None,
 ) -> TrainingResult:
     """Train a learner by a recipe, or go on where the last sitting was ended.
 
@@ -127,6 +128,7 @@ def train(
             with on_disk(out):
                 stack.enter_context(RunLock(out / LOCK_NAME))
             _keep_recipe(recipe, data, out, device, world)
+            remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
         return _Training(recipe, data, out, device, world).run(on_progress)
@@ -143,7 +145,7 @@ class _Training:
         for name, values in scales_of(data).items():
             getattr(self._network, name).copy_(torch.from_numpy(values))
         if recipe.start is not None:
-            _begin_with(self._network, Path(recipe.start), data)
+            _begin_with(self._network, _checkpoint_of(recipe.start), data)
         for part, parameters in self._network.parts().items():
             for parameter in parameters:
                 parameter.requires_grad_(part not in recipe.frozen)
@@ -160,7 +162,7 @@ class _Training:
         if (out / STATE_NAME).exists():
             self._restore()
 
-    def run(self, on_progress: OnProgress | None) -> TrainingResult:
+    def run(self, on_progress: OnTraining | None) -> TrainingResult:
         """Train to the end and write the checkpoint."""
         recipe, began = self._recipe, time.perf_counter()
         first, busy = self._step, 0.0
@@ -282,12 +284,20 @@ class _Training:
 
 def _begin_with(network: ObjectsNetwork, start: Path, data: TrainingSet) -> None:
     """Take over the weights of a checkpoint, which has to know the same words and things."""
-    weights, about = read_tensors(start / FILE_NAME if start.is_dir() else start)
+    weights, about = read_tensors(start)
     known = first_difference(about.get("vocabulary"), json.loads(json.dumps(_form(data))), "vocabulary")
     if known is not None:
         problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"
         raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained on such data")
     load_weights(network, weights, f"start: {start}")
+
+
+def _checkpoint_of(start: str) -> Path:
+    """Return the file of a checkpoint or of a folder that holds one; InvalidInputError if there is none."""
+    path = Path(start) / FILE_NAME if Path(start).is_dir() else Path(start)
+    if not path.is_file():
+        raise InvalidInputError(f"start: {start}", "holds no checkpoint", "Name the folder that better train wrote")
+    return path
 
 
 def _form(data: TrainingSet) -> dict[str, object]:
@@ -300,6 +310,7 @@ def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: s
     form = {
         "recipe": recipe.to_json(),
         "data": data.sha256,
+        "start": None if recipe.start is None else file_digest(_checkpoint_of(recipe.start)),
         "torch": str(torch.__version__),
         "device": device.partition(":")[0],
         "processes": world.size,
