@@ -20,6 +20,10 @@ _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
 
 
+_Memory = tuple[Tensor, Tensor]
+"""Keys and values of the tokens of a layer."""
+
+
 @dataclass(slots=True)
 class ShownBatch:
     """What a batch of B samples with at most n objects shows.
@@ -54,13 +58,22 @@ class _Block(nn.Module):
         self.joined = nn.Linear(width, width)
         self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
 
-    def forward(self, tokens: Tensor, seen: Tensor) -> Tensor:
+    def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
+        """Return the next layer's tokens, and what other tokens attend to of these.
+
+        Args:
+            tokens: (B, n, width).
+            seen: (B, 1, 1, m + n) bool: what may be attended to.
+            before: Keys and values of m tokens, each (B, heads, m, width of a head), that stand before these.
+        """
         batch, length, width = tokens.shape
         parts = self.queries_keys_values(self.before_attention(tokens))
         parts = parts.view(batch, length, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
-        mixed = functional.scaled_dot_product_attention(parts[0], parts[1], parts[2], attn_mask=seen)
+        own = (parts[1], parts[2])
+        keys, values = own if before is None else (torch.cat(pair, dim=2) for pair in zip(before, own, strict=True))
+        mixed = functional.scaled_dot_product_attention(parts[0], keys, values, attn_mask=seen)
         tokens = tokens + self._dropped(self.joined(mixed.transpose(1, 2).reshape(batch, length, width)))
-        return tokens + self._dropped(self.maps(self.before_maps(tokens)))
+        return tokens + self._dropped(self.maps(self.before_maps(tokens))), own
 
     def _dropped(self, values: Tensor) -> Tensor:
         return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
@@ -130,23 +143,32 @@ class ObjectsNetwork(nn.Module):
     def summary(self, shown: ShownBatch) -> Tensor:
         """Return what the readout token has gathered, (B, width)."""
         batch = shown.words.shape[0]
-        words = self.words["which"](shown.words) + self.words["where"].weight[: shown.words.shape[1]]
+        words, told, which = self._instructions(shown.words)
         objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
         objects = objects + self.objects["pose"](self._object_numbers(shown))
-        parts = [self.readout.expand(batch, 1, -1), words, objects]
-        seen = [shown.words.new_ones(batch, 1, dtype=torch.bool), shown.words != ABSENT, shown.categories != ABSENT]
+        parts = [self.readout.expand(batch, 1, -1), objects]
+        seen = [told[which], told.new_ones(batch, 1), shown.categories != ABSENT]
         if self.given:
             state = self.state["tool"]((shown.tools - self.tool_mean) / self.tool_scale)
             if shown.blind is not None:
                 state = torch.where(shown.blind[:, None, None], self.missing, state)
             parts.append(state + self.state["when"].weight)
-            seen.append(seen[0].expand(batch, shown.tools.shape[1]))
-        tokens = torch.cat(parts, dim=1)
-        mask = torch.cat(seen, dim=1)[:, None, None, :]
+            seen.append(told.new_ones(batch, shown.tools.shape[1]))
+        tokens, mask = torch.cat(parts, dim=1), torch.cat(seen, dim=1)[:, None, None, :]
         for block in self.trunk:
-            tokens = block(tokens, mask)
+            words, (keys, values) = block(words, told[:, None, None, :])
+            tokens, _ = block(tokens, mask, (keys[which], values[which]))
         gathered: Tensor = self.last(tokens[:, 0])
         return gathered
+
+    def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the different instructions of a batch, which of their words are there, and which one a sample has.
+
+        Words attend to words alone, so that each instruction is worked on once however many samples have it.
+        """
+        different, which = torch.unique(words, dim=0, return_inverse=True)
+        tokens = self.words["which"](different) + self.words["where"].weight[: words.shape[1]]
+        return tokens, different != ABSENT, which
 
     def _object_numbers(self, shown: ShownBatch) -> Tensor:
         """Return pose and size of each object and, unless the state is left out, where it is from the tool."""

@@ -220,7 +220,7 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
     there = data.categories[data.episodes[frames]] != 0
     positions = data.poses[frames][there][:, :3].astype(np.float64)
     low, high = np.quantile(actions, [0.01, 0.99], axis=0)
-    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 0.02)
+    middle, half = (low + high) / 2.0, np.maximum((high - low) / 2.0, 0.1)
     middle[-1], half[-1] = 0.0, 1.0
     found = {
         "tool_mean": tools.mean(axis=0),
