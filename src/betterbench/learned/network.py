@@ -167,7 +167,8 @@ class ObjectsNetwork(nn.Module):
         Words attend to words alone, so that each instruction is worked on once however many samples have it.
         """
         different, which = torch.unique(words, dim=0, return_inverse=True)
-        tokens = self.words["which"](different) + self.words["where"].weight[: words.shape[1]]
+        places = torch.arange(words.shape[1], device=words.device)
+        tokens = self.words["which"](different) + self.words["where"](places)
         return tokens, different != ABSENT, which
 
     def _object_numbers(self, shown: ShownBatch) -> Tensor:
