@@ -1,10 +1,11 @@
-"""Build the wheel, install it in a clean environment, and run `better demo` there from an empty folder.
+"""Build the wheels, install that of betterbench in a clean environment, and run `better demo` there from an empty folder.
 
 The environment has the locked packages and nothing of this clone; its caches are empty, so that what a first user waits
-for is part of the check.
+for is part of the check. The other wheel, by which LeRobot finds our tasks, is built and its content checked; it needs
+LeRobot to be run (tests/episodes/test_lerobot_plugin.py).
 
 Examples:
-    python tools/check_wheel.py                 dist/betterbench-VERSION-py3-none-any.whl, with one trial per variation
+    python tools/check_wheel.py                 both wheels into dist/, with one trial per variation
     python tools/check_wheel.py --trials 4      as much as `better demo` does by itself
 """
 
@@ -25,6 +26,8 @@ import setup_environment
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCKS = ROOT / "requirements"
+SOURCES = {"betterbench": ROOT, "lerobot_env_betterbench": ROOT / "packages" / "lerobot_env_betterbench"}
+"""The projects of this repository: the folder of each, by the name of the package that its wheel holds."""
 
 
 class CheckError(Exception):
@@ -44,20 +47,23 @@ def call(command: Sequence[str | Path], *, env: Mapping[str, str], cwd: Path = R
     return done.stdout
 
 
-def build(uv: Path, out: Path, env: Mapping[str, str]) -> Path:
-    """Build the wheel with the locked back end, and return it; older wheels in the folder are removed."""
-    shutil.rmtree(out, ignore_errors=True)
+def build(uv: Path, out: Path, env: Mapping[str, str], source: Path) -> Path:
+    """Build the wheel of a project with the locked back end, and return it; its older wheels in the folder go."""
     locked: list[str | Path] = ["--build-constraints", LOCKS / "bootstrap.lock", "--require-hashes"]
-    call([uv, "build", "--quiet", "--wheel", "--out-dir", out, *locked, ROOT], env=env)
-    (wheel,) = out.glob("*.whl")
-    return wheel
+    with tempfile.TemporaryDirectory(prefix="betterbench-wheel-") as folder:
+        call([uv, "build", "--quiet", "--wheel", "--out-dir", folder, *locked, source], env=env)
+        (wheel,) = Path(folder).glob("*.whl")
+        out.mkdir(parents=True, exist_ok=True)
+        for older in out.glob(f"{wheel.name.partition('-')[0]}-*.whl"):
+            older.unlink()
+        return Path(shutil.copy(wheel, out))
 
 
 def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
-    """Return how the package in a wheel differs from the tracked files of src; empty if it does not."""
+    """Return how the package in a wheel differs from the tracked files of its src; empty if it does not."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
-    wanted = {name.removeprefix("src/") for name in tracked}
+    wanted = {name.partition("src/")[2] for name in tracked}
     lacking, more = sorted(wanted - packed), sorted(packed - wanted)
     words = [f"{wheel.name} lacks {', '.join(lacking[:5])}"] if lacking else []
     return " and ".join([*words, *([f"{wheel.name} holds {', '.join(more[:5])}, which git does not"] if more else [])])
@@ -99,15 +105,16 @@ def main() -> int:
     env = setup_environment.uv_environment(os.environ)
     try:
         uv = setup_environment.find_uv(env)
-        wheel = build(uv, options.out.resolve(), env)
-        tracked = call(["git", "ls-files", "src/betterbench"], env=env).split()
-        problem = content_problem(wheel, tracked)
-        if problem:
-            print(problem, file=sys.stderr)
-            return 1
-        print(f"{wheel.name}: {len(tracked)} files, {wheel.stat().st_size / 1e6:.1f} MB")
+        wheels = {name: build(uv, options.out.resolve(), env, source) for name, source in SOURCES.items()}
+        for name, wheel in wheels.items():
+            tracked = call(["git", "ls-files", SOURCES[name] / "src" / name], env=env).split()
+            problem = content_problem(wheel, tracked)
+            if problem:
+                print(problem, file=sys.stderr)
+                return 1
+            print(f"{wheel.name}: {len(tracked)} files, {wheel.stat().st_size / 1e6:.3f} MB")
         if options.trials:
-            try_out(uv, wheel, env, trials=options.trials)
+            try_out(uv, wheels["betterbench"], env, trials=options.trials)
     except (CheckError, setup_environment.SetupError) as error:
         print(error, file=sys.stderr)
         return 1

@@ -1,6 +1,7 @@
 """Run by an interpreter with the real LeRobot: makes a tiny ACT checkpoint that never moves, and evaluates it.
 
 - ``python lerobot_drive.py command FOLDER``: by the main function of ``lerobot-eval``, on one condition.
+- ``python lerobot_drive.py installed FOLDER``: likewise on two conditions, where LeRobot itself has to find our package.
 - ``python lerobot_drive.py hub FOLDER``: two conditions, from the hub package, in processes of their own. These import
   this file again, so that everything heavy is imported where it is used.
 """
@@ -52,16 +53,25 @@ def make_checkpoint(folder: Path) -> None:
 
 
 def command(folder: Path) -> None:
-    """Evaluate as the command does, with its arguments."""
+    """Evaluate as the command does, and name the package that makes our environments known."""
+    evaluate(folder, "--env.discover_packages_path=betterbench.episodes.envhub", "--env.task=morning_coffee/T1")
+
+
+def installed(folder: Path) -> None:
+    """Evaluate as the command does, and name no package."""
+    evaluate(folder, "--env.task=morning_coffee/T1,morning_coffee/train1")
+
+
+def evaluate(folder: Path, *words: str) -> None:
+    """Call the main function of the command with these arguments and the common ones."""
     from lerobot.scripts import lerobot_eval
 
     sys.argv = [
         "lerobot-eval",
         f"--policy.path={folder / 'checkpoint'}",
         "--policy.device=cpu",
-        "--env.discover_packages_path=betterbench.episodes.envhub",
         "--env.type=betterbench",
-        "--env.task=morning_coffee/T1",
+        *words,
         "--env.quality=fast",
         "--eval.n_episodes=1",
         "--eval.batch_size=1",
@@ -100,4 +110,4 @@ if __name__ == "__main__":
         import torchvision_for_processors  # noqa: F401 - only where torchvision's operators are missing
     place = Path(sys.argv[2])
     make_checkpoint(place / "checkpoint")
-    {"command": command, "hub": hub}[sys.argv[1]](place)
+    {"command": command, "installed": installed, "hub": hub}[sys.argv[1]](place)

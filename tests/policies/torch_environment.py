@@ -142,17 +142,20 @@ def _make(folder: Path, python: Path, ours: str) -> None:
     (folder / "complete").touch()
 
 
-def run_in_torch(*arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
+def run_in_torch(
+    *arguments: str, timeout_s: float = 300.0, packages: Path = ROOT / "src"
+) -> subprocess.CompletedProcess[str]:
     """Run the environment's Python on this tree, without a network and with one thread.
 
     Args:
         arguments: What stands behind ``python``.
         timeout_s: Longest time it may take [s].
+        packages: Folder of packages that come before those of the environment.
 
     Raises:
         NoTorchError: If there is no such environment.
     """
-    env = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
+    env = {**os.environ, "PYTHONPATH": str(packages), "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
     return subprocess.run(
         [torch_python(), *arguments], check=False, capture_output=True, text=True, timeout=timeout_s, cwd=ROOT, env=env
     )
