@@ -47,7 +47,11 @@ def wheels(tmp_path_factory):
     try:
         uv = setup_environment.find_uv(env)
         folder = tmp_path_factory.mktemp("dist")
-        return uv, env, [check_wheel.build(uv, folder / name, env, source) for name, source in check_wheel.SOURCES.items()]
+        return (
+            uv,
+            env,
+            [check_wheel.build(uv, folder / name, env, source) for name, source in check_wheel.SOURCES.items()],
+        )
     except (setup_environment.SetupError, check_wheel.CheckError) as error:
         pytest.skip(f"no wheel can be built here: {error}")
 
@@ -100,7 +104,11 @@ def test_the_name_with_hyphens_would_not_be_found(packages, tmp_path):
         if path.name.startswith("lerobot_env_betterbench-"):
             info = hyphens / path.name
             info.mkdir()
-            text = (path / "METADATA").read_text().replace("Name: lerobot_env_betterbench", "Name: lerobot-env-betterbench")
+            text = (
+                (path / "METADATA")
+                .read_text()
+                .replace("Name: lerobot_env_betterbench", "Name: lerobot-env-betterbench")
+            )
             (info / "METADATA").write_text(text)
         else:
             (hyphens / path.name).symlink_to(path)

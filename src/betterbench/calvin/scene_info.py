@@ -1,0 +1,99 @@
+"""What the success rules read of CALVIN's simulator: poses and contacts of the blocks, doors, lights, the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Quaternion, Vector
+
+Contact = tuple[int, int]
+"""What touches: number of the body and of its link."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockInfo:
+    """One movable block.
+
+    Attributes:
+        body: Number of its body.
+        position: Position in the world [m].
+        rotation: Unit quaternion (w, x, y, z) of R_world_block.
+        velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
+        contacts: What touches it.
+    """
+
+    body: int
+    position: Vector
+    rotation: Quaternion
+    velocity: tuple[float, ...]
+    contacts: frozenset[Contact]
+
+    @property
+    def bodies(self) -> frozenset[int]:
+        """Numbers of the bodies that touch it."""
+        return frozenset(body for body, _ in self.contacts)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneInfo:
+    """The scene at one step.
+
+    Attributes:
+        robot: Number of the robot's body.
+        touched: Numbers of the bodies that the robot touches.
+        blocks: The blocks by CALVIN's names ("block_red").
+        table: Links of the table by name, each as a contact.
+        doors: Joint positions [m] by name ("base__drawer").
+        lights: 0 or 1 by name ("led").
+    """
+
+    robot: int
+    touched: frozenset[int]
+    blocks: Mapping[str, BlockInfo]
+    table: Mapping[str, Contact]
+    doors: Mapping[str, float]
+    lights: Mapping[str, int]
+
+
+def read_scene_info(info: Mapping[str, Any]) -> SceneInfo:
+    """Read what ``env.get_info()`` of calvin_env returns.
+
+    Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
+    Quaternions of PyBullet are (x, y, z, w).
+
+    Raises:
+        InvalidInputError: If a part is missing or of another form.
+    """
+    try:
+        robot, scene = info["robot_info"], info["scene_info"]
+        table = scene["fixed_objects"]["table"]
+        return SceneInfo(
+            robot=int(robot["uid"]),
+            touched=frozenset(int(c[2]) for c in robot["contacts"]),
+            blocks={name: _block(found) for name, found in scene["movable_objects"].items()},
+            table={name: (int(table["uid"]), int(link)) for name, link in table["links"].items()},
+            doors={name: _number(found["current_state"]) for name, found in scene["doors"].items()},
+            lights={name: int(found["logical_state"]) for name, found in scene["lights"].items()},
+        )
+    except (KeyError, TypeError, ValueError, IndexError) as problem:
+        raise InvalidInputError(
+            "get_info() of CALVIN",
+            f"has not the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
+            "Use that version, with use_scene_info=True",
+        ) from problem
+
+
+def _block(found: Mapping[str, Any]) -> BlockInfo:
+    x, y, z, w = map(float, found["current_orn"])
+    px, py, pz = map(float, found["current_pos"])
+    velocity = tuple(map(float, (*found["current_lin_vel"], *found["current_ang_vel"])))
+    contacts = frozenset((int(c[2]), int(c[4])) for c in found["contacts"])
+    return BlockInfo(int(found["uid"]), (px, py, pz), (w, x, y, z), velocity, contacts)
+
+
+def _number(value: float | Sequence[float]) -> float:
+    """Return a joint position that may stand alone or as the first of a sequence."""
+    return float(value[0]) if isinstance(value, Sequence) else float(value)
