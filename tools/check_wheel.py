@@ -1,4 +1,4 @@
-"""Build the wheels, install that of betterbench in a clean environment, and run `better demo` there from an empty folder.
+"""Build the wheels, install betterbench's in a clean environment, and run `better demo` there from an empty folder.
 
 The environment has the locked packages and nothing of this clone; its caches are empty, so that what a first user waits
 for is part of the check. The other wheel, by which LeRobot finds our tasks, is built and its content checked; it needs

@@ -1,7 +1,7 @@
 """Run by an interpreter with the real LeRobot: makes a tiny ACT checkpoint that never moves, and evaluates it.
 
 - ``python lerobot_drive.py command FOLDER``: by the main function of ``lerobot-eval``, on one condition.
-- ``python lerobot_drive.py installed FOLDER``: likewise on two conditions, where LeRobot itself has to find our package.
+- ``python lerobot_drive.py installed FOLDER``: on two conditions, where LeRobot itself has to find our package.
 - ``python lerobot_drive.py hub FOLDER``: two conditions, from the hub package, in processes of their own. These import
   this file again, so that everything heavy is imported where it is used.
 """

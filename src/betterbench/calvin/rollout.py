@@ -31,7 +31,7 @@ class ChainWorld(Protocol[ObservationT]):
         """Carry out one action for one control step, and return the observation.
 
         Args:
-            action: (7,) float: relative position and Euler angles, each in [-1, 1], and the gripper, 1 = open, -1 = close.
+            action: (7,) float: relative position and Euler angles in [-1, 1], and the gripper, 1 = open, -1 = close.
         """
 
 
@@ -54,8 +54,8 @@ def play_chain(
 ) -> ChainResult:
     """Play one chain as CALVIN's ``evaluate_sequence`` does.
 
-    The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask is done
-    at the first step at which its rule holds against the scene in which it began. The chain ends with the first subtask
+    The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask
+    is done at the first step at which its rule holds against the scene in which it began. The chain ends with the first subtask
     that is not done.
     """
     observation = world.reset(start_of(chain.start))

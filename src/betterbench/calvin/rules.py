@@ -1,7 +1,7 @@
 """When a subtask counts as done: CALVIN's oracle, which compares the scene at the subtask's beginning with the one now.
 
-The rules are those of ``calvin_env/envs/tasks.py`` of calvin_env@797142c. In earlier versions a lifted block must not have
-touched the robot at the beginning, and a pushed block must have exactly the same contacts.
+The rules are those of ``calvin_env/envs/tasks.py`` of calvin_env@797142c. In earlier versions a lifted block must not
+have touched the robot at the beginning, and a pushed block must have exactly the same contacts.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _placed(rule: Place, start: SceneInfo, now: SceneInfo) -> bool:
 
 def _fell(rule: PushInto, start: SceneInfo, now: SceneInfo, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
-    # The official rule looks for the robot's number among pairs of body and link, where it never is: a touch is allowed.
+    # The official rule looks for the robot's number among pairs of body and link, where it never is: it may touch.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 

@@ -68,7 +68,7 @@ def start_states() -> tuple[State, ...]:
 
 
 def draw_names(start: State, count: int, *, seed: int) -> list[tuple[str, ...]]:
-    """Draw subtasks for chains from one start as CALVIN does: five different ones, again until they can follow each other.
+    """Draw subtasks for chains from one start as CALVIN does: five different ones, until they can follow each other.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
     by the legacy generator, whose stream NumPy keeps for ever.
@@ -89,7 +89,7 @@ def draw_names(start: State, count: int, *, seed: int) -> list[tuple[str, ...]]:
 
 
 def _follow(start: State, chosen: Sequence[Subtask]) -> bool:
-    """Return whether subtasks can follow each other from a start, each in exactly one way, with different categories."""
+    """Return whether subtasks can follow each other from a start, each in just one way, with different categories."""
     state: State | None = start
     for subtask in chosen:
         state = subtask.after(state)
@@ -135,8 +135,8 @@ def _every_chain() -> tuple[Chain, ...]:
 def calvin_chains(count: int = CHAINS) -> tuple[Chain, ...]:
     """Return the first ``count`` of the 1,000 chains.
 
-    They are the first of the thousand: CALVIN's own ``get_sequences(100)`` draws a hundred others, and a number measured
-    on those is not comparable with one on a thousand.
+    They are the first of the thousand: CALVIN's own ``get_sequences(100)`` draws a hundred others, and a number
+    measured on those is not comparable with one on a thousand.
 
     Raises:
         InvalidInputError: If there are not so many.

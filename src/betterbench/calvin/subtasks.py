@@ -70,7 +70,7 @@ class MoveDoor:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """The block lay on the link of the table, and is now higher by more than ``by_m`` and touched by the robot alone."""
+    """The block lay on the link of the table, is now higher by more than ``by_m``, and only the robot touches it."""
 
     kind: Literal["lift"]
     block: str
