@@ -107,7 +107,7 @@ class FakeWorld:
 
 
 class FakePolicy:
-    """Knows each sentence; does nothing for the subtasks that it cannot do, and waits ``delay`` steps before the others."""
+    """Knows each sentence; does nothing for what it cannot do, and waits ``delay`` steps before the rest."""
 
     def __init__(self, *, cannot: frozenset[str] = frozenset(), delay: int = 0) -> None:
         self.numbers = {s.instruction: -1 if s.name in cannot else i for i, s in enumerate(subtasks())}
@@ -117,7 +117,7 @@ class FakePolicy:
         self.waited = 0
         self.resets += 1
 
-    def act(self, observation: int, instruction: str) -> np.ndarray:
+    def act(self, observation: int, instruction: str) -> np.ndarray:  # noqa: ARG002 - a ChainPolicy
         self.waited += 1
         number = self.numbers[instruction] if self.waited > self.delay else -1
         return np.array([number / 100 if number >= 0 else -1.0, *[0.0] * 5, 1.0])

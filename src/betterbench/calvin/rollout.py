@@ -55,7 +55,8 @@ def play_chain(
     """Play one chain as CALVIN's ``evaluate_sequence`` does.
 
     The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask
-    is done at the first step at which its rule holds against the scene in which it began. The chain ends with the first subtask
+    is done at the first step at which its rule holds against the scene in which it began.
+    The chain ends with the first subtask
     that is not done.
     """
     observation = world.reset(start_of(chain.start))

@@ -50,7 +50,8 @@ def pyhash_fnv1_32(text: str) -> int:
     """Return what ``pyhash.fnv1_32()(text)`` returns for a ``str``, which seeds CALVIN's starts.
 
     pyhash 0.9.3 begins with 0 instead of FNV's offset basis (that is FNV-0), and reads the text as UTF-16, little
-    endian, without byte order mark. FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds and with them
+    endian, without byte order mark.
+    FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds and with them
     other starts in 107 of the 192 cases.
     """
     value = 0
