@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from betterbench.calvin import SceneInfo, Start, read_scene_info, subtasks
+from betterbench.calvin import ChainStart, PlayTable, read_play_table, subtasks
 from betterbench.calvin.subtasks import Push, Rotate
 
 ROBOT, TABLE = 0, 5
@@ -30,7 +30,7 @@ class FakeWorld:
     def __init__(self) -> None:
         self.steps = 0
 
-    def reset(self, start: Start) -> int:
+    def reset(self, start: ChainStart) -> int:
         scene = start.scene
         self.slider, self.drawer = float(scene[0]), float(scene[1])
         self.lights = {"lightbulb": int(scene[4]), "led": int(scene[5])}
@@ -52,7 +52,7 @@ class FakeWorld:
             "grasped": int("grasped" in self.at.values()),
         }
 
-    def info(self) -> SceneInfo:
+    def info(self) -> PlayTable:
         held = [color for color, place in self.at.items() if place == "grasped"]
         scene = {
             "movable_objects": {f"block_{color}": self._block(color) for color in BODIES},
@@ -61,7 +61,7 @@ class FakeWorld:
             "lights": {name: {"logical_state": state} for name, state in self.lights.items()},
         }
         robot = {"uid": ROBOT, "contacts": [contact(ROBOT, BODIES[color], -1) for color in held]}
-        return read_scene_info({"robot_info": robot, "scene_info": scene})
+        return read_play_table({"robot_info": robot, "scene_info": scene})
 
     def _block(self, color: str) -> dict[str, object]:
         place, own = self.at[color], BODIES[color]

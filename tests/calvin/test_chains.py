@@ -19,7 +19,7 @@ from betterbench.calvin import (
     done,
     draw_chains,
     play_chain,
-    read_scene_info,
+    read_play_table,
     start_of,
     start_states,
     subtask_named,
@@ -43,8 +43,12 @@ def test_the_chains_are_calvin_s():
     assert len({str(dict(c.start)) for c in chains}) == 192
     assert {name for c in chains for name in c.names} == {s.name for s in subtasks()}
     assert chains[0].names == (
-        "rotate_blue_block_right", "move_slider_right", "lift_red_block_slider", "place_in_slider", "turn_off_lightbulb",
-    )  # fmt: skip
+        "rotate_blue_block_right",
+        "move_slider_right",
+        "lift_red_block_slider",
+        "place_in_slider",
+        "turn_off_lightbulb",
+    )
     assert str(dict(chains[0].start).values()) == FIRST
 
 
@@ -248,7 +252,7 @@ def test_a_block_falls_into_the_drawer_also_while_it_is_touched(start):
 
 def test_what_is_no_get_info_is_named():
     with pytest.raises(InvalidInputError, match=r"get_info\(\) of CALVIN.*robot_info"):
-        read_scene_info({})
+        read_play_table({})
 
 
 def test_an_unknown_subtask_is_named():

@@ -19,9 +19,10 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "packages" / "lerobot_env_betterbench"
 
 sys.path[:0] = [str(ROOT / "tools"), str(ROOT / "tests" / "policies")]
+from torch_environment import run_in_torch  # noqa: E402
+
 import check_wheel  # noqa: E402
 import setup_environment  # noqa: E402
-from torch_environment import run_in_torch  # noqa: E402
 
 DISCOVER = """
 from lerobot.envs.configs import EnvConfig

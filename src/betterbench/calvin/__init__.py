@@ -1,11 +1,11 @@
 """CALVIN ABC→D by the book, as far as no simulator is needed: chains, starts, rules of success, and their numbers."""
 
+from betterbench.calvin.play_table import BlockInfo, PlayTable, read_play_table
 from betterbench.calvin.results import ChainContrast, ChainResult, ChainSummary, SubtaskResult, contrast, summarize
 from betterbench.calvin.rollout import STEPS_PER_SUBTASK, ChainPolicy, ChainWorld, play_chain
 from betterbench.calvin.rules import done
-from betterbench.calvin.scene_info import BlockInfo, SceneInfo, read_scene_info
 from betterbench.calvin.sequences import CHAINS, Chain, calvin_chains, draw_chains, start_states
-from betterbench.calvin.starts import Start, start_of
+from betterbench.calvin.starts import ChainStart, start_of
 from betterbench.calvin.subtasks import Subtask, subtask_named, subtasks
 
 __all__ = [
@@ -16,10 +16,10 @@ __all__ = [
     "ChainContrast",
     "ChainPolicy",
     "ChainResult",
+    "ChainStart",
     "ChainSummary",
     "ChainWorld",
-    "SceneInfo",
-    "Start",
+    "PlayTable",
     "Subtask",
     "SubtaskResult",
     "calvin_chains",
@@ -27,7 +27,7 @@ __all__ = [
     "done",
     "draw_chains",
     "play_chain",
-    "read_scene_info",
+    "read_play_table",
     "start_of",
     "start_states",
     "subtask_named",

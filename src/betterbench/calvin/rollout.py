@@ -6,28 +6,30 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from betterbench.calvin.play_table import PlayTable
 from betterbench.calvin.results import ChainResult, SubtaskResult
 from betterbench.calvin.rules import done
-from betterbench.calvin.scene_info import SceneInfo
 from betterbench.calvin.sequences import Chain
-from betterbench.calvin.starts import Start, start_of
+from betterbench.calvin.starts import ChainStart, start_of
 
 STEPS_PER_SUBTASK = 360
 """Control steps that a policy has for each instruction (EP_LEN); 12 s at 30 Hz."""
 
 ObservationT = TypeVar("ObservationT")
+SeenT_co = TypeVar("SeenT_co", covariant=True)
+ShownT_contra = TypeVar("ShownT_contra", contravariant=True)
 
 
-class ChainWorld(Protocol[ObservationT]):
+class ChainWorld(Protocol[SeenT_co]):
     """What a chain needs of a simulator."""
 
-    def reset(self, start: Start) -> ObservationT:
+    def reset(self, start: ChainStart) -> SeenT_co:
         """Set robot and scene, and return the observation."""
 
-    def info(self) -> SceneInfo:
+    def info(self) -> PlayTable:
         """Return the scene as it is."""
 
-    def step(self, action: np.ndarray) -> ObservationT:
+    def step(self, action: np.ndarray) -> SeenT_co:
         """Carry out one action for one control step, and return the observation.
 
         Args:
@@ -35,13 +37,13 @@ class ChainWorld(Protocol[ObservationT]):
         """
 
 
-class ChainPolicy(Protocol[ObservationT]):
+class ChainPolicy(Protocol[ShownT_contra]):
     """What a chain needs of a policy."""
 
     def reset(self) -> None:
         """Forget what was; called before every instruction."""
 
-    def act(self, observation: ObservationT, instruction: str) -> np.ndarray:
+    def act(self, observation: ShownT_contra, instruction: str) -> np.ndarray:
         """Return the next action, (7,) float."""
 
 
@@ -54,10 +56,9 @@ def play_chain(
 ) -> ChainResult:
     """Play one chain as CALVIN's ``evaluate_sequence`` does.
 
-    The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask
-    is done at the first step at which its rule holds against the scene in which it began.
-    The chain ends with the first subtask
-    that is not done.
+    The robot returns to its start before the chain only, the policy is reset before each instruction, and a subtask is
+    done at the first step at which its rule holds against the scene in which it began. The chain ends with the first
+    subtask that is not done.
     """
     observation = world.reset(start_of(chain.start))
     played = []

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from betterbench.calvin.scene_info import BlockInfo, SceneInfo
+from betterbench.calvin.play_table import BlockInfo, PlayTable
 from betterbench.calvin.subtasks import (
     Lift,
     MoveDoor,
@@ -17,9 +17,9 @@ from betterbench.calvin.subtasks import (
     PushInto,
     Rotate,
     Rule,
-    Stack,
+    StackBlocks,
     Switch,
-    Unstack,
+    UnstackBlocks,
 )
 from betterbench.geometry import conjugate, distance, multiply
 
@@ -31,7 +31,7 @@ REST = 1.0
 """Each component of linear [m/s] and angular velocity [rad/s] of a block at rest is smaller."""
 
 
-def done(rule: Rule, start: SceneInfo, now: SceneInfo) -> bool:
+def done(rule: Rule, start: PlayTable, now: PlayTable) -> bool:
     """Return whether a subtask counts as done.
 
     Args:
@@ -53,15 +53,15 @@ def done(rule: Rule, start: SceneInfo, now: SceneInfo) -> bool:
             return _placed(rule, start, now)
         case PushInto():
             return any(_fell(rule, start, now, name) for name in start.blocks)
-        case Stack():
+        case StackBlocks():
             return any(not _on(b, start) and _stacked(now.blocks[n], now) for n, b in start.blocks.items())
-        case Unstack():
+        case UnstackBlocks():
             return any(_stacked(b, start) and not _on(now.blocks[n], now) for n, b in start.blocks.items())
         case Switch():
             return start.lights[rule.light] == rule.before and now.lights[rule.light] == rule.after
 
 
-def _rotated(rule: Rotate, start: SceneInfo, now: SceneInfo) -> bool:
+def _rotated(rule: Rotate, start: PlayTable, now: PlayTable) -> bool:
     before, after = start.blocks[rule.block], now.blocks[rule.block]
     if distance(before.position, after.position) > MOST_SHIFT_M or after.bodies <= {start.robot}:
         return False
@@ -75,7 +75,7 @@ def _rotated(rule: Rotate, start: SceneInfo, now: SceneInfo) -> bool:
     return turned and abs(roll) < MOST_TILT_DEG and abs(pitch) < MOST_TILT_DEG
 
 
-def _pushed(rule: Push, start: SceneInfo, now: SceneInfo) -> bool:
+def _pushed(rule: Push, start: PlayTable, now: PlayTable) -> bool:
     before, after = start.blocks[rule.block], now.blocks[rule.block]
     surface = {contact for contact in before.contacts if contact[0] != start.robot}
     if not surface or not surface <= after.contacts:
@@ -84,7 +84,7 @@ def _pushed(rule: Push, start: SceneInfo, now: SceneInfo) -> bool:
     return moved > rule.along_x_m if rule.along_x_m > 0 else moved < rule.along_x_m
 
 
-def _lifted(rule: Lift, start: SceneInfo, now: SceneInfo) -> bool:
+def _lifted(rule: Lift, start: PlayTable, now: PlayTable) -> bool:
     before, after = start.blocks[rule.block], now.blocks[rule.block]
     return (
         after.position[2] - before.position[2] > rule.by_m
@@ -93,7 +93,7 @@ def _lifted(rule: Lift, start: SceneInfo, now: SceneInfo) -> bool:
     )
 
 
-def _placed(rule: Place, start: SceneInfo, now: SceneInfo) -> bool:
+def _placed(rule: Place, start: PlayTable, now: PlayTable) -> bool:
     held = [name for name, block in start.blocks.items() if start.touched == {block.body}]
     return (
         len(held) == 1
@@ -103,18 +103,18 @@ def _placed(rule: Place, start: SceneInfo, now: SceneInfo) -> bool:
     )
 
 
-def _fell(rule: PushInto, start: SceneInfo, now: SceneInfo, name: str) -> bool:
+def _fell(rule: PushInto, start: PlayTable, now: PlayTable, name: str) -> bool:
     before, after = start.blocks[name], now.blocks[name]
     # The official rule looks for the robot's number among pairs of body and link, where it never is: it may touch.
     return before.contacts == {start.table[rule.from_link]} and now.table[rule.link] in after.contacts
 
 
-def _on(block: BlockInfo, scene: SceneInfo) -> bool:
+def _on(block: BlockInfo, scene: PlayTable) -> bool:
     """Return whether a block touches another block."""
     return any(other.body in block.bodies for other in scene.blocks.values())
 
 
-def _stacked(block: BlockInfo, scene: SceneInfo) -> bool:
+def _stacked(block: BlockInfo, scene: PlayTable) -> bool:
     """Return whether a block touches blocks and nothing else, at rest."""
     bodies = {other.body for other in scene.blocks.values()}
     return _on(block, scene) and block.bodies <= bodies and all(abs(part) < REST for part in block.velocity)

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from betterbench.calvin.subtasks import State, Subtask, Word, subtask_named, subtasks
+from betterbench.calvin.subtasks import Subtask, SymbolicState, SymbolValue, subtask_named, subtasks
 from betterbench.errors import InvalidInputError
 
 CHAINS = 1000
@@ -26,7 +26,7 @@ GOLDEN = "840cb992c69ce9b6d59f6020966b6300c15233f8e0b9667b6486c1962424d308"
 """SHA-256 of :func:`chain_text` of the official generator's 1,000 chains (mees/calvin@fa03f01 with NumPy 2.4)."""
 
 _PLACES = ("table", "slider_right", "slider_left")
-_VALUES: Mapping[str, tuple[Word, ...]] = {
+_VALUES: Mapping[str, tuple[SymbolValue, ...]] = {
     "led": (0, 1),
     "lightbulb": (0, 1),
     "slider": ("right", "left"),
@@ -49,7 +49,7 @@ class Chain:
     """
 
     number: int
-    start: State
+    start: SymbolicState
     names: tuple[str, ...]
 
     @property
@@ -58,7 +58,7 @@ class Chain:
         return tuple(map(subtask_named, self.names))
 
 
-def start_states() -> tuple[State, ...]:
+def start_states() -> tuple[SymbolicState, ...]:
     """Return the 192 symbolic starts in CALVIN's order: one or two blocks on the table, at most one in each cabinet."""
     found = []
     for values in product(*_VALUES.values()):
@@ -67,7 +67,7 @@ def start_states() -> tuple[State, ...]:
     return tuple(found)
 
 
-def draw_names(start: State, count: int, *, seed: int) -> list[tuple[str, ...]]:
+def draw_names(start: SymbolicState, count: int, *, seed: int) -> list[tuple[str, ...]]:
     """Draw subtasks for chains from one start as CALVIN does: five different ones, until they can follow each other.
 
     CALVIN draws with ``numpy.random.choice(34 names, size=5, replace=False)``, which is the beginning of a permutation
@@ -88,13 +88,14 @@ def draw_names(start: State, count: int, *, seed: int) -> list[tuple[str, ...]]:
     return drawn
 
 
-def _follow(start: State, chosen: Sequence[Subtask]) -> bool:
+def _follow(start: SymbolicState, chosen: Sequence[Subtask]) -> bool:
     """Return whether subtasks can follow each other from a start, each in just one way, with different categories."""
-    state: State | None = start
+    state = start
     for subtask in chosen:
-        state = subtask.after(state)
-        if state is None:
+        after = subtask.after(state)
+        if after is None:
             return False
+        state = after
     return len({subtask.category for subtask in chosen}) == len(chosen)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.calvin.subtasks import State
+from betterbench.calvin.subtasks import SymbolicState
 
 FNV_PRIME = 0x01000193
 """Prime of the 32-bit hashes of Fowler, Noll and Vo."""
@@ -33,7 +33,7 @@ BLOCKS = ("red_block", "blue_block", "pink_block")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Start:
+class ChainStart:
     """What ``env.reset(robot_obs=..., scene_obs=...)`` takes.
 
     Attributes:
@@ -51,8 +51,8 @@ def pyhash_fnv1_32(text: str) -> int:
 
     pyhash 0.9.3 begins with 0 instead of FNV's offset basis (that is FNV-0), and reads the text as UTF-16, little
     endian, without byte order mark.
-    FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds and with them
-    other starts in 107 of the 192 cases.
+    FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds: other yaws in every start, and other
+    places of the blocks in 107 of the 192.
     """
     value = 0
     for byte in text.encode("utf-16-le"):
@@ -61,12 +61,12 @@ def pyhash_fnv1_32(text: str) -> int:
     return value
 
 
-def start_seed(state: State) -> int:
+def start_seed(state: SymbolicState) -> int:
     """Return the seed of a symbolic start: the hash of ``str(state.values())`` of the ordinary dictionary."""
     return pyhash_fnv1_32(str(dict(state).values()))
 
 
-def start_of(state: State) -> Start:
+def start_of(state: SymbolicState) -> ChainStart:
     """Return the numbers of a symbolic start, as CALVIN's ``get_env_state_for_initial_condition`` does.
 
     Which of two places a block on the table takes, and the yaw of each block, are drawn from a generator whose seed is
@@ -74,7 +74,7 @@ def start_of(state: State) -> Start:
     """
     generator = np.random.RandomState(start_seed(state))
     on_table = list(_ON_TABLE)
-    generator.shuffle(on_table)  # type: ignore[arg-type] # a list is shuffled in place
+    generator.shuffle(on_table)
     scene = np.zeros(24)
     scene[0] = SLIDER_OPEN_M if state["slider"] == "left" else 0.0
     scene[1] = DRAWER_OPEN_M if state["drawer"] == "open" else 0.0
@@ -87,4 +87,4 @@ def start_of(state: State) -> Start:
         place = str(state[block])
         scene[at : at + 3] = _IN_SLIDER[place] if place in _IN_SLIDER else on_table[free[block]]
         scene[at + 5] = generator.uniform(*_YAW_RANGE)
-    return Start(np.array(ROBOT_START), scene)
+    return ChainStart(np.array(ROBOT_START), scene)

@@ -14,10 +14,10 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import UnknownNameError
 from betterbench.json_form import read_form, strict_form
 
-Word = str | int
+SymbolValue = str | int
 """A value of a symbolic state: "table", "open", 0, 1."""
 
-State = Mapping[str, Word]
+SymbolicState = Mapping[str, SymbolValue]
 """A symbolic state of the scene: led, lightbulb, slider, drawer, red_block, blue_block, pink_block, grasped."""
 
 
@@ -26,10 +26,10 @@ State = Mapping[str, Word]
 class Change:
     """One way in which a subtask can happen: values that must hold, each one or one of a list, and what changes."""
 
-    when: dict[str, Word | list[Word]]
-    then: dict[str, Word]
+    when: dict[str, SymbolValue | list[SymbolValue]]
+    then: dict[str, SymbolValue]
 
-    def allowed(self, state: State) -> bool:
+    def allowed(self, state: SymbolicState) -> bool:
         """Return whether a state has the values that this change needs."""
         return all(
             state[key] in wanted if isinstance(wanted, list) else state[key] == wanted
@@ -99,7 +99,7 @@ class PushInto:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Stack:
+class StackBlocks:
     """A block that touched no block now touches blocks and nothing else, and rests."""
 
     kind: Literal["stack"]
@@ -107,7 +107,7 @@ class Stack:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Unstack:
+class UnstackBlocks:
     """A block that touched blocks and nothing else, at rest, now touches no block."""
 
     kind: Literal["unstack"]
@@ -124,7 +124,7 @@ class Switch:
     after: int
 
 
-Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | Stack | Unstack | Switch
+Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | StackBlocks | UnstackBlocks | Switch
 
 
 @strict_form
@@ -146,7 +146,7 @@ class Subtask:
     rule: Annotated[Rule, Field(discriminator="kind")]
     changes: list[Change]
 
-    def after(self, state: State) -> State | None:
+    def after(self, state: SymbolicState) -> SymbolicState | None:
         """Return the state that this subtask leads to, or None if it can happen in no way or in several."""
         ways = [change for change in self.changes if change.allowed(state)]
         return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None

@@ -9,7 +9,7 @@ from typing import Any
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Quaternion, Vector
 
-Contact = tuple[int, int]
+TouchedLink = tuple[int, int]
 """What touches: number of the body and of its link."""
 
 
@@ -29,7 +29,7 @@ class BlockInfo:
     position: Vector
     rotation: Quaternion
     velocity: tuple[float, ...]
-    contacts: frozenset[Contact]
+    contacts: frozenset[TouchedLink]
 
     @property
     def bodies(self) -> frozenset[int]:
@@ -38,7 +38,7 @@ class BlockInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class SceneInfo:
+class PlayTable:
     """The scene at one step.
 
     Attributes:
@@ -53,12 +53,12 @@ class SceneInfo:
     robot: int
     touched: frozenset[int]
     blocks: Mapping[str, BlockInfo]
-    table: Mapping[str, Contact]
+    table: Mapping[str, TouchedLink]
     doors: Mapping[str, float]
     lights: Mapping[str, int]
 
 
-def read_scene_info(info: Mapping[str, Any]) -> SceneInfo:
+def read_play_table(info: Mapping[str, Any]) -> PlayTable:
     """Read what ``env.get_info()`` of calvin_env returns.
 
     Contacts are tuples of PyBullet's ``getContactPoints``: the third number is the other body, the fifth its link.
@@ -70,7 +70,7 @@ def read_scene_info(info: Mapping[str, Any]) -> SceneInfo:
     try:
         robot, scene = info["robot_info"], info["scene_info"]
         table = scene["fixed_objects"]["table"]
-        return SceneInfo(
+        return PlayTable(
             robot=int(robot["uid"]),
             touched=frozenset(int(c[2]) for c in robot["contacts"]),
             blocks={name: _block(found) for name, found in scene["movable_objects"].items()},
