@@ -46,7 +46,7 @@ _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
-_STATE_CURE = "Remove the folder and train again"
+_STATE_CURE = "Train into another folder, or put the file back"
 
 
 @dataclass(frozen=True, slots=True)
