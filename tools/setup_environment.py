@@ -382,8 +382,9 @@ def relock(*, upgrade: bool) -> None:
     project = ROOT / "pyproject.toml"
     runtime, dev = LOCKS / "runtime.lock", LOCKS / "dev.lock"
     steps: dict[Path, list[str | Path]] = {
-        runtime: [project],
-        dev: [project, "--extra", "dev", "--constraints", runtime],
+        # The extras that tests need decide first: what a user gets is what was tested.
+        dev: [project, "--extra", "dev"],
+        runtime: [project, "--constraints", dev],
         # Environments that tests and the bench make for packages which cannot share one with this project.
         **{file.with_suffix(".lock"): [file] for file in sorted(LOCKS.glob("*.in"))},
     }
