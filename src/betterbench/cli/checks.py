@@ -18,6 +18,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.robots import robot_names
 from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
 from betterbench.tasks import all_tasks, get_task
+from betterbench.worlds import WORLDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Check:
 
 def run_checks() -> list[Check]:
     """Try everything that a run needs."""
-    return [_try(name, check) for name, check in CHECKS.items()]
+    return [*(_try(name, check) for name, check in CHECKS.items()), *_worlds()]
 
 
 def _try(name: str, check: Callable[[], str]) -> Check:
@@ -42,6 +43,20 @@ def _try(name: str, check: Callable[[], str]) -> Check:
         return Check(name, False, "does not work", str(error))
     except Exception as error:  # noqa: BLE001 - a doctor reports whatever is broken
         return Check(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
+
+
+def _worlds() -> list[Check]:
+    """Return which foreign worlds are installed; one that is not is no fault."""
+    return [
+        Check(
+            f"world {world.name}",
+            True,
+            f"installed: {world.summary}"
+            if world.is_installed
+            else f"not installed: better worlds install {world.name}",
+        )
+        for world in WORLDS.values()
+    ]
 
 
 def _versions() -> str:

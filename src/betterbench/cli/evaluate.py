@@ -32,11 +32,11 @@ class TrialOptions:
     """Trials and conventions of a run.
 
     Attributes:
-        suite: Suite to take the tasks from.
+        suite: Suite to take the tasks from (see better list suites); those of LIBERO are run in LIBERO itself.
         tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
-        trials: Trials per variation.
-        seed: First seed.
+        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol.
+        seed: First seed; in LIBERO the first initial state.
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
@@ -48,13 +48,31 @@ class TrialOptions:
     suite: str = "better60"
     tasks: tuple[str, ...] = ()
     variations: tuple[str, ...] = ()
-    trials: int = 20
+    trials: int | None = None
     seed: int = 0
     action_space: str = "ee_delta"
     observation: str = "default"
     quality: str = "standard"
     looks: str = "seen"
     until_decided: bool = False
+
+
+USUAL_TRIALS = 20
+"""Trials per variation unless asked for otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldOptions:
+    """How the suites of a foreign world are run.
+
+    Attributes:
+        protocol: In LIBERO, whose protocol: openpi, gr00t or lerobot; openpi if not given.
+        broken_premises: In LIBERO, what happens where a scene does not show what its sentence presupposes: refuse stops
+            the run, run goes on and notes it in the record.
+    """
+
+    protocol: str | None = None
+    broken_premises: Literal["refuse", "run"] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +102,7 @@ def evaluate_command(
     out: Path | None = None,
     from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
     chosen: Annotated[TrialOptions, tyro.conf.arg(name="")] = TrialOptions(),
+    world: Annotated[WorldOptions, tyro.conf.arg(name="")] = WorldOptions(),
     workers: int | None = None,
     envs: int | None = None,
     engine: Literal["local", "ray"] = "local",
@@ -108,6 +127,7 @@ def evaluate_command(
         out: Folder of the run; runs/POLICY if not given.
         from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
         chosen: The trials and the conventions.
+        world: Settings of a foreign world.
         workers: Worker processes; one per processor if not given.
         envs: Environments of each worker, which hide the policy's latency; chosen by its kind if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
@@ -126,11 +146,15 @@ def evaluate_command(
         _refuse_changed(
             ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
         )
-    plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
-    if not uncertified:
-        require_certified(plan, certificate)
-    most = "" if plan.until_decided is None else "At most "
-    say(f"{most}{len(plan.trials)} trials. {what_trials_show(plan)}")
+    if is_foreign(chosen.suite):
+        plan = _world_plan(policy, from_run, chosen, world)
+    else:
+        _refuse_changed(world, "it is for a suite of LIBERO", "Leave out {option}, or give --suite libero_object")
+        plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
+        if not uncertified:
+            require_certified(plan, certificate)
+        most = "" if plan.until_decided is None else "At most "
+        say(f"{most}{len(plan.trials)} trials. {what_trials_show(plan)}")
     run = run_with_bar(
         plan,
         out or Path("runs") / default_folder(plan.policy),
@@ -168,10 +192,58 @@ def _plan(
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
     options = asdict(chosen)
     del options["suite"]
+    options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
     return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
 
-def _refuse_changed(given: TrialOptions | RayOptions, problem: str, cure: str) -> None:
+def is_foreign(suite: str) -> bool:
+    """Return whether a suite is run in a foreign world."""
+    from betterbench.worlds import SUITES
+
+    return suite in SUITES
+
+
+def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of a foreign world, after saying how it is run."""
+    from betterbench.evaluation.planning.world_plan import make_world_plan
+    from betterbench.worlds import protocol_named, suite_named
+    from betterbench.worlds.libero import OURS
+
+    if from_run is not None:
+        raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
+    if policy is None:
+        raise InvalidInputError("--policy", "no policy is named", "Give its address")
+    kept = TrialOptions(
+        suite=chosen.suite,
+        tasks=chosen.tasks,
+        trials=chosen.trials,
+        seed=chosen.seed,
+        observation=chosen.observation,
+    )
+    for field in fields(chosen):
+        if getattr(chosen, field.name) != getattr(kept, field.name):
+            option = f"--{field.name.replace('_', '-')}"
+            raise InvalidInputError(option, f"{chosen.suite} has no such choice", f"Leave out {option}")
+    plan = make_world_plan(
+        policy,
+        suite=chosen.suite,
+        protocol=world.protocol or "openpi",
+        tasks=chosen.tasks,
+        trials=chosen.trials,
+        seed=chosen.seed,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+    )
+    by = protocol_named(world.protocol or "openpi")
+    steps = by.steps[suite_named(chosen.suite).base]
+    say(
+        f"{len(plan.trials)} trials of {chosen.suite}, protocol {by.name}: {by.settling_steps} settling steps, then at "
+        f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
+    )
+    return plan
+
+
+def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: str, cure: str) -> None:
     """Refuse the first option that is not at its default."""
     for field in fields(given):
         if getattr(given, field.name) != field.default:
@@ -234,7 +306,8 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     from betterbench.evaluation.trials.policy_factory import needs_no_thread
     from betterbench.recording import RunFolder
 
-    prepare_robot(plan.robot)
+    if plan.world is None:
+        prepare_robot(plan.robot)
     tally, folder = RunTally(), RunFolder(out, {}, {})
     ended: list[JournalEntry] = []
     elapsed_s = next_line_s = 0.0
@@ -298,7 +371,9 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=True)
     following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
-    OUT.print(f"run         {run.path}\nnext        {following}", markup=False, soft_wrap=True)
+    OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
+    if plan.world is None:
+        OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     _require_a_trial(run)
 
 

@@ -8,11 +8,11 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, print_listing, print_table
 
-What = Literal["tasks", "variations", "policies", "assets", "templates"]
+What = Literal["suites", "tasks", "variations", "policies", "assets", "templates"]
 
 
 def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = False) -> None:
-    """List tasks, variations, policies, assets or templates.
+    """List suites, tasks, variations, policies, assets or templates.
 
     Example: better list variations
 
@@ -48,6 +48,8 @@ def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = Fa
 
 def _table(what: What) -> tuple[list[str], list[list[str]]]:
     """Return the columns and rows of a list."""
+    if what == "suites":
+        return ["suite", "world", "tasks", "what it is"], _suites()
     if what == "policies":
         from betterbench.evaluation import known_policies
 
@@ -76,3 +78,13 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
         for t in tasks
         for v in t.variations
     ]
+
+
+def _suites() -> list[list[str]]:
+    """Return our suite, and those of the foreign worlds with what is missing."""
+    from betterbench.tasks import suite_tasks
+    from betterbench.worlds import SUITES, world_named
+
+    state = "libero" if world_named("libero").is_installed else "libero (better worlds install libero)"
+    ours = ["better60", "betterbench", str(len(suite_tasks("better60"))), "tasks with six variations each"]
+    return [ours, *([suite.name, state, str(suite.tasks), suite.summary] for suite in SUITES.values())]

@@ -15,6 +15,7 @@ from betterbench.interface import EpisodeStart, Execution, Observation, episode_
 from betterbench.interface.actions import ActionSpace
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
+from betterbench.worlds import ForeignScene
 
 
 class Chunks:
@@ -26,7 +27,7 @@ class Chunks:
     """
 
     def __init__(
-        self, scene: Scene, observer: Observer | None, execution: Execution, *, limit: int, began: float
+        self, scene: Scene | ForeignScene, observer: Observer | None, execution: Execution, *, limit: int, began: float
     ) -> None:
         """Prepare for one episode, which began at ``began`` on the clock of ``time.perf_counter`` [s]."""
         self._scene, self._observer, self._execution, self._limit = scene, observer, execution, limit
@@ -74,12 +75,16 @@ class Chunks:
 
         Rendering empties the processor's caches; what follows up to the next action then fills them only once.
         """
-        if self._observer is None:
-            return
-        if self._asks_ahead(step) if self._queue else not self._asked:
+        if self.looks_at(step):
             began = time.perf_counter()
-            self._views = self._observer.look(self._scene)
+            self._views = None if self._observer is None else self._observer.look(self._scene)
             self._observe_s += time.perf_counter() - began
+
+    def looks_at(self, step: int) -> bool:
+        """Tell whether the policy is asked at a step, which comes after the action that is played now."""
+        if self._observer is None:
+            return False
+        return self._asks_ahead(step) if self._queue else not self._asked
 
     def wall_figures(self) -> dict[str, float]:
         """Return how long the episode and its parts took [s]."""

@@ -9,6 +9,7 @@ import betterbench
 from betterbench.recording import Demonstrator, RecordMetadata
 from betterbench.scenes import Scene, engine_version
 from betterbench.tasks import SUITE_VERSION, GoalTracker
+from betterbench.worlds import ForeignScene
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,4 +61,36 @@ def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> Recor
         predicate_names=tracker.relation_names,
         subgoal_names=tracker.subgoal_names,
         demonstrator=context.demonstrator,
+    )
+
+
+def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetadata:
+    """Return the metadata of an episode in a foreign world, after its reset; as :func:`describe` otherwise."""
+    engine = {**scene.engine, "machine": platform.machine()}
+    if scene.broken_premises:
+        engine["broken_premises"] = ", ".join(scene.broken_premises)
+    return RecordMetadata(
+        task=scene.task.id,
+        task_version=1,
+        suite_version=scene.task.suite,
+        package_version=betterbench.__version__,
+        condition=scene.condition.name,
+        variation=context.variation,
+        axis=context.axis,
+        base_condition=context.base_condition,
+        interventions=context.interventions,
+        seed=scene.seed,
+        policy=context.policy,
+        instruction=scene.condition.instruction.text,
+        expected=scene.condition.expected.value,
+        action_space=scene.action_space.name,
+        action_components=scene.action_space.components,
+        control_rate_hz=scene.control_rate_hz,
+        camera_preset=context.camera_preset,
+        render_quality=None if context.camera_preset is None else scene.settings.world,
+        engine=engine,
+        scene_hash=scene.content_hash,
+        scene=scene.info,
+        predicate_names=scene.relation_names,
+        subgoal_names=scene.subgoal_names,
     )

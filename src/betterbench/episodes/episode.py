@@ -13,14 +13,15 @@ import numpy as np
 
 from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
-from betterbench.episodes.describe import TrialContext, describe
+from betterbench.episodes.describe import TrialContext, describe, describe_foreign
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
 from betterbench.interface import Execution
-from betterbench.recording import Record, RecordBuilder, Termination
+from betterbench.recording import Record, RecordBuilder, RecordMetadata, Termination
 from betterbench.scenes import Scene
 from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, Truth
+from betterbench.worlds import ForeignScene, ForeignTracker
 
 logger = logging.getLogger(__name__)
 
@@ -66,7 +67,7 @@ Disturbance = Callable[[np.ndarray], np.ndarray]
 
 
 def run_episode(
-    scene: Scene,
+    scene: Scene | ForeignScene,
     policy: AnyPolicy,
     *,
     context: TrialContext,
@@ -115,7 +116,7 @@ def run_episode(
 
 
 def episode_steps(
-    scene: Scene,
+    scene: Scene | ForeignScene,
     *,
     context: TrialContext,
     observer: Observer | None = None,
@@ -135,13 +136,11 @@ def episode_steps(
     """
     began = time.perf_counter()
     state = scene.reset()
-    tracker = GoalTracker(
-        scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
-    )
-    builder = RecordBuilder(describe(scene, tracker, context))
+    tracker, metadata = _tracked(scene, context)
+    builder = RecordBuilder(metadata)
     truth = tracker.update(state)
     append_row(builder, scene, state, truth, action=None, applied=None)
-    limit = scene.task.step_limit(scene.condition)
+    limit = scene.step_limit
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
     error: str | None = None
@@ -151,6 +150,8 @@ def episode_steps(
             yield from chunks.begin()
         while state.step < limit and not truth.success:
             action = yield from chunks.next(state)
+            if isinstance(scene, ForeignScene):
+                scene.draw_next(wanted=chunks.looks_at(state.step + 1))
             applied = scene.step(action if disturb is None else disturb(action))
             chunks.look(state.step + 1)
             meant = applied if disturb is None else scene.action_space.clip(action)
@@ -172,8 +173,24 @@ def episode_steps(
     return EpisodeResult(record, chunks.wall_figures())
 
 
+def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:
+    """Return what follows the goal of a scene that has been reset, and what its record says about itself."""
+    if isinstance(scene, ForeignScene):
+        return ForeignTracker(scene), describe_foreign(scene, context)
+    tracker = GoalTracker(
+        scene.condition, scene.info, template=scene.task.template, control_rate_hz=scene.control_rate_hz
+    )
+    return tracker, describe(scene, tracker, context)
+
+
 def _finished(
-    scene: Scene, builder: RecordBuilder, termination: Termination, error: str | None, *, clipped: int, success: bool
+    scene: Scene | ForeignScene,
+    builder: RecordBuilder,
+    termination: Termination,
+    error: str | None,
+    *,
+    clipped: int,
+    success: bool,
 ) -> Record:
     if error is not None:
         error = error.encode("utf-8", "backslashreplace").decode()  # file names may hold what a record cannot
@@ -189,7 +206,7 @@ def _finished(
 
 def append_row(
     builder: RecordBuilder,
-    scene: Scene,
+    scene: Scene | ForeignScene,
     state: WorldState,
     truth: Truth,
     *,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from betterbench.interface import Observation, ObservationSpec
 from betterbench.scenes import Images, Renderer, Scene
 from betterbench.state import WorldState
+from betterbench.worlds import ForeignScene
 
 _KEPT_RENDERERS = 4
 
@@ -51,26 +53,32 @@ class Observer:
         self._wanted = tuple((c.name, c.width, c.height) for c in spec.cameras)
         self._renderers: OrderedDict[str, Renderer] = OrderedDict()
 
-    def look(self, scene: Scene) -> Views:
+    def look(self, scene: Scene | ForeignScene) -> Views:
         """Return the images of the current state, by camera; MissingDependencyError without off-screen OpenGL."""
         if not self.spec.cameras:
             return {}
+        if isinstance(scene, ForeignScene):
+            return {name: Images(image, None, None) for name, image in scene.images().items()}
         images = self._renderer(scene).render_views(
             scene.data, self._wanted, depth=self.spec.depth, masks=self.spec.masks
         )
         return dict(zip(self._names, images, strict=True))
 
-    def observe(self, scene: Scene, state: WorldState, *, views: Views | None = None) -> Observation:
+    def observe(self, scene: Scene | ForeignScene, state: WorldState, *, views: Views | None = None) -> Observation:
         """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
         if views is None:
             views = self.look(scene)
-        return observation_of(
+        seen = observation_of(
             state,
             scene.condition.instruction.text,
             {name: view.rgb for name, view in views.items() if view.rgb is not None},
             depth={name: view.depth for name, view in views.items() if view.depth is not None},
             masks={name: view.masks for name, view in views.items() if view.masks is not None},
         )
+        if isinstance(scene, ForeignScene):
+            native = scene.native()
+            return replace(seen, native=native, ee_position=native["ee_position"])
+        return seen
 
     def close(self) -> None:
         """Free all renderers."""

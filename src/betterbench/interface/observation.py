@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -82,6 +82,7 @@ class Observation:
         gripper_width: Distance of the finger pads [m].
         depth: Per camera (height, width) float32 distances along the optical axis [m]; empty unless asked for.
         masks: Per camera (height, width) int32 instance ids; empty unless asked for.
+        native: In a foreign world, what its own clients read of the state, by the names of our state parts; else empty.
     """
 
     instruction: str
@@ -94,3 +95,4 @@ class Observation:
     gripper_width: float
     depth: Mapping[str, np.ndarray]
     masks: Mapping[str, np.ndarray]
+    native: Mapping[str, np.ndarray] = field(default_factory=dict)

@@ -133,7 +133,9 @@ class StateRule:
         values: list[float] = []
         for part in self.parts:
             vector, place = _AXES.get(part, (part, None))
-            if vector == "ee_position":
+            if vector in observation.native:
+                numbers = observation.native[vector].tolist()
+            elif vector == "ee_position":
                 numbers = tool_position(observation, ee_offset_m, tool_offset_m)
             else:
                 numbers = _read_part(vector, observation, gripper_opening_m)

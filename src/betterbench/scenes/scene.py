@@ -132,6 +132,16 @@ class Scene:
         return SceneInfo(objects, slots, (x, y, z), self.compiled.robot.gripper_opening_m)
 
     @property
+    def content_hash(self) -> str:
+        """Name of the stored scene."""
+        return self.compiled.content_hash
+
+    @property
+    def step_limit(self) -> int:
+        """Control steps after which an episode ends."""
+        return self.task.step_limit(self.condition)
+
+    @property
     def data(self) -> mujoco.MjData:
         """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
         if not self._views_are_placed:  # a step without images does not pay for it

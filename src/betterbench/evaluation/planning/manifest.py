@@ -42,6 +42,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
     ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name", "workers" and "envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
+    images = images and plan.world is None
     machine = describe_machine()
     context = {
         "python": platform.python_version(),
@@ -50,7 +51,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "command": " ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]]),
         "started_utc": _now(),
         "machine": machine,
-        "renderer": describe_renderer() if images else {"problem": "no images are rendered in this run"},
+        "renderer": describe_renderer() if images else {"problem": "this process renders no images in this run"},
         "packages": package_lock(),
         "source_revision": source_revision(Path.cwd()),
         "task_files": [{"path": file.path, "sha256": file.sha256} for file in loaded_files()],
@@ -64,6 +65,16 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
 
 def run_conventions(plan: Plan) -> dict[str, Any]:
     """Return every convention in force, those of the plan and the fixed ones."""
+    if plan.world is not None:
+        return {
+            "action_space": action_space(plan.action_space).to_json(),
+            "controller": "robosuite OSC_POSE: deltas are added to the measured pose; actions pass unchanged",
+            "observation": observation_spec(plan.observation).to_json(),
+            "images": "LIBERO's, turned by 180 degrees as its clients do: upright and mirrored; RGB, uint8",
+            "quaternions": "w x y z, w >= 0",
+            "poses": "LIBERO's world frame [m]",
+            "units": "m, kg, s, rad",
+        }
     return {
         "action_space": action_space(plan.action_space).to_json(),
         "observation": observation_spec(plan.observation).to_json(),

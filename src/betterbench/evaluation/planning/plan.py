@@ -31,6 +31,7 @@ from betterbench.tasks import (
     suite_tasks,
 )
 from betterbench.tasks.user_files import origins_of
+from betterbench.worlds import WorldSettings
 
 PLAN_VERSION = 1
 
@@ -71,6 +72,7 @@ class Plan:
     Attributes:
         trials: What is run; with ``until_decided``, what may be run at most.
         until_decided: When a variation gets no more trials, or None to run all.
+        world: The foreign world in which the trials are run, or None for ours.
     """
 
     policy: str
@@ -81,6 +83,7 @@ class Plan:
     robot: str = "panda"
     looks: Looks = "seen"
     until_decided: StoppingRule | None = None
+    world: WorldSettings | None = None
 
     def __post_init__(self) -> None:
         """Refuse to run until decided without every pair: each variation and its twin with all seeds."""
@@ -99,6 +102,8 @@ class Plan:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every version and convention that results depend on."""
+        if self.world is not None:
+            return self._foreign_json(self.world)
         return {
             "plan_version": PLAN_VERSION,
             "package_version": betterbench.__version__,
@@ -115,6 +120,19 @@ class Plan:
             "trials": [asdict(t) for t in self.trials],
             **({} if self.until_decided is None else {"until_decided": asdict(self.until_decided)}),
             **origins_of({t.task for t in self.trials}),
+        }
+
+    def _foreign_json(self, world: WorldSettings) -> dict[str, Any]:
+        """Return the JSON form of a plan in a foreign world, whose suite and engine are not ours."""
+        return {
+            "plan_version": PLAN_VERSION,
+            "package_version": betterbench.__version__,
+            "world": world.to_json(),
+            "policy": self.policy,
+            "action_space": self.action_space,
+            "observation": observation_spec(self.observation).to_json(),
+            "control_rate_hz": CONTROL_RATE_HZ,
+            "trials": [asdict(t) for t in self.trials],
         }
 
 

@@ -72,6 +72,8 @@ def repeated_plan(
     """
     run = _open(path)
     where = run.path / "run.json"
+    if "world" in run.plan:
+        raise InvalidInputError("--from", f"{where} is a run in a foreign world", "Give its --suite and --protocol")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
         require_trust(stored.policy, where=str(where))

@@ -227,11 +227,13 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
-def _by_scene(trials: list[Trial]) -> list[Trial]:
+def _by_scene(trials: list[Trial], *, foreign: bool) -> list[Trial]:
     """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
 
     At the end of a run workers then wait for short trials only. Results do not depend on the order.
     """
+    if foreign:
+        return sorted(trials, key=lambda t: (t.task, t.seed))
     limits = dict[str, int]()
     for trial in {(t.task, t.condition): t for t in trials}.values():
         found = trial.resolve()
@@ -256,7 +258,7 @@ def _entries(
     session: RaySession | None,
 ) -> Generator[JournalEntry, None, None]:
     """Yield the journal entry of every trial, as they end."""
-    later = (_by_scene(trials) for trials in schedule.rounds())
+    later = (_by_scene(trials, foreign=settings.world is not None) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
         return

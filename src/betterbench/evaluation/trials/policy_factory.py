@@ -22,6 +22,7 @@ from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_pol
 from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.state import PrivilegedPolicy
+from betterbench.worlds import ForeignScene
 
 SOURCE = "source file"
 """Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
@@ -159,9 +160,13 @@ class PolicyFactory:
             agree(space=action_space, observation=observation_spec(observation), rate_hz=CONTROL_RATE_HZ)
         return info
 
-    def policy(self, scene: Scene, trial: Trial) -> AnyPolicy:
-        """Return the policy of one episode, where it needs no thread."""
-        if is_privileged(self.address):
+    def policy(self, scene: Scene | ForeignScene, trial: Trial) -> AnyPolicy:
+        """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
+        if is_privileged(self.address) and isinstance(scene, ForeignScene):
+            raise InvalidInputError(
+                "policy", f"{self.address} plans with the state of our own scenes", "Name one that sees observations"
+            )
+        if isinstance(scene, Scene) and is_privileged(self.address):
             return make_privileged(self.address, scene)
         if self.address.startswith("replay:"):
             return Replay(

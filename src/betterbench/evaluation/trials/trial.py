@@ -32,6 +32,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Looks
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+from betterbench.worlds import ForeignScene, WorldProcesses, WorldSettings
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +58,7 @@ class RunSettings:
         task_files: The user's files that workers load before anything else.
         looks: Looks of objects and rooms.
         known: What the server of the policy said when the run began; None where there is no server, or the run's own.
+        world: The foreign world in which the trials are run, or None for ours.
     """
 
     run: str
@@ -71,6 +73,7 @@ class RunSettings:
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
     looks: Looks = "seen"
     known: PolicyInfo | None = None
+    world: WorldSettings | None = None
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
@@ -85,6 +88,7 @@ class RunSettings:
             envs,
             policy_timeout_s,
             looks=plan.looks,
+            world=plan.world,
         )
 
     @property
@@ -107,6 +111,7 @@ class TrialRunner:
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
+        self._processes = WorldProcesses(() if settings.world is None else settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:
         """Run one trial and write its record and, once, its scene; stop wherever its policy has to answer first.
@@ -124,6 +129,7 @@ class TrialRunner:
         wall: dict[str, float] = {}
         ground_truth: dict[str, str] = {}
         digest: str | None = None
+        scene: Scene | ForeignScene | None = None
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
@@ -143,6 +149,9 @@ class TrialRunner:
             status, message = "error", str(error)
         except Exception as error:  # noqa: BLE001 - the trial is listed as an error and run again; the run goes on
             status, message = "error", f"{type(error).__name__}: {error}"
+        finally:
+            if isinstance(scene, ForeignScene):
+                scene.close(well=digest is not None)
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
             trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth, digest
@@ -152,13 +161,16 @@ class TrialRunner:
         """Free the renderers, and close what was made of the policy and not taken."""
         self._observer.close()
         self.policies.close()
+        self._processes.close()
 
     @property
     def _shown_by(self) -> Observer | None:
         """What makes the observations; None for a privileged policy, which is shown the state."""
         return None if is_privileged(self.settings.policy) else self._observer
 
-    def _run_here(self, scene: Scene, trial: Trial, context: TrialContext) -> tuple[EpisodeResult, dict[str, str]]:
+    def _run_here(
+        self, scene: Scene | ForeignScene, trial: Trial, context: TrialContext
+    ) -> tuple[EpisodeResult, dict[str, str]]:
         """Run an episode of a policy that needs no thread; return its result and what a faulty policy knows of it."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
@@ -169,7 +181,7 @@ class TrialRunner:
                 close_policy(policy)
 
     def _run_asking(
-        self, scene: Scene, context: TrialContext
+        self, scene: Scene | ForeignScene, context: TrialContext
     ) -> Generator[Question | None, Reply | None, EpisodeResult]:
         """Run an episode that stops wherever its policy has to answer, again if the policy's process was killed."""
         for left in reversed(range(MAX_DEATHS)):
@@ -185,7 +197,9 @@ class TrialRunner:
                 logger.warning("%s seed %d: %s; it is run again", scene.condition.id, scene.seed, error)
         raise AssertionError("the last attempt returns or raises")
 
-    def _set_up(self, trial: Trial) -> tuple[Scene, TrialContext]:
+    def _set_up(self, trial: Trial) -> tuple[Scene | ForeignScene, TrialContext]:
+        if self.settings.world is not None:
+            return self._set_up_foreign(trial, self.settings.world)
         found = trial.resolve()
         scene = Scene(
             found.task,
@@ -207,12 +221,33 @@ class TrialRunner:
         )
         return scene, context
 
-    def _write(self, scene: Scene, result: EpisodeResult) -> str:
+    def _set_up_foreign(self, trial: Trial, world: WorldSettings) -> tuple[ForeignScene, TrialContext]:
+        cameras = bool(self._observer.spec.cameras)
+        scene = ForeignScene(
+            world,
+            self._processes,
+            task=trial.task,
+            condition=trial.condition,
+            seed=trial.seed,
+            action_space=action_space(self.settings.action_space),
+            images=cameras,
+        )
+        context = TrialContext(
+            policy=self.settings.policy,
+            variation=trial.variation,
+            axis=trial.axis,
+            base_condition=trial.base_condition,
+            interventions=() if trial.variation is None else (f"{world.world}: {trial.variation}",),
+            camera_preset=self._observer.spec.name if cameras else None,
+        )
+        return scene, context
+
+    def _write(self, scene: Scene | ForeignScene, result: EpisodeResult) -> str:
         """Write the record of a trial and, once, its scene, and return the SHA-256 of the record's file."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
-            if not self.run.scene_path(scene.compiled.content_hash).exists():
-                self.run.store_scene(scene.compiled.content_hash, scene.files())
+            if not self.run.scene_path(scene.content_hash).exists():
+                self.run.store_scene(scene.content_hash, scene.files())
             return file_digest(path)
 
 

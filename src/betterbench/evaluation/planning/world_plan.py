@@ -1,0 +1,130 @@
+"""The plan of a run in a foreign world: its tasks as the world describes them, and the protocol of the field."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.experts import parse_address
+from betterbench.independent import is_independent
+from betterbench.interface.actions import EE_DELTA
+from betterbench.tasks import Expected
+from betterbench.worlds import (
+    WorldError,
+    WorldProcess,
+    WorldSettings,
+    WorldTask,
+    protocol_named,
+    suite_named,
+    world_named,
+)
+from betterbench.worlds.libero import STATES
+from betterbench.worlds.scene import task_id
+
+LIBERO = "libero"
+
+_OBSERVATIONS = ("default", "state_only")
+_TRANSLATED = re.compile(
+    r"preset=([A-Za-z0-9_]+_libero|[A-Za-z0-9]+_libero_panda)_(spatial|object|goal|10|90|study|living_room)\b"
+)
+
+
+def make_world_plan(
+    policy: str,
+    *,
+    suite: str,
+    protocol: str = "openpi",
+    tasks: Sequence[str] = (),
+    trials: int | None = None,
+    seed: int = 0,
+    observation: str = "default",
+    refuse_broken: bool = True,
+    command: Sequence[str] | None = None,
+) -> Plan:
+    """Return the plan of a suite of LIBERO; the world is asked which tasks it has.
+
+    Args:
+        policy: Address of the policy.
+        suite: Name of the suite.
+        protocol: Name of the protocol.
+        tasks: Tasks to run, by name ("libero_spatial-05") or number; all if none is named.
+        trials: Initial states of each task; those of the protocol if None.
+        seed: The first initial state.
+        observation: "default", or "state_only" without images.
+        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+        command: Command of the world's process; that of its installed environment if None.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
+        UnknownNameError: If a name is unknown.
+        MissingDependencyError: If the world is not installed.
+        WorldError: If it does not answer.
+    """
+    chosen, by = suite_named(suite), protocol_named(protocol)
+    count = by.trials if trials is None else trials
+    require_between("--seed", seed, 0, STATES - 1)
+    require_between("--trials", count, 1, STATES - seed)
+    if observation not in _OBSERVATIONS:
+        raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
+    _check_policy(policy)
+    numbers = _numbers(chosen.name, chosen.tasks, tasks)
+    started = tuple(command or world_named(LIBERO).command())
+    known, versions = _described(started, chosen.name)
+    if len(known) != chosen.tasks:
+        raise WorldError(f"{suite} has {len(known)} tasks there and {chosen.tasks} here; install the world again")
+    found = [known[i] for i in numbers]
+    change = chosen.change
+    planned = tuple(
+        Trial(task.id, task.condition, change, None, change and "base", state, Expected.SUCCEED.value)
+        for task in found
+        for state in range(seed, seed + count)
+    )
+    settings = WorldSettings(
+        LIBERO, started, by, {f"{t.id}/{t.condition}": t for t in found}, versions, refuse_broken=refuse_broken
+    )
+    return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
+
+
+def _check_policy(policy: str) -> None:
+    """Refuse a policy that knows only our world, or that translates from it."""
+    if parse_address(policy) is not None or is_independent(policy):
+        raise InvalidInputError(
+            "--policy",
+            f"{policy} plans with the privileged state of our own scenes, which LIBERO does not have",
+            "Name a policy that sees observations",
+        )
+    translated = _TRANSLATED.search(policy)
+    if translated is not None:
+        raise InvalidInputError(
+            "--policy",
+            f"the preset {translated[1]}_{translated[2]} translates from our scenes to LIBERO's conventions, and this "
+            "run is in LIBERO itself",
+            f"Give preset={translated[1]}",
+        )
+
+
+def _numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
+    """Return the places of the named tasks in the suite, each once and in its order."""
+    ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
+    for name in tasks:
+        if name not in ids:
+            raise UnknownNameError(f"task of {suite}", name, [task_id(suite, i) for i in range(count)])
+    return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
+
+
+def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], dict[str, str]]:
+    """Return the tasks of a suite and the versions of its packages, as the world says."""
+    with WorldProcess(command) as process:
+        said = process.suite(suite)
+    # Only in these suites the sentence is another one than that of the task's name, which the field's clients say.
+    key = "file_instruction" if suite_named(suite).change in ("lan", "task") else "instruction"
+    try:
+        tasks = [
+            WorldTask(suite, i, str(task["name"]), str(task[key]), str(task["bddl_sha256"]))
+            for i, task in enumerate(said["tasks"])
+        ]
+        return tasks, {str(name): str(found) for name, found in said["versions"].items()}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error

@@ -1,0 +1,25 @@
+"""Foreign worlds: simulators that live in environments of their own and answer over a local socket."""
+
+from betterbench.worlds.libero import PROTOCOLS, SUITES, Protocol, Suite, protocol_named, suite_named
+from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+from betterbench.worlds.registry import WORLDS, World, world_named
+from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
+
+__all__ = [
+    "PROTOCOLS",
+    "SUITES",
+    "WORLDS",
+    "ForeignScene",
+    "ForeignTracker",
+    "Protocol",
+    "Suite",
+    "World",
+    "WorldError",
+    "WorldProcess",
+    "WorldProcesses",
+    "WorldSettings",
+    "WorldTask",
+    "protocol_named",
+    "suite_named",
+    "world_named",
+]

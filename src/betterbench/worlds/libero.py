@@ -1,0 +1,145 @@
+"""LIBERO and LIBERO-PRO as data: the suites, and how the field runs them.
+
+Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, whose
+other settings are not documented and are those of openpi here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.errors import UnknownNameError
+from betterbench.json_form import strict_form
+
+IMAGE_SIDE = 256
+"""Width and height of an image [pixel]."""
+
+SEED = 7
+
+SETTLING_STEPS = 10
+
+CONTROL_RATE_HZ = 20.0
+
+STATES = 50
+"""Initial states of every task."""
+
+_STEPS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
+_CHANGES = {
+    "swap": "objects stand at each other's places",
+    "object": "objects are replaced by others of their kind",
+    "lan": "the sentence is said in other words",
+    "task": "the sentence asks for another task in the same scene",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """One suite.
+
+    Attributes:
+        name: Its name in LIBERO ("libero_spatial_swap").
+        base: The suite whose tasks it changes, or its own name.
+        change: What it changes ("swap"), or None.
+        tasks: Number of its tasks.
+        summary: What it is about.
+    """
+
+    name: str
+    base: str
+    change: str | None
+    tasks: int
+    summary: str
+
+
+_BASES = (
+    Suite("libero_spatial", "libero_spatial", None, 10, "the same bowl at ten places"),
+    Suite("libero_object", "libero_object", None, 10, "ten objects into one basket"),
+    Suite("libero_goal", "libero_goal", None, 10, "ten goals in one scene"),
+    Suite("libero_10", "libero_10", None, 10, "ten long tasks"),
+    Suite("libero_90", "libero_90", None, 90, "ninety short tasks"),
+)
+
+SUITES: Mapping[str, Suite] = {
+    suite.name: suite
+    for suite in (
+        *_BASES,
+        *(
+            Suite(f"{base.name}_{change}", base.name, change, base.tasks, f"{base.name}: {said}")
+            for base in _BASES
+            if base.name != "libero_90"
+            for change, said in _CHANGES.items()
+        ),
+    )
+}
+"""The five suites of LIBERO and the sixteen of LIBERO-PRO whose resources are complete in the wheel, by name."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """How the tasks of a suite are run.
+
+    Attributes:
+        name: What it is called.
+        steps: Control steps after settling, by base suite.
+        trials: Initial states of each task, from the first one on.
+        settling_steps: Steps with an open gripper before the first observation.
+        seed: Seed of LIBERO's random numbers.
+        differences: How it differs from openpi's, in words; empty for that one.
+    """
+
+    name: str
+    steps: Mapping[str, int]
+    trials: int
+    settling_steps: int = SETTLING_STEPS
+    seed: int = SEED
+    differences: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+PROTOCOLS: Mapping[str, Protocol] = {
+    protocol.name: protocol
+    for protocol in (
+        Protocol("openpi", _STEPS, 50),
+        Protocol(
+            "lerobot",
+            {**_STEPS, "libero_spatial": 280},
+            10,
+            differences="libero_spatial has 280 steps instead of 220; 10 initial states of each task instead of 50",
+        ),
+        Protocol(
+            "gr00t",
+            dict.fromkeys(_STEPS, 720),
+            20,
+            differences="720 steps in every suite instead of 220 to 520; 20 initial states of each task instead of 50",
+        ),
+    )
+}
+"""The protocols of the field by name. Numbers of different protocols are not comparable."""
+
+OURS = (
+    "the random numbers of LIBERO are seeded before each reset, not once a task, so that a trial does not depend on "
+    "those before it"
+)
+"""Where every run here differs from all of these protocols."""
+
+
+def suite_named(name: str) -> Suite:
+    """Return a suite by name; an unknown one raises an UnknownNameError."""
+    try:
+        return SUITES[name]
+    except KeyError:
+        raise UnknownNameError("suite of LIBERO", name, SUITES) from None
+
+
+def protocol_named(name: str) -> Protocol:
+    """Return a protocol by name; an unknown one raises an UnknownNameError."""
+    try:
+        return PROTOCOLS[name]
+    except KeyError:
+        raise UnknownNameError("protocol", name, PROTOCOLS) from None

@@ -1,0 +1,144 @@
+"""The process of a foreign simulator, as a worker sees it: whatever it does costs at most its own trial."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from typing import IO, Any, Self
+
+import numpy as np
+
+from betterbench.errors import BetterError, last_line
+from betterbench.worlds.frames import FrameError, receive_frame, send_frame
+
+START_LIMIT_S = 300.0
+"""Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
+
+STEP_LIMIT_S = 120.0
+"""Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
+
+_END_S = 5.0
+
+
+class WorldError(BetterError):
+    """The process of a foreign simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+
+
+class WorldProcess:
+    """A process of a foreign simulator. A context manager, which ends it."""
+
+    def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
+        """Start the process; WorldError if that is not possible."""
+        self._start_limit_s = start_limit_s
+        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        self._link, theirs = socket.socketpair()
+        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME")}
+        environment |= {"PYTHONDONTWRITEBYTECODE": "1"}
+        try:
+            # In a session of its own, so that Ctrl-C reaches the run alone; it ends when its socket is closed.
+            self._process = subprocess.Popen(  # noqa: S603 - the command of an installed world
+                [*command, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=self._said,
+                pass_fds=(theirs.fileno(),),
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._link.close()
+            self._said.close()
+            raise WorldError(f"the simulator cannot be started: {error}") from error
+        finally:
+            theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return the tasks of a suite; WorldError if the simulator fails."""
+        return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
+
+    def start(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Begin an episode; WorldError if the simulator fails."""
+        return self._ask({"do": "start", **request}, {}, self._start_limit_s)
+
+    def step(self, action: np.ndarray, *, look: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Take one control step; WorldError if the simulator fails."""
+        return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
+
+    def close(self) -> None:
+        """End the process; harmless when it has ended."""
+        self._link.close()
+        try:
+            self._process.wait(_END_S if self._process.poll() is None else 0.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._said.close()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self.close()
+
+    def _ask(
+        self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        try:
+            self._link.settimeout(limit_s)
+            send_frame(self._link, request, arrays)
+            document, answer = receive_frame(self._link)
+        except FrameError as error:
+            raise WorldError(
+                f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}"
+            ) from None
+        if "problem" in document:
+            raise WorldError(f"the simulator failed: {str(document['problem'])[:400]}")
+        return document, answer
+
+    def _last_words(self) -> str:
+        """Return how the process ended, and the last line that it said; an empty text if it runs."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            status = self._process.wait(0.5)
+            self._said.seek(0)
+            said = last_line(self._said.read()[-4000:].decode(errors="backslashreplace"))
+            return f"; its process ended with status {status}{f' and said {said}' if said else ''}"
+        return ""
+
+
+class WorldProcesses:
+    """The processes of one worker: one for every trial under way, kept for the next trial of the same task."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        """Prepare; a process is started when a trial needs one."""
+        self._command = tuple(command)
+        self._idle: list[tuple[object, WorldProcess]] = []
+
+    def take(self, key: object) -> WorldProcess:
+        """Return an idle process, one that ran the same ``key`` if there is one, or a new one."""
+        if not self._idle:
+            return WorldProcess(self._command)
+        best = next((i for i, (known, _) in enumerate(self._idle) if known == key), 0)
+        return self._idle.pop(best)[1]
+
+    def give_back(self, key: object, process: WorldProcess) -> None:
+        """Keep a process whose trial has ended well."""
+        self._idle.append((key, process))
+
+    def close(self) -> None:
+        """End all idle processes."""
+        while self._idle:
+            self._idle.pop()[1].close()

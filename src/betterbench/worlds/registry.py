@@ -1,0 +1,143 @@
+"""The foreign worlds: what each is, where its environment lies, and how it is installed."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import platformdirs
+
+from betterbench.errors import MissingDependencyError, UnknownNameError, last_line
+
+INSTALL_LIMIT_S = 3600.0
+"""Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
+
+_COMPLETE = "complete"
+_PACKAGE = Path(__file__).resolve().parent
+_START = (
+    "import sys, types\n"
+    "for name, path in (('betterbench', {package!r}), ('betterbench.worlds', {worlds!r})):\n"
+    "    stand_in = types.ModuleType(name); stand_in.__path__ = [path]; sys.modules[name] = stand_in\n"
+    "from {module} import main\n"
+    "main()\n"
+)
+"""Starts a module of ours where betterbench is not installed: its package holds nothing but this folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A foreign world.
+
+    Attributes:
+        name: Its name on the command line.
+        lock: Name of its locked requirements.
+        module: The module that its process runs.
+        summary: What it is.
+    """
+
+    name: str
+    lock: str
+    module: str
+    summary: str
+
+    @property
+    def lock_path(self) -> Path:
+        """Its locked requirements: beside this file in an installed package, else in the checkout."""
+        packaged = _PACKAGE / "locks" / self.lock
+        return packaged if packaged.exists() else _PACKAGE.parents[2] / "requirements" / self.lock
+
+    @property
+    def folder(self) -> Path:
+        """Folder of its environment, which `make bench` uses too; another lock has another one."""
+        digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
+        return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether its environment is complete."""
+        return (self.folder / _COMPLETE).exists()
+
+    def command(self) -> tuple[str, ...]:
+        """Return the command of its process; the number of the socket follows.
+
+        Raises:
+            MissingDependencyError: If it is not installed.
+        """
+        if not self.is_installed:
+            raise MissingDependencyError(
+                f"the world {self.name} is not installed. Run `better worlds install {self.name}` once."
+            )
+        return (str(self.folder / "bin" / "python"), "-c", start_code(self.module))
+
+    def install(self) -> Path:
+        """Make the environment, and return its folder; a complete one is left as it is.
+
+        It is marked as complete at its end: an interrupted installation begins anew.
+
+        Raises:
+            MissingDependencyError: If a step fails; the text is what it said last.
+        """
+        if self.is_installed:
+            return self.folder
+        target = self.folder
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(target, ignore_errors=True)
+        python = target / "bin" / "python"
+        install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(self.lock_path)]
+        uv = shutil.which("uv")
+        if uv is not None:
+            self._run([uv, "venv", "--quiet", "--python", sys.executable, str(target)])
+            self._run([uv, "pip", *install, "--python", str(python)])
+        else:
+            self._run([sys.executable, "-m", "venv", str(target)])
+            self._run([str(python), "-m", "pip", *install])
+        (target / _COMPLETE).touch()
+        return target
+
+    def _run(self, command: list[str]) -> None:
+        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        try:
+            done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
+                command, capture_output=True, text=True, timeout=INSTALL_LIMIT_S, check=False, env=environment
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
+        if done.returncode:
+            said = last_line(done.stderr) or last_line(done.stdout) or "it said nothing"
+            raise MissingDependencyError(
+                f"the world {self.name} cannot be installed: {Path(command[0]).name} says {said}. "
+                "Its packages come from the package index: check the connection, and run the same command again."
+            )
+
+
+def start_code(module: str) -> str:
+    """Return the program that runs the ``main`` of a module of a world's process."""
+    return _START.format(package=str(_PACKAGE.parent), worlds=str(_PACKAGE), module=module)
+
+
+WORLDS: Mapping[str, World] = {
+    world.name: world
+    for world in (
+        World(
+            "libero",
+            "peer-libero.lock",
+            "betterbench.worlds.libero_simulator",
+            "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
+        ),
+    )
+}
+"""The foreign worlds by name."""
+
+
+def world_named(name: str) -> World:
+    """Return a world by name; an unknown one raises an UnknownNameError."""
+    try:
+        return WORLDS[name]
+    except KeyError:
+        raise UnknownNameError("world", name, WORLDS) from None

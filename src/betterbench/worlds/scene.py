@@ -1,0 +1,407 @@
+"""A trial in a foreign world, with the interface that an episode wants of a scene of ours."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import PremiseError
+from betterbench.geometry import Pose, Quaternion, Vector, normalize
+from betterbench.interface.actions import ActionSpace
+from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, SceneInfo, WorldState
+from betterbench.tasks import Expected, Truth
+from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, Protocol, suite_named
+from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+
+PANDA_OPENING_M = 0.08
+"""Largest distance of the finger pads of robosuite's Panda gripper [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldTask:
+    """One task of a suite, as its world describes it.
+
+    Attributes:
+        suite: Name of the suite ("libero_spatial_swap").
+        number: Its place in the suite.
+        name: What the world calls it.
+        instruction: What the policy is told.
+        bddl_sha256: Fingerprint of the file that defines it.
+    """
+
+    suite: str
+    number: int
+    name: str
+    instruction: str
+    bddl_sha256: str
+
+    @property
+    def id(self) -> str:
+        """Name of the task in plans and records: that of the base suite, so that twins share it."""
+        return task_id(self.suite, self.number)
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition: what the suite changes, or "base"."""
+        return suite_named(self.suite).change or "base"
+
+
+def task_id(suite: str, number: int) -> str:
+    """Return the name of a task in plans and records ("libero_spatial-05")."""
+    return f"{suite_named(suite).base}-{number:02d}"
+
+
+@dataclass(frozen=True, slots=True)
+class WorldSettings:
+    """What a worker needs to run trials in a foreign world; small and picklable.
+
+    Attributes:
+        world: Its name.
+        command: The command of its process.
+        tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
+        versions: Versions of the packages of its environment.
+        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+    """
+
+    world: str
+    command: tuple[str, ...]
+    protocol: Protocol
+    tasks: Mapping[str, WorldTask]
+    versions: Mapping[str, str]
+    refuse_broken: bool = True
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, which does not say where the world is installed."""
+        return {
+            "name": self.world,
+            "protocol": self.protocol.to_json(),
+            "tasks": {name: asdict(task) for name, task in self.tasks.items()},
+            "versions": dict(self.versions),
+            "broken_premises": "refuse" if self.refuse_broken else "run",
+            "our_difference": OURS,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Instruction:
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Condition:
+    id: str
+    name: str
+    instruction: _Instruction
+    expected: Expected = Expected.SUCCEED
+
+
+class ForeignScene:
+    """One initial state of one task of a foreign world."""
+
+    def __init__(
+        self,
+        settings: WorldSettings,
+        processes: WorldProcesses,
+        *,
+        task: str,
+        condition: str,
+        seed: int,
+        action_space: ActionSpace,
+        images: bool,
+    ) -> None:
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state."""
+        self.settings, self.seed, self.action_space = settings, seed, action_space
+        self.task = settings.tasks[f"{task}/{condition}"]
+        self.condition = _Condition(f"{task}/{condition}", condition, _Instruction(self.task.instruction))
+        self.control_rate_hz = CONTROL_RATE_HZ
+        self.step_limit = settings.protocol.steps[suite_named(self.task.suite).base]
+        self.broken_premises: tuple[str, ...] = ()
+        self._processes, self._images, self._draws_next = processes, images, images
+        self._process: WorldProcess | None = None
+        self._fixed: dict[str, Any] = {}
+        self._document: dict[str, Any] = {}
+        self._arrays: dict[str, np.ndarray] = {}
+        self._step = 0
+        self._gripper_command = -1.0
+        self._info = SceneInfo((), (), (0.0, 0.0, 0.0), PANDA_OPENING_M)
+
+    @property
+    def info(self) -> SceneInfo:
+        """What stays the same in the episode; known after the reset."""
+        return self._info
+
+    @property
+    def relation_names(self) -> tuple[str, ...]:
+        """The relations of the task's file: those of its start, then those of its goal."""
+        return tuple(self._fixed["relations"])
+
+    @property
+    def subgoal_names(self) -> tuple[str, ...]:
+        """The relations of the goal."""
+        return tuple(self._fixed["goal"])
+
+    @property
+    def engine(self) -> dict[str, str]:
+        """Fingerprint of everything that can change the numbers."""
+        return {"simulator": self.settings.world, **self._fixed["engine"], "bddl": self.task.bddl_sha256}
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene."""
+        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+
+    def files(self) -> dict[str, bytes]:
+        """Return what is stored of a scene: the task's file, and where its things stood after settling.
+
+        The models themselves belong to the world's packages and are not passed on.
+        """
+        known = {name: self._fixed[name] for name in ("objects", "relations", "goal", "premises", "arena", "base")}
+        form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
+        return {
+            "task.bddl": self._fixed["bddl"].encode(),
+            "scene.json": json.dumps(form, indent=1, sort_keys=True).encode(),
+        }
+
+    def reset(self) -> WorldState:
+        """Go to the initial state, settle, and check that the scene shows what the sentence presupposes.
+
+        Raises:
+            PremiseError: If it does not, and broken scenes are refused.
+            WorldError: If the simulator fails.
+        """
+        protocol = self.settings.protocol
+        key = (self.task.suite, self.task.number)
+        self._process = self._processes.take(key)
+        self._take(
+            self._process.start(
+                {
+                    "suite": self.task.suite,
+                    "task": self.task.number,
+                    "state": self.seed,
+                    "seed": protocol.seed,
+                    "settle": protocol.settling_steps,
+                    "images": self._images,
+                    "size": IMAGE_SIDE,
+                }
+            )
+        )
+        self._fixed = self._document
+        self._step, self._gripper_command = 0, -1.0
+        self._info = self._describe()
+        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
+        self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
+        if self.broken_premises and self.settings.refuse_broken:
+            raise PremiseError(
+                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
+                f"after settling, and the sentence is {self.task.instruction!r}. An update of the engine breaks "
+                f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
+                f"install {self.settings.world}` for the one that is pinned, or give --broken-premises run to go on by "
+                "the book."
+            )
+        return self.state()
+
+    def draw_next(self, *, wanted: bool) -> None:
+        """Say whether the policy is shown images after the next step: LIBERO draws them in the middle of it."""
+        self._draws_next = self._images and wanted
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Apply an action for one control step, and return it as it was applied.
+
+        Raises:
+            InvalidActionError: If it is malformed.
+            WorldError: If the simulator fails.
+        """
+        applied = self.action_space.clip(action)
+        if self._process is None:
+            raise WorldError("the episode has not begun")
+        self._take(self._process.step(applied, look=self._draws_next))
+        self._step += 1
+        if applied[-1]:
+            self._gripper_command = float(applied[-1])
+        return applied
+
+    def state(self) -> WorldState:
+        """Return everything that is true now."""
+        arrays, velocities = self._arrays, self._arrays["velocities"]
+        contacts = tuple(
+            Contact(a, b, f) for (a, b), f in zip(self._document["pairs"], arrays["forces"].tolist(), strict=True)
+        )
+        return WorldState(
+            info=self._info,
+            step=self._step,
+            time_s=self._step / self.control_rate_hz,
+            positions=tuple(map(_vector, arrays["positions"])),
+            quaternions=tuple(_quaternion(q) for q in arrays["quaternions"]),
+            linear_speeds=tuple(np.linalg.norm(velocities[:, 3:], axis=1).tolist()),
+            angular_speeds=tuple(np.linalg.norm(velocities[:, :3], axis=1).tolist()),
+            ee_pose=Pose(_vector(arrays["ee_position"]), _from_matrix(arrays["ee_rotation"])),
+            commanded_pose=Pose(_vector(arrays["goal_position"]), _from_matrix(arrays["goal_rotation"])),
+            finger_width_m=float(self._document["width"]),
+            gripper_command=self._gripper_command,
+            joint_positions=tuple(arrays["joints"].tolist()),
+            joint_velocities=tuple(arrays["joint_speeds"].tolist()),
+            contacts=contacts,
+            held=_held(contacts, self._info),
+        )
+
+    def simulator_state(self) -> dict[str, np.ndarray]:
+        """Return the arrays of the simulator: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
+        return {name: self._arrays[name] for name in ("qpos", "qvel", "act", "ctrl")}
+
+    def truth(self) -> Truth:
+        """Return what holds now; success is what the world itself calls so."""
+        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
+        subgoals = tuple(holds[name] for name in self.subgoal_names)
+        return Truth(
+            relations=tuple(holds.values()),
+            subgoals=subgoals,
+            in_order=True,
+            goal=all(subgoals),
+            forbidden=False,
+            success=bool(self._document["done"]),
+        )
+
+    def images(self) -> dict[str, np.ndarray]:
+        """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
+        return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
+
+    def native(self) -> dict[str, np.ndarray]:
+        """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
+        return {
+            "ee_position": self._arrays["native_position"],
+            "ee_axis_angle": quat2axisangle(self._arrays["native_quaternion"]),
+            "gripper_fingers": self._arrays["native_gripper"],
+        }
+
+    def close(self, *, well: bool) -> None:
+        """Give the process back if the trial ended ``well``, or end it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if well:
+            self._processes.give_back((self.task.suite, self.task.number), process)
+        else:
+            process.kill()
+
+    def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
+        """Keep an answer; WorldError if it holds something that is no number or has another size than the first."""
+        document, arrays = answer
+        for name, array in arrays.items():
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise WorldError(f"the simulator sent {name} with a number that is not finite")
+            there = self._arrays.get(name)
+            if there is not None and name != "forces" and there.shape != array.shape:
+                raise WorldError(f"the simulator sent {name} of shape {array.shape}, and {there.shape} before")
+        if self._arrays.keys() - arrays.keys() - {"image_front", "image_wrist"}:
+            missing = sorted(self._arrays.keys() - arrays.keys())
+            raise WorldError(f"the simulator did not send {', '.join(missing)}")
+        self._document, self._arrays = document, dict(arrays)
+
+    def _describe(self) -> SceneInfo:
+        goal = " ".join(self._fixed["goal"])
+        objects = tuple(
+            ObjectInfo(
+                name=o["name"],
+                kind=o["kind"].replace("_", " "),
+                asset=o["kind"],
+                category=o["kind"],
+                color="",
+                shape="",
+                role=_role(o, goal),
+                fixed=bool(o["fixed"]),
+                mass_kg=float(o["mass"]),
+                size_m=_vector(np.array(o["size"])),
+            )
+            for o in self._fixed["objects"]
+        )
+        return SceneInfo(objects, (), _vector(self._arrays["ee_position"]), PANDA_OPENING_M)
+
+
+class ForeignTracker:
+    """Follows the goal of an episode in a foreign world, as :class:`betterbench.tasks.GoalTracker` does in ours."""
+
+    def __init__(self, scene: ForeignScene) -> None:
+        """Prepare for an episode that has been reset."""
+        self._scene = scene
+
+    @property
+    def relation_names(self) -> tuple[str, ...]:
+        """Names of the relation columns."""
+        return self._scene.relation_names
+
+    @property
+    def subgoal_names(self) -> tuple[str, ...]:
+        """Names of the subgoals."""
+        return self._scene.subgoal_names
+
+    def update(self, state: WorldState) -> Truth:
+        """Return what holds in the state that the world is in."""
+        del state
+        return self._scene.truth()
+
+
+def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter way round.
+
+    It is the function of that name of robosuite and openpi's ``examples/libero/main.py``, to the bit: for w < 0 the
+    vector is longer than half a turn, as it was in training.
+    """
+    w = min(max(float(quaternion[3]), -1.0), 1.0)
+    den = np.sqrt(1.0 - w * w)
+    if math.isclose(den, 0.0):
+        return np.zeros(3)
+    rotation: np.ndarray = (quaternion[:3] * 2.0 * math.acos(w)) / den
+    return rotation
+
+
+def _role(thing: Mapping[str, Any], goal: str) -> str:
+    if thing["fixed"]:
+        return "fixture"
+    if not thing["of_interest"]:
+        return "distractor"
+    return "item" if f"({thing['name']}" in goal else "container"
+
+
+def _held(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
+    """Return the object that both fingers touch and that nothing else supports."""
+    touched: dict[str, set[str]] = {}
+    for a, b, _ in contacts:
+        touched.setdefault(a, set()).add(b)
+        touched.setdefault(b, set()).add(a)
+    for thing in info.objects:
+        others = touched.get(thing.name, set())
+        if not thing.fixed and {"left_finger", "right_finger"} <= others and others <= GRIPPER_BODIES:
+            return thing.name
+    return None
+
+
+def _vector(values: np.ndarray) -> Vector:
+    x, y, z = values.tolist()
+    return (x, y, z)
+
+
+def _quaternion(values: np.ndarray) -> Quaternion:
+    return normalize(values.tolist())
+
+
+def _from_matrix(m: np.ndarray) -> Quaternion:
+    """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3), by its largest component (Shepperd 1978)."""
+    trace = float(np.trace(m))
+    squares = [trace, *np.diag(m).tolist()]
+    largest = int(np.argmax(squares))
+    if largest == 0:
+        return normalize((1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]))
+    i = largest - 1
+    j, k = (i + 1) % 3, (i + 2) % 3
+    found = [0.0] * 4
+    found[0] = m[k, j] - m[j, k]
+    found[1 + i] = 1.0 + m[i, i] - m[j, j] - m[k, k]
+    found[1 + j] = m[j, i] + m[i, j]
+    found[1 + k] = m[k, i] + m[i, k]
+    return normalize(found)

@@ -1,0 +1,64 @@
+"""What the process of a foreign simulator does: it answers requests until the run has gone.
+
+Like :mod:`betterbench.worlds.frames` it is read in an environment without betterbench.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+import traceback
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from betterbench.worlds.frames import FrameError, receive_frame, send_frame
+
+Answer = tuple[dict[str, Any], dict[str, np.ndarray]]
+"""A JSON document and arrays by name."""
+
+_LONGEST_PROBLEM = 2000
+
+
+class Simulator(Protocol):
+    """A foreign simulator with one environment."""
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+
+    def start(self, request: Mapping[str, Any]) -> Answer:
+        """Begin an episode and settle; return what stays the same in it, and its first row."""
+
+    def step(self, action: np.ndarray, *, look: bool) -> Answer:
+        """Take one control step, and return the row after it; with images if ``look``."""
+
+
+def serve(simulator: Simulator, descriptor: int) -> None:
+    """Answer the requests that come over a socket, until it is closed.
+
+    What the simulator prints goes to standard error: only frames go over the socket.
+    """
+    sys.stdout.flush()
+    os.dup2(2, 1)
+    link = socket.socket(fileno=descriptor)
+    with link, contextlib.suppress(FrameError):
+        while True:
+            request, arrays = receive_frame(link)
+            try:
+                document, answer = _answered(simulator, request, arrays)
+            except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
+                traceback.print_exc()
+                text = " ".join(f"{type(problem).__name__}: {problem}".split())
+                document, answer = {"problem": text[:_LONGEST_PROBLEM]}, {}
+            send_frame(link, document, answer)
+
+
+def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Answer:
+    if request["do"] == "suite":
+        return simulator.suite(request["suite"]), {}
+    if request["do"] == "start":
+        return simulator.start(request)
+    return simulator.step(np.array(arrays["action"]), look=bool(request["look"]))

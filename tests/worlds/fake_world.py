@@ -1,0 +1,96 @@
+"""A simulator with LIBERO's interface and none of its physics: a cube that moves as it is told.
+
+It runs where betterbench is not installed, as LIBERO's process does. The environment variable ``FAKE_FAULT`` holds
+"KIND:STATE:FILE": what goes wrong in the first trial of an initial state, and the file that says that it has.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.worlds.simulator_loop import serve
+
+SENTENCE = "pick up the cube and place it on the plate"
+
+
+class FakeSimulator:
+    def __init__(self) -> None:
+        print("this is printed to standard output")
+        self.images = False
+        self.at = np.zeros(3)
+        self.state = 0
+        self.steps = 0
+
+    def suite(self, name):
+        one = {"name": "cube", "instruction": SENTENCE, "file_instruction": "shove the cube", "bddl_sha256": "0" * 64}
+        return {"tasks": [{**one, "states": 50}] * 10, "versions": {"fake": name}}
+
+    def start(self, request):
+        print("so is this")
+        self.state, self.steps, self.images = request["state"], 0, request["images"]
+        self.at = np.array([0.01 * self.state, 0.0, 0.0])
+        thing = {"fixed": False, "mass": 0.1, "size": [0.04, 0.04, 0.04], "shift": [0.0, 0.0, 0.0], "of_interest": True}
+        fixed = {
+            "objects": [{**thing, "name": "cube_1", "kind": "cube"}, {**thing, "name": "plate_1", "kind": "plate"}],
+            "relations": ["on(cube_1, tray_1)", "on(cube_1, plate_1)"],
+            "goal": ["on(cube_1, plate_1)"],
+            "premises": ["on(cube_1, tray_1)"],
+            "arena": "table",
+            "base": [0.0, 0.0, 0.0],
+            "bddl": "(define (problem cube))",
+            "engine": {"mujoco": "3.3.7"},
+        }
+        document, arrays = self.row(look=self.images)
+        return {**fixed, **document}, arrays
+
+    def step(self, action, *, look):
+        self.steps += 1
+        self.at = self.at + 0.0125 * action[:3]
+        if self.steps == 3:
+            self.fail()
+        return self.row(look=look)
+
+    def fail(self):
+        kind, state, file = (os.environ.get("FAKE_FAULT") or "none:0:none").split(":")
+        if kind == "none" or int(state) != self.state or Path(file).exists():
+            return
+        Path(file).touch()
+        if kind == "dies":
+            os._exit(9)
+        if kind == "hangs":
+            time.sleep(1000.0)
+        if kind == "raises":
+            raise RuntimeError("the cube is gone")
+        if kind == "nan":
+            self.at = self.at * np.nan
+        if kind == "garbage":
+            os.write(int(sys.argv[1]), b"mujoco says hello, and more than that\n" * 10)
+
+    def row(self, *, look):
+        there = bool(self.at[0] > 0.2)
+        arrays = {name: np.arange(3.0) + self.steps for name in ("qpos", "qvel", "ctrl")}
+        arrays |= {"act": np.zeros(0), "forces": np.array([1.5]), "velocities": np.zeros((2, 6))}
+        arrays |= {
+            "positions": np.array([self.at, [0.3, 0.0, 0.0]]),
+            "quaternions": np.array([[1.0, 0.0, 0.0, 0.0]] * 2),
+        }
+        arrays |= {
+            "ee_position": self.at,
+            "ee_rotation": np.eye(3),
+            "goal_position": self.at,
+            "goal_rotation": np.eye(3),
+        }
+        arrays |= {"joints": np.arange(7.0), "joint_speeds": np.zeros(7), "holds": np.array([self.state != 40, there])}
+        arrays |= {"native_position": self.at, "native_gripper": np.array([0.0262, -0.0261])}
+        arrays["native_quaternion"] = np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154])
+        if look:
+            draw = np.random.default_rng([self.state, self.steps])
+            arrays["image_front"], arrays["image_wrist"] = draw.integers(0, 256, (2, 256, 256, 3), dtype=np.uint8)
+        return {"width": 0.0523, "pairs": [["cube_1", "plate_1"]], "time": 0.05 * self.steps, "done": there}, arrays
+
+
+def main():
+    serve(FakeSimulator(), int(sys.argv[1]))

@@ -1,0 +1,170 @@
+"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a world that is a stand-in."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError
+from betterbench.episodes import Observer
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.policies.presets import PRESETS
+from betterbench.worlds import PROTOCOLS, SUITES, ForeignScene, WorldProcesses, process
+from betterbench.worlds.scene import quat2axisangle
+
+POLICY = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class Shove:
+    info = PolicyInfo("shove")
+    def reset(self, start):
+        pass
+    def act(self, seen):
+        assert seen.images["front"].shape == (256, 256, 3)
+        return np.array([[0.5, 0.1 * seen.images["front"][0, 0, 0] / 255.0, 0, 0, 0, 0, 1.0]] * 4)
+"""
+
+
+@pytest.fixture
+def plan_of(fake_command, tmp_path):
+    (tmp_path / "shove.py").write_text(POLICY)
+
+    def plan(policy=f"python:{tmp_path / 'shove.py'}:Shove", suite="libero_object", **options):
+        return make_world_plan(policy, suite=suite, command=fake_command, **{"tasks": ["3"], "trials": 2, **options})
+
+    return plan
+
+
+def _bytes(run):
+    return {p.relative_to(run.path): p.read_bytes() for p in sorted(run.path.glob("records/**/*.parquet"))}
+
+
+def test_a_run_ends_with_the_success_of_the_world(plan_of, tmp_path):
+    run = evaluate(plan_of(), tmp_path / "run")
+    records = list(run.records())
+    assert [(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
+        ("libero_object-03", "base", 0),
+        ("libero_object-03", "base", 1),
+    ]
+    for record in records:
+        assert record.outcome.success
+        assert record.object_positions[-1, 0, 0] > 0.2 >= record.object_positions[-2, 0, 0]
+        assert record.metadata.instruction == "pick up the cube and place it on the plate"
+        assert record.predicates[-1].tolist() == [True, True]
+        assert record.metadata.engine["mujoco"] == "3.3.7"
+        assert run.load_scene(record.metadata.scene_hash)["task.bddl"] == b"(define (problem cube))"
+
+
+def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path):
+    plan = plan_of(trials=3)
+    together = _bytes(evaluate(plan, tmp_path / "together", workers=1, envs=1))
+    assert together == _bytes(evaluate(plan, tmp_path / "side by side", workers=2, envs=2))
+    alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone"))
+    assert alone.items() <= together.items()
+
+
+@pytest.mark.parametrize("fault", ["dies", "hangs", "raises", "nan", "garbage"])
+def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, fault):
+    plan = plan_of(policy="noop", trials=3)
+    plan = replace(plan, world=replace(plan.world, protocol=replace(PROTOCOLS["openpi"], steps={"libero_object": 12})))
+    undisturbed = _bytes(evaluate(plan, tmp_path / "undisturbed"))
+    monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
+    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    run = evaluate(plan, tmp_path / "run")
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "simulator" in broken[0].message
+    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+def test_a_scene_that_does_not_show_its_premise_stops_the_run(plan_of, tmp_path):
+    with pytest.raises(PremiseError, match=r"on\(cube_1, tray_1\) does not hold"):
+        evaluate(plan_of(seed=40, trials=1), tmp_path / "refused")
+    run = evaluate(plan_of(seed=40, trials=1, refuse_broken=False), tmp_path / "run")
+    assert next(run.records()).metadata.engine["broken_premises"] == "on(cube_1, tray_1)"
+
+
+def test_the_plan_says_how_it_is_run(plan_of):
+    form = plan_of(suite="libero_object_lan", protocol="gr00t", trials=None).to_json()
+    assert len(form["trials"]) == 20
+    assert form["trials"][0]["condition"] == "lan"
+    assert form["trials"][0]["base_condition"] == "base"
+    assert form["world"]["protocol"]["steps"]["libero_object"] == 720
+    assert form["world"]["tasks"]["libero_object-03/lan"]["instruction"] == "shove the cube"
+    assert "/" not in str(form["world"]["versions"])
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"policy": "expert"}, InvalidInputError),
+        ({"policy": "openpi://localhost:8000?preset=openpi_libero_object"}, InvalidInputError),
+        ({"suite": "libero_objects"}, UnknownNameError),
+        ({"protocol": "ours"}, UnknownNameError),
+        ({"tasks": ["10"]}, UnknownNameError),
+        ({"trials": 51}, InvalidInputError),
+        ({"trials": 2, "seed": 49}, InvalidInputError),
+        ({"observation": "droid"}, UnknownNameError),
+    ],
+)
+def test_a_wrong_setting_is_refused(plan_of, options, error):
+    with pytest.raises(error):
+        plan_of(**options)
+
+
+def test_every_protocol_has_steps_for_every_suite():
+    assert all(suite.base in p.steps for suite in SUITES.values() for p in PROTOCOLS.values())
+    assert len(SUITES) == 21
+
+
+def _openpi_state(position, quaternion, gripper):
+    """openpi examples/libero/main.py."""
+    quat = quaternion.copy()
+    quat[3] = min(max(quat[3], -1.0), 1.0)
+    den = np.sqrt(1.0 - quat[3] * quat[3])
+    turned = np.zeros(3) if math.isclose(den, 0.0) else (quat[:3] * 2.0 * math.acos(quat[3])) / den
+    return np.concatenate((position, turned, gripper))
+
+
+def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fake_command):
+    settings = plan_of().world
+    processes = WorldProcesses(fake_command)
+    scene = ForeignScene(
+        settings, processes, task="libero_object-03", condition="base", seed=1, action_space=EE_DELTA, images=True
+    )
+    observer = Observer(observation_spec("default"))
+    state = scene.reset()
+    seen = observer.observe(scene, state)
+    sent = PRESETS["openpi_libero"].states[0].read(seen, ee_offset_m=(0.0, 0.0, 0.0), gripper_opening_m=0.08)
+    expected = _openpi_state(
+        np.array([0.01, 0.0, 0.0]),
+        np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154]),
+        np.array([0.0262, -0.0261]),
+    )
+    assert sent.tobytes() == expected.astype(np.float32).tobytes()
+    assert np.linalg.norm(quat2axisangle(np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154]))) > math.pi
+    front = seen.images["front"]
+    shown = PRESETS["openpi_libero"].views[0].show(front)
+    assert shown.tobytes() == np.asarray(Image.fromarray(front).resize((224, 224), Image.Resampling.BILINEAR)).tobytes()
+    scene.close(well=True)
+    processes.close()
+
+
+def test_images_are_drawn_only_where_the_policy_is_asked(plan_of, tmp_path, monkeypatch):
+    asked = []
+    step = process.WorldProcess.step
+
+    def counted(self, action, *, look):
+        asked.append(look)
+        return step(self, action, look=look)
+
+    monkeypatch.setattr(process.WorldProcess, "step", counted)
+    run = evaluate(plan_of(trials=1), tmp_path / "run", workers=1, envs=1)
+    assert sum(asked) == (len(asked) - 1) // 4 + (len(asked) % 4 == 0)
+    assert next(run.records()).n_steps == len(asked)
