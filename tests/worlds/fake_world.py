@@ -18,7 +18,7 @@ SENTENCE = "pick up the cube and place it on the plate"
 
 class FakeSimulator:
     def __init__(self) -> None:
-        print("this is printed to standard output")
+        print("this is printed to standard output")  # noqa: T201 - what simulators do
         self.images = False
         self.at = np.zeros(3)
         self.state = 0
@@ -29,7 +29,7 @@ class FakeSimulator:
         return {"tasks": [{**one, "states": 50}] * 10, "versions": {"fake": name}}
 
     def start(self, request):
-        print("so is this")
+        print("so is this")  # noqa: T201 - what simulators do
         self.state, self.steps, self.images = request["state"], 0, request["images"]
         self.at = np.array([0.01 * self.state, 0.0, 0.0])
         thing = {"fixed": False, "mass": 0.1, "size": [0.04, 0.04, 0.04], "shift": [0.0, 0.0, 0.0], "of_interest": True}

@@ -1,4 +1,4 @@
-"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a world that is a stand-in."""
+"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a stand-in of a world."""
 
 import math
 from dataclasses import replace
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError
 from betterbench.episodes import Observer
+from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec

@@ -150,6 +150,7 @@ def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observat
         gripper_width=float(_numbers(message.get("better/gripper_width"), "better/gripper_width", 1)[0]),
         depth={},
         masks={},
+        native={},
         **numbers,
     )
 

@@ -236,7 +236,7 @@ class _Reader:
 
     def _label_of(self, body: int) -> str:
         """Return what a body belongs to: an object, a part of the robot, the table or the floor."""
-        names = list(self._objects)
+        names: list[str] = list(self._objects)
         at = body
         while at:
             if at in self._roots:

@@ -1,0 +1,101 @@
+"""LIBERO itself, where `better worlds install libero` has been run."""
+
+import subprocess
+
+import numpy as np
+import pytest
+
+from betterbench.episodes import Observer
+from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.worlds import ForeignScene, WorldProcesses, world_named
+from betterbench.worlds.scene import quat2axisangle
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not world_named("libero").is_installed, reason="better worlds install libero"),
+]
+
+STEPS = 3
+
+CLIENT = f"""
+import sys
+from pathlib import Path
+import numpy as np
+from libero.libero import benchmark, get_libero_path
+from libero.libero.envs import OffScreenRenderEnv
+suite = benchmark.get_benchmark("libero_spatial")(task_order_index=0)
+task = suite.get_task(5)
+path = Path(get_libero_path("bddl_files")) / task.problem_folder / task.bddl_file
+env = OffScreenRenderEnv(bddl_file_name=str(path), camera_heights=256, camera_widths=256)
+env.seed(7)
+env.reset()
+obs = env.set_init_state(suite.get_task_init_states(5)[1])
+for _ in range(10):
+    obs, _, _, _ = env.step([0.0] * 6 + [-1.0])
+for action in np.random.default_rng(0).uniform(-1.0, 1.0, ({STEPS}, 7)):
+    obs, _, _, _ = env.step(action.tolist())
+np.savez(
+    sys.argv[1], front=obs["agentview_image"][::-1, ::-1], wrist=obs["robot0_eye_in_hand_image"][::-1, ::-1],
+    position=obs["robot0_eef_pos"], quaternion=obs["robot0_eef_quat"], gripper=obs["robot0_gripper_qpos"],
+    qpos=env.sim.data.qpos, qvel=env.sim.data.qvel,
+)
+"""
+"""The loop of openpi's ``examples/libero/main.py`` up to an observation."""
+
+
+def test_an_observation_has_the_bytes_of_the_loop_of_the_field(tmp_path):
+    world = world_named("libero")
+    python = world.folder / "bin" / "python"
+    subprocess.run([str(python), "-c", CLIENT, str(tmp_path / "seen.npz")], check=True, capture_output=True)
+    plan = make_world_plan("noop", suite="libero_spatial", tasks=["5"], trials=1, seed=1)
+    processes = WorldProcesses(world.command())
+    scene = ForeignScene(
+        plan.world, processes, task="libero_spatial-05", condition="base", seed=1, action_space=EE_DELTA, images=True
+    )
+    state = scene.reset()
+    assert scene.info.object("akita_black_bowl_1").role == "item"
+    assert state.touching("akita_black_bowl_1", "glazed_rim_porcelain_ramekin_1")
+    for i, action in enumerate(np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, 7))):
+        scene.draw_next(wanted=i == STEPS - 1)  # what is not drawn changes nothing
+        scene.step(action)
+    seen = Observer(observation_spec("default")).observe(scene, scene.state())
+    with np.load(tmp_path / "seen.npz") as there:
+        assert seen.images["front"].tobytes() == there["front"].tobytes()
+        assert seen.images["wrist"].tobytes() == there["wrist"].tobytes()
+        assert seen.native["ee_position"].tobytes() == there["position"].tobytes()
+        assert seen.native["ee_axis_angle"].tobytes() == quat2axisangle(there["quaternion"]).tobytes()
+        assert seen.native["gripper_fingers"].tobytes() == there["gripper"].tobytes()
+        assert scene.simulator_state()["qpos"].tobytes() == there["qpos"].tobytes()
+        assert scene.simulator_state()["qvel"].tobytes() == there["qvel"].tobytes()
+    scene.close(well=True)
+    processes.close()
+
+
+def test_a_bowl_that_slid_off_its_ramekin_breaks_the_premise():
+    """The displacement that MuJoCo 3.17.0 was measured to leave, posed in an initial state."""
+    code = """
+from libero.libero import benchmark, get_libero_path
+from libero.libero.envs import OffScreenRenderEnv
+from pathlib import Path
+suite = benchmark.get_benchmark("libero_spatial")(task_order_index=0)
+task = suite.get_task(5)
+path = Path(get_libero_path("bddl_files")) / task.problem_folder / task.bddl_file
+env = OffScreenRenderEnv(bddl_file_name=str(path), camera_heights=16, camera_widths=16)
+env.seed(7)
+env.reset()
+env.set_init_state(suite.get_task_init_states(5)[1])
+relation = ["on", "akita_black_bowl_1", "glazed_rim_porcelain_ramekin_1"]
+for _ in range(10):
+    env.step([0.0] * 6 + [-1.0])
+assert env.env._eval_predicate(relation)
+joint = env.env.objects_dict["akita_black_bowl_1"].joints[0]
+qpos = env.sim.data.get_joint_qpos(joint).copy()
+qpos[0] += 0.062
+env.sim.data.set_joint_qpos(joint, qpos)
+env.sim.forward()
+assert not env.env._eval_predicate(relation)
+"""
+    python = world_named("libero").folder / "bin" / "python"
+    subprocess.run([str(python), "-c", code], check=True, capture_output=True)
