@@ -73,7 +73,7 @@ def test_the_help_of_every_verb_is_read_at_80_columns(capsys, monkeypatch, verb)
     assert "(default: )" not in out
 
 
-@pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
+@pytest.mark.parametrize("what", ["suites", "tasks", "variations", "policies", "assets", "templates"])
 def test_lists_are_json_on_request(capsys, what):
     status, out, _ = run(capsys, "list", what, "--json")
     listed = json.loads(out)
@@ -81,7 +81,7 @@ def test_lists_are_json_on_request(capsys, what):
     assert listed
 
 
-@pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
+@pytest.mark.parametrize("what", ["suites", "tasks", "variations", "policies", "assets", "templates"])
 def test_lists_are_read_at_80_columns(capsys, monkeypatch, what):
     """No line is wider, no row takes more than three lines, and nothing of a row is left out."""
     monkeypatch.setattr("betterbench.cli.console.OUT._width", 80)

@@ -66,13 +66,13 @@ class WorldOptions:
     """How the suites of a foreign world are run.
 
     Attributes:
-        protocol: In LIBERO, whose protocol: openpi, gr00t or lerobot; openpi if not given.
+        protocol: In LIBERO, whose protocol.
         broken_premises: In LIBERO, what happens where a scene does not show what its sentence presupposes: refuse stops
             the run, run goes on and notes it in the record.
     """
 
-    protocol: str | None = None
-    broken_premises: Literal["refuse", "run"] | None = None
+    protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
+    broken_premises: Literal["refuse", "run"] = "refuse"
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,14 +227,14 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
     plan = make_world_plan(
         policy,
         suite=chosen.suite,
-        protocol=world.protocol or "openpi",
+        protocol=world.protocol,
         tasks=chosen.tasks,
         trials=chosen.trials,
         seed=chosen.seed,
         observation=chosen.observation,
         refuse_broken=world.broken_premises != "run",
     )
-    by = protocol_named(world.protocol or "openpi")
+    by = protocol_named(world.protocol)
     steps = by.steps[suite_named(chosen.suite).base]
     say(
         f"{len(plan.trials)} trials of {chosen.suite}, protocol {by.name}: {by.settling_steps} settling steps, then at "

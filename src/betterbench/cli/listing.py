@@ -85,6 +85,6 @@ def _suites() -> list[list[str]]:
     from betterbench.tasks import suite_tasks
     from betterbench.worlds import SUITES, world_named
 
-    state = "libero" if world_named("libero").is_installed else "libero (better worlds install libero)"
+    state = "libero" if world_named("libero").is_installed else "libero (not installed)"
     ours = ["better60", "betterbench", str(len(suite_tasks("better60"))), "tasks with six variations each"]
     return [ours, *([suite.name, state, str(suite.tasks), suite.summary] for suite in SUITES.values())]
