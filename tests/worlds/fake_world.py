@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from betterbench.worlds.simulator_loop import serve
+from betterbench.worlds.simulator_loop import answer_requests
 
 SENTENCE = "pick up the cube and place it on the plate"
 
@@ -26,18 +26,22 @@ class FakeSimulator:
 
     def suite(self, name):
         one = {"name": "cube", "instruction": SENTENCE, "file_instruction": "shove the cube", "bddl_sha256": "0" * 64}
+        one["steps"] = [["on", "cube_1", "cube", "plate"]]
+        one["starts"] = {"cube_1": ["cube", "x 0 y 0"], "plate_1": ["plate", "x 30 y 0"]}
         return {"tasks": [{**one, "states": 50}] * 10, "versions": {"fake": name}}
 
     def start(self, request):
         print("so is this")  # noqa: T201 - what simulators do
         self.state, self.steps, self.images = request["state"], 0, request["images"]
         self.at = np.array([0.01 * self.state, 0.0, 0.0])
-        thing = {"fixed": False, "mass": 0.1, "size": [0.04, 0.04, 0.04], "shift": [0.0, 0.0, 0.0], "of_interest": True}
+        thing = {"fixed": False, "mass": 0.1, "size": [0.04, 0.04, 0.04], "of_interest": True}
+        thing |= {"regions": [], "start": "x 0 y 0"}
         fixed = {
             "objects": [{**thing, "name": "cube_1", "kind": "cube"}, {**thing, "name": "plate_1", "kind": "plate"}],
             "relations": ["on(cube_1, tray_1)", "on(cube_1, plate_1)"],
             "goal": ["on(cube_1, plate_1)"],
             "premises": ["on(cube_1, tray_1)"],
+            "places": [["x 0 y 0", [0.0, 0.0, 0.0]]],
             "arena": "table",
             "base": [0.0, 0.0, 0.0],
             "bddl": "(define (problem cube))",
@@ -93,4 +97,4 @@ class FakeSimulator:
 
 
 def main():
-    serve(FakeSimulator(), int(sys.argv[1]))
+    answer_requests(FakeSimulator(), int(sys.argv[1]))

@@ -87,7 +87,7 @@ def test_a_scene_that_does_not_show_its_premise_stops_the_run(plan_of, tmp_path)
     with pytest.raises(PremiseError, match=r"on\(cube_1, tray_1\) does not hold"):
         evaluate(plan_of(seed=40, trials=1), tmp_path / "refused")
     run = evaluate(plan_of(seed=40, trials=1, refuse_broken=False), tmp_path / "run")
-    assert next(run.records()).metadata.engine["broken_premises"] == "on(cube_1, tray_1)"
+    assert next(run.records()).metadata.engine["scene_broken_premises"] == "on(cube_1, tray_1)"
 
 
 def test_the_plan_says_how_it_is_run(plan_of):
@@ -103,7 +103,7 @@ def test_the_plan_says_how_it_is_run(plan_of):
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"policy": "expert"}, InvalidInputError),
+        ({"policy": "zoo:halt"}, InvalidInputError),
         ({"policy": "openpi://localhost:8000?preset=openpi_libero_object"}, InvalidInputError),
         ({"suite": "libero_objects"}, UnknownNameError),
         ({"protocol": "ours"}, UnknownNameError),

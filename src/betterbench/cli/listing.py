@@ -11,13 +11,15 @@ from betterbench.cli.console import OUT, print_json, print_listing, print_table
 What = Literal["suites", "tasks", "variations", "policies", "assets", "templates"]
 
 
-def list_command(what: Annotated[What, tyro.conf.Positional], *, json: bool = False) -> None:
+def list_command(
+    what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="WHAT")], *, json: bool = False
+) -> None:
     """List suites, tasks, variations, policies, assets or templates.
 
     Example: better list variations
 
     Args:
-        what: What to list.
+        what: suites, tasks, variations, policies, assets or templates.
         json: Print one JSON document instead of a table.
     """
     columns, rows = _table(what)

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
+from betterbench.diagnosis.foreign import NOTE, ForeignRun, suite_of
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -26,6 +27,7 @@ from betterbench.recording import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
 from betterbench.tasks.labels import Label
+from betterbench.worlds.regime import TrainedTask
 
 
 @dataclass(slots=True)
@@ -70,6 +72,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
     policy, plan, rule = read_plan(run)
+    foreign = _foreign_of(run)
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
@@ -81,7 +84,8 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
         if path.exists():
             record = run.read_record(trial.task, trial.condition, trial.seed)
             versions.add(record.metadata)
-            trials.readings[trial] = read_trial(record, path=path.relative_to(run.path).as_posix())
+            at = path.relative_to(run.path).as_posix()
+            trials.readings[trial] = read_trial(record, path=at) if foreign is None else foreign.read(record, path=at)
     expected = frozenset(plan)
     if rule is not None:
         trials.until_decided = decided_of(rule, plan, trials.outcome)
@@ -96,8 +100,9 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
         trials.plan.append(trial)
         if trial not in trials.readings:
             trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
-    found = _diagnose(policy, trials, versions.found)
-    return replace(found, notes=(*_policy_notes(run.context), *found.notes))
+    found = _diagnose(policy, trials, versions.found, foreign)
+    said = () if foreign is None else (NOTE,)
+    return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -153,6 +158,39 @@ class _PlanForm:
 _PLAN = TypeAdapter(_PlanForm)
 
 
+@open_form
+@dataclass(frozen=True, slots=True)
+class _WorldTaskForm:
+    """What the diagnosis reads of a task of LIBERO."""
+
+    instruction: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _WorldForm:
+    """What the diagnosis reads of the world of a run."""
+
+    regime: tuple[TrainedTask, ...]
+    tasks: dict[str, _WorldTaskForm]
+
+
+_WORLD = TypeAdapter(_WorldForm)
+
+
+def _foreign_of(run: RunFolder) -> ForeignRun | None:
+    """Return what is to be known of a run in LIBERO, or None for a run in our own scenes.
+
+    Raises:
+        RecordError: If the plan does not say it.
+    """
+    if "world" not in run.plan:
+        return None
+    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
+    world = read_form(_WORLD, run.plan["world"], where=where, cure=cure, raises=RecordError)
+    return ForeignRun.of(world.regime, {name: task.instruction for name, task in world.tasks.items()})
+
+
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:
     """Return the policy and the planned trials of a run, and when it stops if it is run until decided.
 
@@ -168,23 +206,32 @@ def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | 
     return plan.policy, trials, plan.until_decided
 
 
-def _diagnose(policy: str, trials: _Trials, versions: dict[str, str]) -> RunDiagnosis:
-    """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes."""
+def _diagnose(
+    policy: str, trials: _Trials, versions: dict[str, str], foreign: ForeignRun | None = None
+) -> RunDiagnosis:
+    """Return the diagnosis of a run from the readings of its records: second pass, metrics, findings, notes.
+
+    The rules of a policy are judged per task; in LIBERO per suite, because each of its tasks has one sentence alone.
+    """
+    group = {t.task: t.task if foreign is None else suite_of(t.task) for t in trials.plan}
     choices: dict[str, dict[str, Choice]] = {}
     for trial in trials.plan:
         reading = trials.readings.get(trial)
         if reading is not None and reading.choice is not None:
-            choices.setdefault(trial.task, {})[str(trial)] = reading.choice
-    rules = judge_policy(choices)
+            choices.setdefault(group[trial.task], {})[str(trial)] = reading.choice
+    judged = judge_policy(choices)
+    rules = {task: judged[name] for task, name in group.items() if name in judged}
     found = tuple(
         _settled(trial, trials.readings[trial], rules)
         if trial in trials.readings
         else _without_record(trial, policy, trials.missing.get(trial))
+        if foreign is None
+        else foreign.without_record(trial, policy, trials.missing.get(trial))
         for trial in trials.plan
     )
     missing, decided = sorted(map(str, trials.missing)), trials.until_decided
     even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
-    notes = find_notes(found, rules, missing, len(twins(found)), pending=len(trials.pending), even_pairs=even)
+    notes = find_notes(found, judged, missing, len(twins(found)), pending=len(trials.pending), even_pairs=even)
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),

@@ -109,7 +109,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         for i in meant[g]:
             label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
-    left, right, hand = _touches(record, rows, ("left_finger", "right_finger", "hand"))
+    left, right, hand = touches(record, rows, ("left_finger", "right_finger", "hand"))
     width, command = record.finger_width[:rows], record.gripper_command[:rows]
     return Trace(
         info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
@@ -164,7 +164,7 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
     return tuple(found)
 
 
-def _touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
+def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
     """Return which object each part of the gripper touches, shape (parts, rows, n)."""
     contacts = record.contacts
     names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}

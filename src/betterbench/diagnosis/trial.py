@@ -122,11 +122,11 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         intended=episode.name(intended[0]) if intended else None,
         intended_kind=episode.kind(intended[0]) if intended else None,
         intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
-        progress=episode.progress(), attempts=_attempts(episode), evidence=evidence,
+        progress=episode.progress(), attempts=reported_attempts(episode), evidence=evidence,
         harm=episode.harm_words(), needless=tuple(inertia_in(episode)) if record.outcome.success else (),
         collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
     )  # fmt: skip
-    return Reading(diagnosis, findings, _choice(episode))
+    return Reading(diagnosis, findings, choice_of(episode))
 
 
 def offline_truth(record: Record) -> list[Truth]:
@@ -147,7 +147,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
-def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
+def reported_attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
     """Return the grasp attempts of an episode and its closings far from everything, in time."""
     time = episode.trace.time
     far = (
@@ -156,7 +156,7 @@ def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
     return tuple(sorted((*(s.attempt for s in episode.steps), *far), key=lambda a: a.start_s))
 
 
-def _choice(episode: EpisodeAnalysis) -> Choice | None:
+def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     """Return where the first attempt went; None for look-alikes, which have a label of their own, and for no choice."""
     trace, trained, goals = episode.trace, episode.trained, episode.goals
     standing = dict(_standing_at_start(episode))

@@ -68,7 +68,7 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
     """Return the metadata of an episode in a foreign world, after its reset; as :func:`describe` otherwise."""
     engine = {**scene.engine, "machine": platform.machine()}
     if scene.broken_premises:
-        engine["broken_premises"] = ", ".join(scene.broken_premises)
+        engine["scene_broken_premises"] = ", ".join(scene.broken_premises)
     return RecordMetadata(
         task=scene.task.id,
         task_version=1,

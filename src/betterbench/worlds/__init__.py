@@ -1,6 +1,6 @@
 """Foreign worlds: simulators that live in environments of their own and answer over a local socket."""
 
-from betterbench.worlds.libero import PROTOCOLS, SUITES, Protocol, Suite, protocol_named, suite_named
+from betterbench.worlds.libero import PROTOCOLS, SUITES, FieldProtocol, Suite, protocol_named, suite_named
 from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
 from betterbench.worlds.registry import WORLDS, World, world_named
 from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
@@ -9,9 +9,9 @@ __all__ = [
     "PROTOCOLS",
     "SUITES",
     "WORLDS",
+    "FieldProtocol",
     "ForeignScene",
     "ForeignTracker",
-    "Protocol",
     "Suite",
     "World",
     "WorldError",

@@ -78,7 +78,7 @@ SUITES: Mapping[str, Suite] = {
 
 @strict_form
 @dataclass(frozen=True, slots=True)
-class Protocol:
+class FieldProtocol:
     """How the tasks of a suite are run.
 
     Attributes:
@@ -102,17 +102,17 @@ class Protocol:
         return asdict(self)
 
 
-PROTOCOLS: Mapping[str, Protocol] = {
+PROTOCOLS: Mapping[str, FieldProtocol] = {
     protocol.name: protocol
     for protocol in (
-        Protocol("openpi", _STEPS, 50),
-        Protocol(
+        FieldProtocol("openpi", _STEPS, 50),
+        FieldProtocol(
             "lerobot",
             {**_STEPS, "libero_spatial": 280},
             10,
             differences="libero_spatial has 280 steps instead of 220; 10 initial states of each task instead of 50",
         ),
-        Protocol(
+        FieldProtocol(
             "gr00t",
             dict.fromkeys(_STEPS, 720),
             20,
@@ -137,7 +137,7 @@ def suite_named(name: str) -> Suite:
         raise UnknownNameError("suite of LIBERO", name, SUITES) from None
 
 
-def protocol_named(name: str) -> Protocol:
+def protocol_named(name: str) -> FieldProtocol:
     """Return a protocol by name; an unknown one raises an UnknownNameError."""
     try:
         return PROTOCOLS[name]

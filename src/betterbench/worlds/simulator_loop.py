@@ -17,7 +17,7 @@ import numpy as np
 
 from betterbench.worlds.frames import FrameError, receive_frame, send_frame
 
-Answer = tuple[dict[str, Any], dict[str, np.ndarray]]
+FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
 """A JSON document and arrays by name."""
 
 _LONGEST_PROBLEM = 2000
@@ -29,14 +29,14 @@ class Simulator(Protocol):
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
-    def start(self, request: Mapping[str, Any]) -> Answer:
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return what stays the same in it, and its first row."""
 
-    def step(self, action: np.ndarray, *, look: bool) -> Answer:
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after it; with images if ``look``."""
 
 
-def serve(simulator: Simulator, descriptor: int) -> None:
+def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer the requests that come over a socket, until it is closed.
 
     What the simulator prints goes to standard error: only frames go over the socket.
@@ -56,7 +56,7 @@ def serve(simulator: Simulator, descriptor: int) -> None:
             send_frame(link, document, answer)
 
 
-def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Answer:
+def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FrameContent:
     if request["do"] == "suite":
         return simulator.suite(request["suite"]), {}
     if request["do"] == "start":

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.experts import parse_address
+from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
 from betterbench.interface.actions import EE_DELTA
 from betterbench.tasks import Expected
@@ -21,6 +23,7 @@ from betterbench.worlds import (
     world_named,
 )
 from betterbench.worlds.libero import STATES
+from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.scene import task_id
 
 LIBERO = "libero"
@@ -71,7 +74,7 @@ def make_world_plan(
     _check_policy(policy)
     numbers = _numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
-    known, versions = _described(started, chosen.name)
+    known, regime, versions = _described(started, chosen.name)
     if len(known) != chosen.tasks:
         raise WorldError(f"{suite} has {len(known)} tasks there and {chosen.tasks} here; install the world again")
     found = [known[i] for i in numbers]
@@ -82,18 +85,25 @@ def make_world_plan(
         for state in range(seed, seed + count)
     )
     settings = WorldSettings(
-        LIBERO, started, by, {f"{t.id}/{t.condition}": t for t in found}, versions, refuse_broken=refuse_broken
+        LIBERO,
+        started,
+        by,
+        {f"{t.id}/{t.condition}": t for t in found},
+        versions,
+        regime,
+        refuse_broken=refuse_broken,
     )
     return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
 
 
 def _check_policy(policy: str) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
-    if parse_address(policy) is not None or is_independent(policy):
+    asked = parse_address(policy)
+    if is_independent(policy) or (asked is not None and asked.name not in POLICIES):
         raise InvalidInputError(
             "--policy",
             f"{policy} plans with the privileged state of our own scenes, which LIBERO does not have",
-            "Name a policy that sees observations",
+            f"Name a policy that sees observations, or one that knows LIBERO: {', '.join(POLICIES)}",
         )
     translated = _TRANSLATED.search(policy)
     if translated is not None:
@@ -114,17 +124,30 @@ def _numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
     return sorted({ids[name] for name in tasks}) if tasks else list(range(count))
 
 
-def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], dict[str, str]]:
-    """Return the tasks of a suite and the versions of its packages, as the world says."""
+def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tuple[TrainedTask, ...], dict[str, str]]:
+    """Return the tasks of a suite, what its base suite teaches, and the versions of its packages, as the world says."""
+    chosen = suite_named(suite)
     with WorldProcess(command) as process:
         said = process.suite(suite)
+        base = said if chosen.base == suite else process.suite(chosen.base)
     # Only in these suites the sentence is another one than that of the task's name, which the field's clients say.
-    key = "file_instruction" if suite_named(suite).change in ("lan", "task") else "instruction"
+    key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
     try:
         tasks = [
             WorldTask(suite, i, str(task["name"]), str(task[key]), str(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])
         ]
-        return tasks, {str(name): str(found) for name, found in said["versions"].items()}
-    except (KeyError, TypeError, AttributeError) as error:
+        regime = tuple(_trained(task) for task in base["tasks"])
+        return tasks, regime, {str(name): str(found) for name, found in said["versions"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
+
+
+def _trained(said: Mapping[str, Any]) -> TrainedTask:
+    steps = tuple((str(r), str(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
+    starts = {str(name): (_words(kind), str(place)) for name, (kind, place) in said["starts"].items()}
+    return TrainedTask(str(said["instruction"]), steps, starts)
+
+
+def _words(kind: str) -> str:
+    return kind.replace("_", " ")

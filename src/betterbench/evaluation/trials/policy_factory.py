@@ -13,6 +13,7 @@ from betterbench.evaluation.planning.manifest import describe_policy
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, REFUSED, known_policies
 from betterbench.experts import make_expert, parse_address
+from betterbench.experts.libero import LiberoAgent
 from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
@@ -163,9 +164,7 @@ class PolicyFactory:
     def policy(self, scene: Scene | ForeignScene, trial: Trial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
         if is_privileged(self.address) and isinstance(scene, ForeignScene):
-            raise InvalidInputError(
-                "policy", f"{self.address} plans with the state of our own scenes", "Name one that sees observations"
-            )
+            return LiberoAgent(self.address, scene)
         if isinstance(scene, Scene) and is_privileged(self.address):
             return make_privileged(self.address, scene)
         if self.address.startswith("replay:"):

@@ -1,0 +1,266 @@
+"""Trials in LIBERO: its records in the terms that the detectors read, and what its suites cannot show.
+
+A task of LIBERO has no conditions of its own. What was asked is read from the goal of its file, what training showed
+from the files of the base suite (:mod:`betterbench.worlds.regime`), and where things stood from the record. Places on
+the table are LIBERO's; heights are measured from the table, as in our own scenes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from betterbench.diagnosis.collisions import count_collisions
+from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
+from betterbench.diagnosis.labels import LabelEvidence, decide, gather
+from betterbench.diagnosis.modes.policy_error import without_record
+from betterbench.diagnosis.trace import Trace, Whereabout, touches
+from betterbench.diagnosis.trial import Reading, choice_of, reported_attempts
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
+from betterbench.errors import RecordError
+from betterbench.geometry import conjugate, rotate
+from betterbench.recording import Record, RecordMetadata
+from betterbench.state import ObjectInfo, Region, SceneInfo
+from betterbench.tasks import (
+    Axis,
+    Condition,
+    Expected,
+    Instruction,
+    ObjectSpec,
+    Reference,
+    Subgoal,
+    TrainingDistribution,
+    TrialId,
+)
+from betterbench.tasks.labels import Label
+from betterbench.tasks.motion import closing_of, graspable
+from betterbench.worlds.regime import CARRIED, TrainedTask, trained_in, word_of_sentence
+
+AXES = {
+    "swap": Axis.SPATIAL_LAYOUT_SHIFT,
+    "task": Axis.PRIMITIVE_RECOMPOSITION,
+    "object": Axis.ADVERSARIAL_OBJECT_PERTURBATION,
+}
+"""The axis of each change of LIBERO-PRO; other words for the same task are on none."""
+
+NOTE = (
+    "LIBERO's tasks have one training condition each, and its suites ask for one thing at a time: habits of order, "
+    "skipped steps and rightful refusals cannot show here. Success is what LIBERO says, and harm to other things is "
+    "not judged."
+)
+"""What is said beside every diagnosis of a run in LIBERO."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignRun:
+    """What a diagnosis has to know of a run in LIBERO.
+
+    Attributes:
+        trained: What the base suite teaches.
+        instructions: Instruction of a trial's task by "TASK/CONDITION".
+    """
+
+    trained: TrainingDistribution
+    instructions: Mapping[str, str]
+
+    @classmethod
+    def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> ForeignRun:
+        """Return it from what the plan of a run stores."""
+        return cls(trained_in(regime), instructions)
+
+    def read(self, record: Record, *, path: str | None = None) -> Reading:
+        """Return what one record says; RecordError if it lacks what a record of LIBERO has."""
+        here = on_our_table(record)
+        goals = _goals(here.metadata)
+        if goals is None:
+            return Reading(_by_outcome(here, path), (), None)
+        condition = _condition(here.metadata, goals)
+        trace = _trace(here, condition)
+        episode = analyze_episode(trace, condition, _known_here(self.trained, here.metadata.scene))
+        findings = gather(here, episode)
+        label, evidence = decide(findings)
+        return Reading(_diagnosis(here, episode, LabelEvidence(label, evidence), path), findings, choice_of(episode))
+
+    def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+        """Return the diagnosis of a planned trial that has no record."""
+        variation = None if trial.condition == "base" else trial.condition
+        return TrialDiagnosis(
+            task=trial.task, variation=variation, condition="base", axis=_axis(variation), seed=trial.seed,
+            policy=policy, instruction=self.instructions.get(f"{trial.task}/{trial.condition}", ""), success=False,
+            expected=Expected.SUCCEED.value, label=Label.POLICY_ERROR, first_attempt=None, first_attempt_kind=None,
+            first_slot=None, intended=None, intended_kind=None, intended_any=(), intention_correct=None, progress=0.0,
+            attempts=(), evidence=without_record(reason), collisions=None, steps=0, duration_s=0.0, record=None,
+        )  # fmt: skip
+
+
+def suite_of(task: str) -> str:
+    """Return the base suite of a task of LIBERO ("libero_object-03"): its tasks are judged together."""
+    return task.rpartition("-")[0]
+
+
+def on_our_table(record: Record) -> Record:
+    """Return a record of LIBERO with heights measured from its table, and with its target regions named as ours are.
+
+    Raises:
+        RecordError: If it names no places on a table.
+    """
+    m = record.metadata
+    if not m.scene.slots:
+        raise RecordError(f"{m.task}/{m.condition} seed {m.seed}: the record names no places; record the trial again.")
+    height = m.scene.slots[0].position[2]
+    lower = np.array([0.0, 0.0, height])
+    x, y, z = m.scene.home_position
+    info = replace(
+        m.scene,
+        objects=tuple(map(_with_regions, m.scene.objects)),
+        slots=tuple(replace(s, position=(*s.position[:2], s.position[2] - height)) for s in m.scene.slots),
+        home_position=(x, y, z - height),
+    )
+    return replace(
+        record,
+        metadata=replace(m, scene=info),
+        bodies=tuple("table" if body == "floor" else body for body in record.bodies),
+        ee_position=record.ee_position - lower,
+        commanded_position=record.commanded_position - lower,
+        object_positions=record.object_positions - lower,
+    )
+
+
+def _with_regions(thing: ObjectInfo) -> ObjectInfo:
+    """Return an object with the regions by which our relations know what is inside it and what stands on it."""
+    inside = [replace(r, name="inside") for r in thing.regions if r.name == "contain_region"]
+    half = (0.5 * thing.size_m[0], 0.5 * thing.size_m[1], 0.5 * thing.size_m[2])
+    return replace(thing, regions=(*inside, Region("floor", (0.0, 0.0, 0.0), half)))
+
+
+def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
+    """Return what was asked for, or None if a part of it is brought about by moving a joint."""
+    found = []
+    known = {o.name: o for o in m.scene.objects}
+    for name in m.subgoal_names:
+        relation, _, rest = name.removesuffix(")").partition("(")
+        about = rest.split(", ")
+        target = next((n for n in known if len(about) == 2 and (about[1] == n or about[1].startswith(f"{n}_"))), None)
+        if relation not in CARRIED or target is None or about[0] not in known or known[about[0]].fixed:
+            return None
+        kind = known[about[0]].kind
+        word = word_of_sentence(m.instruction, kind) if len(m.subgoal_names) == 1 else kind
+        found.append(Subgoal(name, CARRIED[relation], Reference(kind=kind), target, word))
+    return tuple(found)
+
+
+def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
+    objects = tuple(ObjectSpec(o.name, o.kind, o.category, role=o.role, fixed=o.fixed) for o in m.scene.objects)  # type: ignore[arg-type]
+    layout = {o.name: o.slot for o in m.scene.objects if o.slot is not None}
+    return Condition(m.task, m.condition, objects, layout, Instruction(m.instruction, goals))
+
+
+def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
+    """Return what was trained at the places that a scene names; at others nothing can be gone for."""
+    here = {slot.name for slot in info.slots}
+
+    def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        return {name: tuple(slot for slot in slots if slot in here) for name, slots in places.items()}
+
+    standing = {slot: kinds for slot, kinds in trained.standing_kinds.items() if slot in here}
+    return replace(
+        trained, word_slots=only(trained.word_slots), kind_slots=only(trained.kind_slots), standing_kinds=standing
+    )
+
+
+def _trace(record: Record, condition: Condition) -> Trace:
+    """Return the arrays of a record, with LIBERO's own verdict on what was asked for."""
+    info, rows = record.metadata.scene, len(record)
+    goals = condition.instruction.subgoals
+    asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
+    meant = tuple((info.index(name),) for name in asked)
+    targets = tuple(info.index(goal.target) for goal in goals)
+    left, right, hand = touches(record, rows, ("left_finger", "right_finger", "hand"))
+    whereabouts = _whereabouts(record, goals, targets)
+    there = np.zeros((rows, len(info.objects)), dtype=np.bool_)
+    for w in whereabouts:
+        there[:, w.object] |= w.rows
+    serves = np.zeros((rows, len(goals), len(info.objects)), dtype=np.bool_)
+    for g, (i,) in enumerate(meant):
+        serves[:, g, i] = record.subgoals[:, g]
+    width = record.finger_width
+    return Trace(
+        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time, touched=left | right | hand,
+        tool=record.ee_position, width=width,
+        closing=closing_of(record.gripper_command, width, (left | right).any(axis=1)),
+        positions=record.object_positions, quaternions=record.object_quaternions, left=left, right=right,
+        held=record.held, whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals, meant=meant,
+        targets=targets, drawers=(),
+    )  # fmt: skip
+
+
+def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
+    """Return when which thing was in or on a target of the instruction."""
+    info = record.metadata.scene
+    found = []
+    for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):
+        target = info.objects[t]
+        for i in graspable(info):
+            thing = info.objects[i]
+            middle = np.array([0.0, 0.0, 0.5 * thing.size_m[2]])
+            apart = record.object_positions[:, i] + middle - record.object_positions[:, t]
+            turns = record.object_quaternions[:, t].tolist()
+            local = np.array([rotate(conjugate((w, x, y, z)), a) for (w, x, y, z), a in zip(turns, apart, strict=True)])
+            box = next((r for r in target.regions if r.name == "inside" and goal == "inside"), target.regions[-1])
+            half = np.array(box.half_size)
+            over = (np.abs(local[:, :2] - np.array(box.position[:2])) <= half[:2]).all(axis=1)
+            top = target.size_m[2] + 0.5 * thing.size_m[2] + (0.0 if goal == "inside" else 0.01)
+            rows = over & (local[:, 2] >= 0.0) & (local[:, 2] <= top)
+            found.append(Whereabout(i, goal, t, "", rows))
+    return tuple(found)
+
+
+def _diagnosis(record: Record, episode: EpisodeAnalysis, found: LabelEvidence, path: str | None) -> TrialDiagnosis:
+    m, trace, first = record.metadata, episode.trace, episode.first_attempt
+    at = None if first is None else first.grasp.object
+    intended = episode.intended()
+    return TrialDiagnosis(
+        task=m.task, variation=m.variation, condition="base", axis=_axis(m.variation), seed=m.seed, policy=m.policy,
+        instruction=m.instruction, success=record.outcome.success, expected=Expected.SUCCEED.value, label=found.label,
+        first_attempt=None if at is None else episode.name(at),
+        first_attempt_kind=None if at is None else episode.kind(at),
+        first_slot=None if first is None else first.attempt.slot,
+        intended=episode.name(intended[0]) if intended else None,
+        intended_kind=episode.kind(intended[0]) if intended else None,
+        intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
+        progress=episode.progress(), attempts=reported_attempts(episode), evidence=found.evidence,
+        collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
+    )  # fmt: skip
+
+
+def _by_outcome(record: Record, path: str | None) -> TrialDiagnosis:
+    """Return the diagnosis of a task that moves a joint: of it, no more is said than how it ended."""
+    m, outcome, end = record.metadata, record.outcome, float(record.time[-1])
+    if outcome.success:
+        label, evidence = Label.SUCCESS, Evidence("goal", "The goal is met.", end, end)
+    elif outcome.termination in ("policy_error", "interrupted"):
+        label = Label.POLICY_ERROR
+        evidence = Evidence(
+            outcome.termination, f"The episode ended early: {outcome.error or 'no reason given'}", end, end
+        )
+    else:
+        text = (
+            f"The goal {', '.join(m.subgoal_names)} is not met at the step limit. A part of it moves a joint, and why "
+            "such a task failed is not judged in LIBERO."
+        )
+        label, evidence = Label.TIMEOUT, Evidence("joint_not_judged", text, end, end)
+    done = record.subgoals.any(axis=0)
+    return TrialDiagnosis(
+        task=m.task, variation=m.variation, condition="base", axis=_axis(m.variation), seed=m.seed, policy=m.policy,
+        instruction=m.instruction, success=outcome.success, expected=Expected.SUCCEED.value, label=label,
+        first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
+        intended_any=(), intention_correct=None, progress=float(done.mean()) if done.size else 0.0, attempts=(),
+        evidence=evidence, collisions=None, steps=len(record) - 1, duration_s=end, record=path,
+    )  # fmt: skip
+
+
+def _axis(variation: str | None) -> str | None:
+    axis = AXES.get(variation or "")
+    return None if axis is None else axis.value

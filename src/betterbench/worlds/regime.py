@@ -1,0 +1,87 @@
+"""What the tasks of a LIBERO suite teach: which word went with which place, and where things were brought.
+
+Read from the files of the base suite's tasks, on which policies are trained. The initial states of a task vary by a few
+centimeters around the places that its file names.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.json_form import strict_form
+from betterbench.tasks import TrainingDistribution
+
+CARRIED = {"in": "inside", "on": "on_plate"}
+"""LIBERO's relations that a gripper brings about by carrying something, with ours that judge places alike."""
+
+_PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECASE)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class TrainedTask:
+    """What one task of a base suite showed.
+
+    Attributes:
+        instruction: Its sentence.
+        steps: What it asked for, as relation, object name, kind of the object and kind of the target.
+        starts: Object name to its kind and the place where it stood.
+    """
+
+    instruction: str
+    steps: tuple[tuple[str, str, str, str], ...]
+    starts: Mapping[str, tuple[str, str]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "instruction": self.instruction,
+            "steps": [list(step) for step in self.steps],
+            "starts": {name: list(start) for name, start in self.starts.items()},
+        }
+
+
+def word_of_sentence(instruction: str, kind: str) -> str:
+    """Return the words by which a sentence picks out what is to be picked up; the kind where it does not say so."""
+    found = _PICKED.search(instruction)
+    return kind if found is None else found[1]
+
+
+def trained_in(tasks: Sequence[TrainedTask]) -> TrainingDistribution:
+    """Return the regularities of a suite.
+
+    LIBERO's tasks of one suite differ in their sentence and in what stands where. Where all of them begin with the same
+    kind of thing, beginning with it proves no habit, and none is named.
+    """
+    word_slots: dict[str, set[str]] = {}
+    kind_slots: dict[str, set[str]] = {}
+    standing: dict[str, set[str]] = {}
+    targets: dict[str, set[tuple[str, str, str]]] = {}
+    first: Counter[str] = Counter()
+    sequences: list[tuple[str, ...]] = []
+    for task in tasks:
+        for kind, place in task.starts.values():
+            standing.setdefault(place, set()).add(kind)
+        carried = [step for step in task.steps if step[0] in CARRIED and step[1] in task.starts]
+        for relation, name, kind, target in carried:
+            place = task.starts[name][1]
+            word = word_of_sentence(task.instruction, kind) if len(carried) == 1 else kind
+            word_slots.setdefault(word, set()).add(place)
+            kind_slots.setdefault(kind, set()).add(place)
+            targets.setdefault(kind, set()).add((target, CARRIED[relation], ""))
+        if carried:
+            first[carried[0][2]] += 1
+            sequences.append(tuple(step[2] for step in carried))
+    return TrainingDistribution(
+        {w: tuple(sorted(s)) for w, s in word_slots.items()},
+        {k: tuple(sorted(s)) for k, s in kind_slots.items()},
+        {s: tuple(sorted(k)) for s, k in standing.items()},
+        tuple(sorted(first.items(), key=lambda item: (-item[1], item[0]))) if len(first) > 1 else (),
+        {k: tuple(sorted(p)) for k, p in targets.items()},
+        tuple(sequences),
+        max((len(task.starts) for task in tasks), default=0),
+    )
