@@ -1,0 +1,103 @@
+"""The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from betterbench.diagnosis import diagnose_run
+from betterbench.errors import RecordError
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.worlds.regime import trained_in, word_of_sentence
+from betterbench.worlds.registry import start_code
+
+STEPS = 190
+
+
+@pytest.fixture
+def plan_of():
+    folder = str(Path(__file__).parent)
+    command = (sys.executable, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('fake_table')}")
+
+    def plan(policy, suite="libero_object_swap", **options):
+        plan = make_world_plan(policy, suite=suite, command=command, **{"tasks": ["0", "1"], "trials": 3, **options})
+        protocol = replace(plan.world.protocol, steps={"libero_object": STEPS})
+        return replace(plan, world=replace(plan.world, protocol=protocol))
+
+    return plan
+
+
+@pytest.fixture
+def run_of(plan_of, tmp_path):
+    return lambda policy, **options: evaluate(plan_of(policy, **options), tmp_path / "run", workers=1, envs=1)
+
+
+def _truths(run):
+    return {f"{e.task}/{e.condition}/{e.seed}": e.ground_truth["truth"] for e in run.entries()}
+
+
+def test_the_expert_brings_everything_where_it_belongs(run_of):
+    run = run_of("expert")
+    found = diagnose_run(run)
+    assert [t.label for t in found.trials] == ["success"] * 6
+    assert all(t.intention_correct and t.axis == "spatial_layout_shift" for t in found.trials)
+    assert all(t.attempts[0].secured and t.attempts[0].result == "target" for t in found.trials)
+
+
+@pytest.mark.parametrize(
+    ("policy", "label", "failures"),
+    [
+        ("zoo:lexical", "lexical_kinematic_shortcut", 6),
+        ("zoo:layout", "visual_layout_bias", 3),
+        ("zoo:clumsy", "execution_failure", 6),
+    ],
+)
+def test_a_policy_with_one_fault_gets_its_label(run_of, policy, label, failures):
+    run = run_of(policy)
+    found = {t.key: t for t in diagnose_run(run).trials}
+    failed = [t for t in found.values() if not t.success]
+    assert [t.label for t in failed] == [label] * failures
+    assert {key: t.label for key, t in found.items() if not t.success} == {
+        key: truth for key, truth in _truths(run).items() if truth
+    }
+    if policy == "zoo:lexical":
+        evidence = found["libero_object-00/swap/0"].evidence
+        assert "'cube' was picked in training: it is at the ball" in evidence.text
+        assert not found["libero_object-00/swap/0"].intention_correct
+
+
+def test_what_is_not_diagnosed_is_said(run_of):
+    notes = diagnose_run(run_of("noop", trials=1, tasks=["0"])).notes
+    assert any("harm to other things is not judged" in note for note in notes)
+
+
+def test_the_regime_of_a_suite_says_which_word_stood_where(plan_of):
+    trained = trained_in(plan_of("noop").world.regime)
+    assert trained.word_slots == {"cube": ("x -12 y -24",), "ball": ("x 5 y -10",)}
+    assert trained.standing_kinds["x -12 y -24"] == ("cube",)
+    assert trained.kind_targets["ball"] == (("basket", "inside", ""),)
+
+
+def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(run_of, tmp_path):
+    run_of("noop", trials=1, tasks=["0"])
+    file = tmp_path / "run" / "run.json"
+    form = json.loads(file.read_text())
+    del form["plan"]["world"]["regime"]
+    file.write_text(json.dumps(form))
+    with pytest.raises(RecordError, match=r"plan\.world.*regime.*Restore the file"):
+        diagnose_run(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("sentence", "word"),
+    [
+        ("pick up the black bowl on the ramekin and place it on the plate", "black bowl on the ramekin"),
+        ("Pick the cream cheese and place it in the basket", "cream cheese"),
+        ("put the wine bottle on top of the cabinet", "wine bottle, as a kind"),
+    ],
+)
+def test_the_word_of_a_sentence_is_what_picks_the_object_out(sentence, word):
+    assert word_of_sentence(sentence, "wine bottle, as a kind") == word
