@@ -104,6 +104,7 @@ def test_the_plan_says_how_it_is_run(plan_of):
     ("options", "error"),
     [
         ({"policy": "zoo:halt"}, InvalidInputError),
+        ({"policy": "learned:checkpoint"}, InvalidInputError),
         ({"policy": "openpi://localhost:8000?preset=openpi_libero_object"}, InvalidInputError),
         ({"suite": "libero_objects"}, UnknownNameError),
         ({"protocol": "ours"}, UnknownNameError),

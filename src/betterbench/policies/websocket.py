@@ -9,7 +9,8 @@ import threading
 from collections.abc import Iterator
 
 from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.policies.address import PolicyAddress
@@ -46,7 +47,7 @@ class WebSocket:
             # With a socket of our own the library follows no redirect: what is sent is for the server that was named.
             raw = socket.create_connection((host, port), timeout_s)
             raw.settimeout(None)
-            self._socket: ClientConnection = self._stack.enter_context(
+            self._socket: Connection = self._stack.enter_context(
                 connect(
                     f"{scheme}://{name}:{port}",
                     sock=raw,

@@ -70,14 +70,14 @@ OnTraining = Callable[[TrainingProgress], None]
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class TrainingProcesses:
     """The processes that train together, and which of them this is, as ``torchrun`` says in the environment."""
 
     rank: int = 0
     size: int = 1
 
     @classmethod
-    def here(cls) -> World:
+    def here(cls) -> TrainingProcesses:
         """Return what the environment says; one process alone if it says nothing."""
         return cls(int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1")))
 
@@ -119,7 +119,7 @@ def train(
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
         StorageError: If the disk is full; what was saved before stays.
     """
-    world = World.here()
+    world = TrainingProcesses.here()
     _require_device(device)
     if recipe.batch % world.size:
         raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
@@ -137,7 +137,9 @@ def train(
 class _Training:
     """One training while it runs."""
 
-    def __init__(self, recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: World) -> None:
+    def __init__(
+        self, recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses
+    ) -> None:
         self._recipe, self._data, self._out, self._device, self._world = recipe, data, out, device, world
         self._batches = Batches(data, recipe, device)
         torch.manual_seed(recipe.seed)
@@ -305,7 +307,7 @@ def _form(data: TrainingSet) -> dict[str, object]:
     return {"words": known.words, "categories": known.categories, "colors": known.colors}
 
 
-def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: World) -> None:
+def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses) -> None:
     """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
     form = {
         "recipe": recipe.to_json(),
@@ -356,7 +358,7 @@ def _deterministic(threads: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _together(world: World, device: str) -> Iterator[None]:
+def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
     """Connect the processes that train together; nothing where there is one alone."""
     if world.size == 1:
         yield

@@ -12,6 +12,7 @@ from betterbench.experts import parse_address
 from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
 from betterbench.interface.actions import EE_DELTA
+from betterbench.learned import is_learned
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     WorldError,
@@ -99,7 +100,7 @@ def make_world_plan(
 def _check_policy(policy: str) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
-    if is_independent(policy) or (asked is not None and asked.name not in POLICIES):
+    if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in POLICIES):
         raise InvalidInputError(
             "--policy",
             f"{policy} plans with the privileged state of our own scenes, which LIBERO does not have",
