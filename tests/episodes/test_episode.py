@@ -163,7 +163,7 @@ def test_observations_show_what_is_there_and_nothing_privileged():
     assert np.array_equal([o.ee_position for o in seen], record.ee_position[:-1])
     assert np.array_equal([o.joint_positions for o in seen], record.joint_positions[:-1])
     assert [o.gripper_width for o in seen] == record.finger_width[:-1].tolist()
-    assert seen[0].images == seen[0].depth == seen[0].masks == {}
+    assert seen[0].images == seen[0].depth == seen[0].masks == seen[0].native == {}
     assert {f.name for f in dataclasses.fields(Observation)} == {
         "instruction",
         "step",
@@ -173,6 +173,7 @@ def test_observations_show_what_is_there_and_nothing_privileged():
         "ee_position",
         "ee_quaternion",
         "gripper_width",
+        "native",
         "depth",
         "masks",
     }

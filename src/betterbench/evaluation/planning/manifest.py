@@ -42,7 +42,9 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
     ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name", "workers" and "envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
-    images = images and plan.world is None
+    unseen = {"problem": "no images are rendered in this run"}
+    if images and plan.world is not None:
+        images, unseen = False, {"problem": "the process of the foreign simulator renders the images"}
     machine = describe_machine()
     context = {
         "python": platform.python_version(),
@@ -51,7 +53,7 @@ def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, A
         "command": " ".join(sys.argv[:1] and [Path(sys.argv[0]).name, *sys.argv[1:]]),
         "started_utc": _now(),
         "machine": machine,
-        "renderer": describe_renderer() if images else {"problem": "this process renders no images in this run"},
+        "renderer": describe_renderer() if images else unseen,
         "packages": package_lock(),
         "source_revision": source_revision(Path.cwd()),
         "task_files": [{"path": file.path, "sha256": file.sha256} for file in loaded_files()],
