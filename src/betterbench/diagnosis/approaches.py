@@ -16,7 +16,7 @@ import numpy as np
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.attempts import GraspAttempt
-from betterbench.tasks.motion import Bools, Floats
+from betterbench.tasks.motion import Bools, Floats, in_reach
 from betterbench.tasks.thresholds import threshold
 
 OVER_HEIGHT = threshold(
@@ -95,7 +95,8 @@ class Stay:
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
     """Return the stays from a row on, in time; what is at a target or on the floor is stayed over by nobody."""
-    over = np.array([_over(trace, row) for row in range(first, trace.rows)], dtype=np.int64)
+    near = _near_anything(trace)
+    over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
     edges = np.flatnonzero(np.diff(over)) + 1
     for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(over)], strict=True):
@@ -203,13 +204,21 @@ def _leaves(trace: Trace, i: int, row: int) -> int:
     return min(row, trace.rows)
 
 
+def _near_anything(trace: Trace) -> Bools:
+    """Return the rows at which the tool center point may be over something or within its reach, shape (T,)."""
+    items = list(trace.items)
+    reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
+    near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
+    return near
+
+
 def _over(trace: Trace, row: int) -> int:
     """Return the nearest object that an open, empty gripper is over, or -1; a target is come over to let go there."""
     if trace.closing[row] or trace.held[row] >= 0:
         return -1
     tool = trace.tool[row]
     distances, boxes = trace.center_distances(row, tool), trace.box_distances(row, tool)
-    reach = trace.within_reach(row, tool)
+    reach = in_reach(boxes, distances)
     best = -1
     for i in trace.items:
         if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
