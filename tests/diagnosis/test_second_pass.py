@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.diagnosis.conftest import Stage
@@ -250,6 +252,50 @@ def test_one_who_begins_with_later_steps_where_they_are_habits_has_the_habit():
     assert all(rules.rulings[f"{task}/R1/0"].habit == "upheld" for task, rules in found.items())
 
 
+def burgers(*went: str) -> dict[str, Choice]:
+    """Makes trials of one task with three ordered steps; "top" always stands in the slot "fourth" and comes last."""
+    things = {"first": "patty", "second": "cheese", "third": "lettuce", "fourth": "top"}
+    orders = (("first", "second", "fourth"), ("second", "third", "fourth"), ("third", "first", "fourth"))
+    choices = {}
+    for n, slot in enumerate(went):
+        first, *others = (frozenset((s,)) for s in orders[n % 3])
+        late, nothing = frozenset().union(*others), frozenset()
+        layout = frozenset(things.items())
+        choices[f"burger/train1/{n}"] = Choice(
+            layout, first, slot, slot in first, nothing, nothing, late, 4, things[slot], step_slots=tuple(others)
+        )
+    return choices
+
+
+@pytest.mark.parametrize("went", [("fourth",) * 4, ("second", "third", "first"), ("second", "fourth", "fourth")])
+def test_one_who_always_begins_with_a_later_step_mistakes_the_order_in_one_task_too(went):
+    """Whether it is the last step, the next, or any: what is seen in each trial needs no favorite place."""
+    rules = judge_policy({"burger": burgers(*went)})["burger"]
+    assert {(r.place, r.shortcut) for r in rules.rulings.values()} == {("rejected", "rejected")}
+
+
+def test_one_who_goes_there_whatever_is_asked_later_has_a_favorite_place():
+    """The same three trials beside others in which the same slot is asked for by nobody."""
+    apart = {
+        f"burger/R1/{n}": replace(c, later_slots=frozenset(), step_slots=())
+        for n, c in enumerate(burgers(*["fourth"] * 3).values())
+    }
+    rules = judge_policy({"burger": burgers(*["fourth"] * 3) | apart})["burger"]
+    assert {r.place for r in rules.rulings.values()} == {"upheld"}
+
+
+def test_one_who_goes_by_the_word_mistakes_no_order():
+    """The word leads to a later step where two things are exchanged, and to the right one elsewhere."""
+    wrong = burgers("second", "third", "first")
+    wrong = {k: replace(c, word_slots=frozenset((str(c.slot),))) for k, c in wrong.items()}
+    right = {
+        f"burger/train2/{n}": replace(c, correct=True, slot=next(iter(c.right)), word_slots=c.right)
+        for n, c in enumerate(wrong.values())
+    }
+    rules = judge_policy({"burger": wrong | right})["burger"]
+    assert {rules.rulings[k].shortcut for k in wrong} == {"upheld"}
+
+
 def test_one_other_task_is_not_enough_to_do_without_a_pair():
     found = judge_policy({"coffee": coffee_run(lambda _: "far", 0.5), "lunch": lunch()})
     assert found["lunch"].rulings["lunch/L1/0"].place != "upheld"
@@ -284,6 +330,22 @@ def test_one_trial_is_too_few_for_a_favorite_place_in_all_tasks_alike(task):
         if found.label is Label.WRONG_OBJECT:
             rules = {Label.VISUAL_LAYOUT_BIAS.value, Label.LEXICAL_KINEMATIC_SHORTCUT.value}
             assert rules & set(found.evidence.candidates), found.key
+
+
+def steps_of(name: str, steps: tuple[int, ...]):
+    """Does some steps of a burger, in this order."""
+    s = Stage("cheeseburger", name)
+    for k in steps:
+        goal = s.condition.instruction.subgoals[k]
+        s.bring(next(n for n in s.condition.resolve(goal.reference) if n in s.condition.layout))
+    return s.wait(1.0).end()
+
+
+@pytest.mark.parametrize(("steps", "label"), [((2, 1, 0), Label.ORDER_VIOLATION), ((2, 1), Label.CAUSAL_CONFUSION)])
+def test_the_last_step_first_in_a_few_trials_is_no_favorite_place(steps, label):
+    """In all of them it is the top bun, which stands in one slot, and comes last."""
+    run = diagnose_records([steps_of(name, steps) for name in ("train1", "train2", "R1", "R2")])
+    assert {t.label for t in run.trials} == {label}
 
 
 def test_a_large_run_does_not_abstain_from_an_order():

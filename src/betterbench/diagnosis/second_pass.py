@@ -11,6 +11,10 @@ fitted to the trials and the other rules come from training.
 All rules compete with plain confusion: a policy that errs at one rate everywhere and without direction, no worse than
 by guessing.
 
+A wrong order is seen in each trial by itself, a favorite place only in several that differ in what is asked. So where
+"later" explains all first attempts of a policy, in all its tasks together, at least as well as the other rules do,
+what it went for too early is a step taken too early (:func:`mistakes_order`).
+
 Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
 has a weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt
 that two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise:
@@ -32,8 +36,15 @@ from betterbench.tasks import THRESHOLDS
 
 FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
 
+ORDER_TRIALS = 3
+"""Wrong first attempts at later steps from which a policy is taken for one that mistakes the order, if that explains
+its attempts as well as anything else does. One or two may as well be at a favorite place."""
+
 OTHER_TASKS = 2
 """Other tasks in which a rule has to be proven before it counts in a task whose own trials could not prove it."""
+
+_LATER = (LATER, f"{LATER}:next", f"{LATER}:last")
+"""What begins with a step that is not due yet: any of them, the next, or the last."""
 
 _GRID = np.linspace(0.0, 0.99, 100)
 """Strengths that are tried. Above 0.99 no number of trials of a run can tell them apart."""
@@ -44,7 +55,8 @@ class PolicyRule:
     """One rule, judged on all first attempts of a task.
 
     Attributes:
-        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of slots that are stocked.
+        name: "word", "habit", "later", "later:next", "later:last", "place:SLOT", or "place" for one slot per set of slots
+            that are stocked.
         cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
@@ -94,6 +106,7 @@ class TaskRules:
 def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskRules]:
     """Judge the rules on the first attempts of one policy in all tasks."""
     alone = {task: judge_rules(mine) for task, mine in choices.items()}
+    ordered = mistakes_order(choices, alone)
     costs = family_costs([alone[task] for task in sorted(alone)])
     proven = {
         family: {task for task, found in alone.items() if any(_family(name) == family for name in found.upheld)}
@@ -104,9 +117,30 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
             mine,
             costs,
             known=[f for f in proven if len(proven[f] - {task}) >= OTHER_TASKS and costs[f] == 0.0],
+            ordered=ordered,
         )
         for task, mine in choices.items()
     }
+
+
+def mistakes_order(choices: Mapping[str, Mapping[str, Choice]], alone: Mapping[str, TaskRules]) -> bool:
+    """Tell whether "it begins with a later step" explains the first attempts of a policy as well as anything else.
+
+    All tasks with wrong attempts are judged together: a later step, the next, or the last, against the word, a favorite
+    place per task, and confusion.
+    """
+    mine = {task: list(of.values()) for task, of in choices.items() if any(not c.correct for c in of.values())}
+    if sum(not c.correct and _fits(LATER, c) for of in mine.values() for c in of) < ORDER_TRIALS:
+        return False
+    later = min(sum(_judge(name, of, 0.0).cost for of in mine.values()) for name in _LATER) + math.log(len(_LATER))
+    others = [
+        sum(
+            min((r.cost for r in alone[task].rules if r.family == family), default=alone[task].confusion)
+            for task in mine
+        )
+        for family in (WORD, PLACE, CONFUSION)
+    ]
+    return later <= min(others) + 1e-9
 
 
 def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
@@ -135,7 +169,11 @@ def _family_row(task: TaskRules) -> list[float] | None:
 
 
 def judge_rules(
-    choices: Mapping[str, Choice], costs: Mapping[str, float] | None = None, *, known: Sequence[str] | None = None
+    choices: Mapping[str, Choice],
+    costs: Mapping[str, float] | None = None,
+    *,
+    known: Sequence[str] | None = None,
+    ordered: bool = False,
 ) -> TaskRules:
     """Judge the rules on the first attempts of one policy in one task.
 
@@ -145,6 +183,8 @@ def judge_rules(
         known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
             own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
             None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
+        ordered: Whether the policy is known to mistake the order (:func:`mistakes_order`). What it goes for too early
+            then proves neither word nor place.
     """
     before = dict.fromkeys(FAMILIES, 0.0) | dict(costs or {})
     places_known = known is not None and PLACE in known
@@ -172,7 +212,10 @@ def judge_rules(
     if not places_known:
         open_slots = {s for s in open_slots if not _provable(s, all_choices, paid, before[CONFUSION])}
     for key, choice in items:
-        rulings[key] = _rule_on(choice, rules, proven, all_choices, place_open=choice.slot in open_slots)
+        ruling = _rule_on(choice, rules, proven, all_choices, place_open=choice.slot in open_slots)
+        if ordered and _fits(LATER, choice):
+            ruling = replace(ruling, shortcut="rejected", place="rejected")
+        rulings[key] = ruling
         undecided += not choice.correct and "open" in (rulings[key].shortcut, rulings[key].place)
     upheld = tuple(r.name for r in rules if r.name in proven)
     return TaskRules(tuple(rules), confusion, upheld, rulings, undecided)
@@ -257,8 +300,9 @@ def _predicted(name: str, choice: Choice) -> frozenset[str]:
         return choice.word_slots
     if name == HABIT:
         return choice.habit_slots
-    if name == LATER:
-        return choice.later_slots
+    if name in _LATER:
+        steps = choice.step_slots or (choice.later_slots,)
+        return {_LATER[1]: steps[0], _LATER[2]: steps[-1]}.get(name, choice.later_slots)
     if name == PLACE:
         return choice.favorite_slots
     return frozenset((name.removeprefix("place:"),))

@@ -42,6 +42,7 @@ class Choice:
         word_slots: Slots to which the word leads by training.
         habit_slots: Slots to which the most frequent first step leads; empty if training has none.
         later_slots: Slots of what is asked for in later steps; empty where no order is asked for.
+        step_slots: The same for each later step by itself, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of what stood in the slot of the first attempt; empty if nothing did.
         favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
@@ -57,6 +58,7 @@ class Choice:
     places: int
     thing: str = ""
     favorite_slots: frozenset[str] = frozenset()
+    step_slots: tuple[frozenset[str], ...] = ()
 
     @property
     def stocked(self) -> frozenset[str]:
@@ -178,20 +180,22 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     place = {s.name: trace.place_of(s.name) for s in trace.info.slots}
     word_slots = trained.word_slots.get(goals[goal].word, ()) if goals else ()
     habit_slots = () if kind is None else waiting or trained.kind_slots.get(kind, ())
+    free = {place[s] for s in right}
+    steps = [frozenset({place[s] for s in slots} - free) for slots in _slots_of_later_steps(episode, standing)]
     return Choice(
         layout=frozenset((s, episode.kind(i)) for s, i in standing.items()),
         right=frozenset(place[s] for s in right), slot=None if slot is None else place[slot], correct=correct,
         word_slots=frozenset(place[s] for s in word_slots), habit_slots=frozenset(place[s] for s in habit_slots),
-        later_slots=frozenset(place[s] for s in _slots_of_later_steps(episode, standing)) - {place[s] for s in right},
+        later_slots=frozenset().union(*steps), step_slots=tuple(steps),
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
         thing="" if slot not in standing else episode.kind(standing[slot]),
     )  # fmt: skip
 
 
-def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> set[str]:
-    later = episode.open_goals(0)[1:] if episode.instruction.ordered else ()
-    things = {i for g in later for i in episode.meant[g]}
-    return {slot for slot, i in standing.items() if i in things}
+def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
+    """Yield where the things of each step stand that is not due yet at the start, where an order is asked for."""
+    for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
+        yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 
 
 def _standing_at_start(episode: EpisodeAnalysis) -> Iterator[tuple[str, int]]:
