@@ -193,6 +193,30 @@ def test_a_pause_after_which_the_arm_goes_on_is_no_halt(stage):
     assert found.label is Label.TIMEOUT
 
 
+@pytest.mark.parametrize(("speed", "label"), [(0.001, Label.EARLY_HALT), (0.008, Label.TIMEOUT)])
+def test_an_arm_that_drifts_unseen_has_halted_and_one_that_creeps_on_has_not(stage, speed, label):
+    s = stage("fast_food", "train1")
+    x, y, z = s.tool
+    assert diagnose_record(s.go(x, y, z - 50 * speed, speed=speed).end()).label is label
+
+
+@pytest.mark.parametrize("rest", [8, 1])
+def test_an_arm_that_slows_down_and_comes_to_rest_has_halted(stage, rest):
+    """It creeps for 6 s, which is slower than a moving arm, and then stands still."""
+    s = stage("fast_food", "train1")
+    x, y, z = s.go(0.45, 0.0, 0.4).tool
+    found = diagnose_record(s.go(x, y, z - 0.05, speed=0.008).wait(rest).end())
+    assert found.label is (Label.EARLY_HALT if rest >= 3 else Label.TIMEOUT)
+
+
+def test_noise_around_zero_is_a_halt(stage):
+    s, rng = stage("fast_food", "train1"), np.random.default_rng(0)
+    for _ in range(1000):
+        s.tool = s.tool + rng.normal(0.0, 0.0012, 3)
+        s.tick()
+    assert diagnose_record(s.end()).label is Label.EARLY_HALT
+
+
 def test_a_halt_lasts_to_the_end(stage):
     s = stage("fast_food", "train1")
     x, y, _ = s.positions[s.at("first")]

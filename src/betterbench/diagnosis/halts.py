@@ -16,6 +16,18 @@ HALT_RADIUS = threshold(
     "less than 1 cm.",
 )  # fmt: skip
 
+DRIFT = threshold(
+    "drift", 0.002, "m/s",
+    "Speed with which an arm that halts may drift off beside that: nobody who watches sees it move, and in the whole "
+    "time of a trial it comes nowhere. A policy whose commands are noise around zero drifts as far.",
+)  # fmt: skip
+
+COME_TO_REST = threshold(
+    "come_to_rest", 0.005, "m",
+    "Distance from where it is within which an arm that was slow before has to stay to the end, drift apart, to have "
+    "come to rest there; one that creeps on at 4 mm/s or more has not.",
+)  # fmt: skip
+
 TREMBLE_TIME = threshold(
     "tremble_time", 8.0, "s",
     "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
@@ -42,11 +54,23 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     needed = trace.steps(THRESHOLDS.halt_time)
     pause = 0
     for start, stop in _runs(still):
-        begin = max(start, last + 1)
-        if stop - begin >= needed and episode.open_goals(begin + needed - 1) and _stays(trace, begin):
+        begin = _rests_from(trace, max(start, last + 1), stop)
+        if begin is not None and episode.open_goals(begin + needed - 1):
             return (begin, stop - 1) if stop - begin >= pause else None
         pause = max(pause, stop - start)
     return None
+
+
+def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
+    """Return the first row of a slow stretch, long enough before its end, from which the arm stays in place for good.
+
+    It may have slowed down before it came to rest.
+    """
+    last = stop - trace.steps(THRESHOLDS.halt_time)
+    if start <= last and _stays(trace, start):
+        return start
+    rows = range(start, last + 1, trace.steps(0.5))
+    return next((row for row in rows if _stays(trace, row, within=COME_TO_REST)), None)
 
 
 def _in_place_from(trace: Trace) -> int:
@@ -57,9 +81,10 @@ def _in_place_from(trace: Trace) -> int:
     return trace.rows
 
 
-def _stays(trace: Trace, begin: int) -> bool:
-    """Tell whether the tool center point stays where it is at a row until the episode ends."""
-    return float(np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1).max()) <= HALT_RADIUS
+def _stays(trace: Trace, begin: int, *, within: float = HALT_RADIUS) -> bool:
+    """Tell whether the tool center point stays where it is at a row until the episode ends, apart from drifting."""
+    away = np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1)
+    return bool((away <= within + DRIFT * (trace.time[begin:] - trace.time[begin])).all())
 
 
 def _busy_until(trace: Trace, step: Step) -> int:
