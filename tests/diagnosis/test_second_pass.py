@@ -296,6 +296,32 @@ def test_one_who_goes_by_the_word_mistakes_no_order():
     assert {rules.rulings[k].shortcut for k in wrong} == {"upheld"}
 
 
+def coffee_habit() -> dict[str, Choice]:
+    """Makes a task in which wrong first attempts fit the habit as well as a favorite place."""
+    things = {"far": "burger", "near": "fries", "left": "drink"}
+    habit, nothing = frozenset(("far",)), frozenset()
+    return {
+        f"food/R{n}/0": Choice(
+            frozenset(things.items()), frozenset((asked,)), "far", asked == "far", nothing, habit, nothing, 3, "burger"
+        )
+        for n, asked in enumerate(("near", "left", "far"))
+    }
+
+
+def test_the_rule_that_explains_all_tasks_decides_where_another_would_do():
+    """A favorite place explains both tasks, and the habit one: two faults are not needed where one will do."""
+    coffee = coffee_run(lambda _: "far", 1.0, seeds=1)
+    alone = judge_policy({"food": coffee_habit()})["food"]
+    both = judge_policy({"food": coffee_habit(), "coffee": coffee})["food"]
+    assert alone.rulings["food/R0/0"].place == "rejected"
+    assert both.rulings["food/R0/0"].place == "upheld"
+
+
+def test_a_habit_in_all_tasks_stays_one():
+    found = judge_policy({"food": coffee_habit(), "lunch": coffee_habit()})
+    assert all(rules.rulings["food/R0/0"].place == "rejected" for rules in found.values())
+
+
 def test_one_other_task_is_not_enough_to_do_without_a_pair():
     found = judge_policy({"coffee": coffee_run(lambda _: "far", 0.5), "lunch": lunch()})
     assert found["lunch"].rulings["lunch/L1/0"].place != "upheld"

@@ -217,6 +217,15 @@ def test_noise_around_zero_is_a_halt(stage):
     assert diagnose_record(s.end()).label is Label.EARLY_HALT
 
 
+def test_one_pause_more_is_no_halt(stage):
+    """It goes 3 cm, pauses for 3.5 s, and so on: the limit comes in a pause."""
+    s = stage("fast_food", "train1")
+    for k in range(8):
+        s.go(0.35 + 0.04 * k, 0.0, 0.4).wait(3.5)
+    assert diagnose_record(s.end()).label is Label.TIMEOUT
+    assert diagnose_record(s.wait(4).end()).label is Label.EARLY_HALT
+
+
 def test_a_halt_lasts_to_the_end(stage):
     s = stage("fast_food", "train1")
     x, y, _ = s.positions[s.at("first")]
@@ -359,6 +368,40 @@ def test_fingers_that_are_brought_to_the_width_of_a_thing_above_it_have_not_fail
     over(s, burger).close(0.05).hold().wait(0.3)
     found = diagnose_record(tremble(s, 8).end())
     assert found.label is Label.TIMEOUT
+
+
+def goes_through(s, name, act):
+    """Comes down to an object again and again, does something there, and goes over the target."""
+    while s.step < s.task.step_limit(s.condition) - 100:
+        x, y, _ = s.grip_point(name)
+        act(s.over(np.array([x, y])).go(x, y, s.size(name)[2] + 0.01, speed=0.2).wait(0.2))
+        s.lift().over(s.goal_place(), 0.3).wait(0.2)
+    return s
+
+
+@pytest.mark.parametrize("name", ["train1", "T1"])
+@pytest.mark.parametrize("opens", [False, True])
+def test_fingers_that_are_shut_before_they_come_to_the_right_thing_have_failed(stage, name, opens):
+    """They are never opened, or opened where they should close and closed where they should open."""
+    s = stage("fast_food", name)
+    act = (lambda s: s.open().lift().close()) if opens else (lambda s: s)
+    found = diagnose_record(goes_through(s.close(), s.of("burger"), act).end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "comes_shut")
+
+
+def test_a_shut_gripper_over_a_look_alike_has_chosen_it(stage):
+    s = stage("fast_food", "O1")
+    found = diagnose_record(goes_through(s.close(), s.at("first"), lambda s: s).end())
+    assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
+
+
+@pytest.mark.parametrize(("times", "label"), [(1, Label.TIMEOUT), (4, Label.EXECUTION_FAILURE)])
+def test_a_gripper_that_closes_and_opens_again_and_again_is_not_about_to_lift(stage, times, label):
+    s = stage("fast_food", "train1")
+    s.grasp(s.of("burger"))
+    for _ in range(times):
+        s.open().close()
+    assert diagnose_record(s.end()).label is label
 
 
 def test_a_fist_that_is_to_push_a_drawer_shut_grasps_at_nothing(stage):

@@ -1,7 +1,7 @@
-"""What a policy went for without closing its gripper: objects that it stayed over, and objects that it pushed.
+"""What a policy went for without closing its gripper on it: objects that it stayed over, and objects that it pushed.
 
-A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the open gripper shows it:
-it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
+A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the empty gripper, open or
+shut, shows it: it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
 """
 
 from __future__ import annotations
@@ -157,6 +157,15 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     return None
 
 
+def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the first rows from a row on in which a gripper that is shut on nothing is within reach of an object."""
+    shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
+    near = [
+        row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
+    ]
+    return _spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
+
+
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     """Return the rows in which an empty gripper goes to and fro, up to the end of the episode, or None.
 
@@ -213,8 +222,8 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the nearest object that an open, empty gripper is over, or -1; a target is come over to let go there."""
-    if trace.closing[row] or trace.held[row] >= 0:
+    """Return the nearest object that an empty gripper is over, or -1; a target is come over to let go there."""
+    if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
         return -1
     tool = trace.tool[row]
     distances, boxes = trace.center_distances(row, tool), trace.box_distances(row, tool)

@@ -28,6 +28,11 @@ COME_TO_REST = threshold(
     "come to rest there; one that creeps on at 4 mm/s or more has not.",
 )  # fmt: skip
 
+PAUSES_VARY = threshold(
+    "pauses_vary", 1.5, "1",
+    "Length of a stand in longest pauses before it, of a policy that makes long ones, from which it is no pause more.",
+)  # fmt: skip
+
 TREMBLE_TIME = threshold(
     "tremble_time", 8.0, "s",
     "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
@@ -52,13 +57,18 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
         still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
     last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
     needed = trace.steps(THRESHOLDS.halt_time)
-    pause = 0
+    pauses: list[int] = []
     for start, stop in _runs(still):
         begin = _rests_from(trace, max(start, last + 1), stop)
         if begin is not None and episode.open_goals(begin + needed - 1):
-            return (begin, stop - 1) if stop - begin >= pause else None
-        pause = max(pause, stop - start)
+            return (begin, stop - 1) if stop - begin >= _usual(pauses, needed) else None
+        pauses.append(stop - start)
     return None
+
+
+def _usual(pauses: list[int], long: int) -> float:
+    """Return how long a policy may pause, in rows, from its pauses: if several were long, one may be longer still."""
+    return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
 
 
 def _rests_from(trace: Trace, start: int, stop: int) -> int | None:

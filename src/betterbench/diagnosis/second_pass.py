@@ -16,7 +16,8 @@ A wrong order is seen in each trial by itself, a favorite place only in several 
 what it went for too early is a step taken too early (:func:`mistakes_order`).
 
 Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
-has a weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`). A single wrong attempt
+has a weight, the share of the tasks with wrong attempts that it explains (:func:`family_costs`); and one that explains
+all of them clearly better than any other is that of the policy (:func:`rule_of_all_tasks`). A single wrong attempt
 that two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always say otherwise:
 over ten tasks the weights are worth 3.0 nats at most, as much as one attempt that a rule predicts and another does not.
 """
@@ -43,6 +44,12 @@ its attempts as well as anything else does. One or two may as well be at a favor
 OTHER_TASKS = 2
 """Other tasks in which a rule has to be proven before it counts in a task whose own trials could not prove it."""
 
+ONE_ATTEMPT = 3.0
+"""What one first attempt is worth that a rule predicts and another does not [nats], rounded."""
+
+CLEARLY = 2.0
+"""Nats by which one kind of rule has to explain all tasks better than any other to be that of the policy: odds of 7."""
+
 _LATER = (LATER, f"{LATER}:next", f"{LATER}:last")
 """What begins with a step that is not due yet: any of them, the next, or the last."""
 
@@ -55,8 +62,7 @@ class PolicyRule:
     """One rule, judged on all first attempts of a task.
 
     Attributes:
-        name: "word", "habit", "later", "later:next", "later:last", "place:SLOT", or "place" for one slot per set of slots
-            that are stocked.
+        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of slots that are stocked.
         cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
         strength: The best strength, from 0 to 1.
         explained: Wrong first attempts that it explains.
@@ -112,6 +118,10 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
         family: {task for task, found in alone.items() if any(_family(name) == family for name in found.upheld)}
         for family in (PLACE, LATER)
     }
+    usual = rule_of_all_tasks(choices, alone)
+    if usual is not None:
+        costs |= {name: max(cost, ONE_ATTEMPT) for name, cost in costs.items() if name not in (usual, CONFUSION)}
+        costs[usual] = 0.0
     return {
         task: judge_rules(
             mine,
@@ -123,24 +133,36 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
     }
 
 
+def rule_of_all_tasks(choices: Mapping[str, Mapping[str, Choice]], alone: Mapping[str, TaskRules]) -> str | None:
+    """Return the kind of rule that explains a policy in all its tasks clearly better than any other, or None."""
+    mine = _with_errors(choices)
+    totals = sorted((_total(family, mine, alone), family) for family in FAMILIES)
+    if len(mine) < 2 or totals[0][1] == CONFUSION or totals[1][0] - totals[0][0] < CLEARLY:
+        return None
+    return totals[0][1]
+
+
+def _with_errors(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, list[Choice]]:
+    """Return the choices of the tasks in which some are wrong."""
+    return {task: list(of.values()) for task, of in choices.items() if any(not c.correct for c in of.values())}
+
+
+def _total(family: str, tasks: Iterable[str], alone: Mapping[str, TaskRules]) -> float:
+    """Return what the best rules of a kind cost in several tasks; where none fits, it is the cost of confusion."""
+    return sum(min((r.cost for r in alone[t].rules if r.family == family), default=alone[t].confusion) for t in tasks)
+
+
 def mistakes_order(choices: Mapping[str, Mapping[str, Choice]], alone: Mapping[str, TaskRules]) -> bool:
     """Tell whether "it begins with a later step" explains the first attempts of a policy as well as anything else.
 
     All tasks with wrong attempts are judged together: a later step, the next, or the last, against the word, a favorite
     place per task, and confusion.
     """
-    mine = {task: list(of.values()) for task, of in choices.items() if any(not c.correct for c in of.values())}
+    mine = _with_errors(choices)
     if sum(not c.correct and _fits(LATER, c) for of in mine.values() for c in of) < ORDER_TRIALS:
         return False
     later = min(sum(_judge(name, of, 0.0).cost for of in mine.values()) for name in _LATER) + math.log(len(_LATER))
-    others = [
-        sum(
-            min((r.cost for r in alone[task].rules if r.family == family), default=alone[task].confusion)
-            for task in mine
-        )
-        for family in (WORD, PLACE, CONFUSION)
-    ]
-    return later <= min(others) + 1e-9
+    return later <= min(_total(family, mine, alone) for family in (WORD, PLACE, CONFUSION)) + 1e-9
 
 
 def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import closes_in_part
+from betterbench.diagnosis.approaches import closes_in_part, comes_shut
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
@@ -18,13 +18,21 @@ from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing, is_plural
+
+GRIPS_IN_VAIN = threshold(
+    "grips_in_vain", 2, "1",
+    "Times that a gripper has closed on the right thing and let go without lifting it from which one that has it "
+    "between its fingers at the end is no longer about to lift it.",
+)  # fmt: skip
 
 _KNOCKS = "knocks things over or out of their places"
 _HOW = {
     "missed_by_pose": "closes beside them",
     "missed_by_far": "closes far from them",
     "slipped": "does not lift them",
+    "comes_shut": "comes to them with its fingers shut",
     "pushed": "pushes them away",
     "dropped": "drops them",
     "placed_outside_the_goal": "puts them down outside the goal",
@@ -59,7 +67,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
     found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
-    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _closed_in_part, _not_shut, _far_off)
+    others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _around_it, _not_shut, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
 
@@ -97,11 +105,18 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     if drawer and _moved_later(episode, step, i):
         return None
     if not step.grasp.secured:
-        if episode.trace.left[-1, i] and episode.trace.right[-1, i]:
+        if episode.trace.left[-1, i] and episode.trace.right[-1, i] and _grips_in_vain(episode, i) < GRIPS_IN_VAIN:
             return None  # the episode ended with the object between the fingers: there was no time to lift it
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
+
+
+def _grips_in_vain(episode: EpisodeAnalysis, i: int) -> int:
+    """Return how often the gripper closed on an object and let go of it without having lifted it."""
+    return sum(
+        s.grasp.object == i and not s.grasp.secured and s.grasp.release < episode.trace.rows for s in episode.steps
+    )
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
@@ -128,16 +143,21 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
     return None
 
 
-def _closed_in_part(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the fingers closed around the right target without ever coming to it."""
+def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if the fingers were shut before they came to the right target, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
-    rows = closes_in_part(episode.trace, episode.idle_from, stay.at)
+    trace, kind, objects = episode.trace, episode.kind(stay.at), (stay.at,)
+    rows = comes_shut(trace, episode.idle_from, stay.at)
+    if rows is not None:
+        text = f"The gripper comes to the {kind}, the right target, with its fingers shut."
+        return episode.evidence("comes_shut", text, rows=rows, objects=objects)
+    rows = closes_in_part(trace, episode.idle_from, stay.at)
     if rows is None:
         return None
-    text = f"The fingers close around the {episode.kind(stay.at)}, the right target, without touching it."
-    return episode.evidence("closed_in_part", text, rows=rows, objects=(stay.at,))
+    text = f"The fingers close around the {kind}, the right target, without touching it."
+    return episode.evidence("closed_in_part", text, rows=rows, objects=objects)
 
 
 def _not_shut(episode: EpisodeAnalysis) -> Evidence | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import closes_in_part, find_stays, returns_to, to_and_fro
+from betterbench.diagnosis.approaches import closes_in_part, comes_shut, find_stays, returns_to, to_and_fro
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
@@ -61,7 +61,8 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
-    if rows is None or closes_in_part(episode.trace, rows[0], stay.at) is not None:
+    failed = any(find(episode.trace, episode.idle_from, stay.at) is not None for find in (comes_shut, closes_in_part))
+    if rows is None or failed:
         return None
     text = (
         f"The open gripper comes over the {episode.kind(stay.at)}, the right target, and goes away again and again "
