@@ -404,6 +404,14 @@ def test_a_gripper_that_closes_and_opens_again_and_again_is_not_about_to_lift(st
     assert diagnose_record(s.end()).label is label
 
 
+@pytest.mark.parametrize(("times", "label"), [(1, Label.TIMEOUT), (4, Label.EXECUTION_FAILURE)])
+def test_what_is_let_go_of_again_and_again_is_not_about_to_be_brought(stage, times, label):
+    s = stage("fast_food", "train1")
+    for _ in range(times):
+        s.grasp(s.of("burger")).lift(0.05).open()
+    assert diagnose_record(s.grasp(s.of("burger")).lift().end()).label is label
+
+
 def test_a_fist_that_is_to_push_a_drawer_shut_grasps_at_nothing(stage):
     """Beside the other drawer, and with the right one drawn out far."""
     s = stage("office_drawer", "train1")

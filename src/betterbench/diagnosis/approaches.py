@@ -56,7 +56,7 @@ PUSH_ALONG = threshold(
     "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
 )
 CLOSED_IN_PART = threshold(
-    "closed_in_part", 0.005, "m",
+    "closed_in_part", THRESHOLDS.finger_travel, "m",
     "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "
     "brought to the width of a thing before they come down to it.",
 )  # fmt: skip

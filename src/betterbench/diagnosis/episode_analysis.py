@@ -92,7 +92,7 @@ class EpisodeAnalysis:
         steps: All grasp attempts, in time.
         harm: What was done to things that were not asked for, in time.
         others: What was gone for without closing the gripper, in time.
-        on_nothing: Closings far from everything, in time.
+        on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
     """
 
@@ -410,10 +410,10 @@ def analyze_episode(
     fists = tuple(sorted((g for g in (*closings, *far) if _fist(trace, condition.instruction, g)), key=_start))
     grasps = tuple(g for g in closings if g not in fists)
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
-    episode = EpisodeAnalysis(
-        trace, condition, trained, trace.meant, steps, harm,
-        on_nothing=tuple(g for g in far if g not in fists), fists=fists,
-    )  # fmt: skip
+    beside = tuple(s.grasp for s in steps if condition.expected is Expected.SUCCEED and _beside_slot(trace, s))
+    on_nothing = tuple(sorted((*beside, *(g for g in far if g not in fists)), key=_start))
+    steps = tuple(s for s in steps if s.grasp not in beside)
+    episode = EpisodeAnalysis(trace, condition, trained, trace.meant, steps, harm, on_nothing=on_nothing, fists=fists)
     if trace.done.shape[1] and trace.done[-1].all():
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
@@ -426,6 +426,15 @@ def analyze_episode(
 
 def _start(grasp: GraspAttempt) -> int:
     return grasp.start
+
+
+def _beside_slot(trace: Trace, step: Step) -> bool:
+    """Tell whether the gripper closed on nothing near an empty slot, and not in it: something was missed by far."""
+    slot = step.grasp.slot
+    if step.target is not AttemptTarget.EMPTY or slot is None:
+        return False
+    x, y, _ = trace.info.slot(slot).position
+    return math.dist(trace.tool[step.grasp.end, :2], (x, y)) > THRESHOLDS.same_place
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:

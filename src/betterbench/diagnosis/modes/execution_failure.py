@@ -21,10 +21,10 @@ from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing, is_plural
 
-GRIPS_IN_VAIN = threshold(
-    "grips_in_vain", 2, "1",
-    "Times that a gripper has closed on the right thing and let go without lifting it from which one that has it "
-    "between its fingers at the end is no longer about to lift it.",
+TRIES_IN_VAIN = threshold(
+    "tries_in_vain", 3, "1",
+    "Times that a gripper has closed on the right thing and lost it or let go of it too early from which it fails, "
+    "though it has it once more when the limit comes; honest policies did so at most twice.",
 )  # fmt: skip
 
 _KNOCKS = "knocks things over or out of their places"
@@ -105,23 +105,25 @@ def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     if drawer and _moved_later(episode, step, i):
         return None
     if not step.grasp.secured:
-        if episode.trace.left[-1, i] and episode.trace.right[-1, i] and _grips_in_vain(episode, i) < GRIPS_IN_VAIN:
+        if episode.trace.left[-1, i] and episode.trace.right[-1, i] and not _tried_in_vain(episode, i):
             return None  # the episode ended with the object between the fingers: there was no time to lift it
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
 
 
-def _grips_in_vain(episode: EpisodeAnalysis, i: int) -> int:
-    """Return how often the gripper closed on an object and let go of it without having lifted it."""
-    return sum(
-        s.grasp.object == i and not s.grasp.secured and s.grasp.release < episode.trace.rows for s in episode.steps
-    )
+def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
+    """Tell whether the gripper had an object between its fingers again and again, and then no more."""
+    tries = [s for s in episode.steps if s.grasp.object == i and s.target is AttemptTarget.ASKED]
+    vain = [s for s in tries[:-1] if not episode.completed_after(s.goal, s.grasp.end)]
+    return len(vain) >= TRIES_IN_VAIN
 
 
 def _held_later(episode: EpisodeAnalysis, step: Step, goal: int) -> bool:
     """Tell whether a later try for the same subgoal has the object in the gripper when the episode ends."""
     held = int(episode.trace.held[-1])
+    if step.grasp.object is not None and _tried_in_vain(episode, step.grasp.object):
+        return False
     later = {s.grasp.object for s in episode.steps if s.grasp.start > step.grasp.start}
     return held in later & set(episode.meant[goal])
 
