@@ -362,6 +362,18 @@ def test_fingers_that_close_around_the_right_thing_without_touching_it_have_fail
     assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "closed_in_part")
 
 
+def test_fingers_that_close_by_a_few_millimeters_around_a_wide_thing_have_failed(stage):
+    s = stage("fast_food", "train1").hold()
+    burger = s.of("burger")
+    for _ in range(3):
+        s.over(s.positions[burger]).go(*s.grip_point(burger)).wait(0.3)
+        s.width = 0.076
+        s.wait(0.3).lift()
+        s.width = 0.08
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "closed_in_part")
+
+
 def test_fingers_that_are_brought_to_the_width_of_a_thing_above_it_have_not_failed(stage):
     s = stage("fast_food", "train1")
     burger = s.of("burger")
