@@ -44,8 +44,8 @@ better calibrate                         # the faulty policies
 compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can be
 interrupted and resumed. [All wrong labels](mistakes.md) of the packaged numbers are shown with their film strips.
 
-A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever goes
-for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
+A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever
+goes for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
 diagnosis then gives the label with the simplest evidence across all trials of the policy: a wrong order, or a skipped
 step, which each trial shows by itself, before a favorite place, which several show together; one rule that explains all
 tasks before two rules; and neither where fewer than three trials show it.
