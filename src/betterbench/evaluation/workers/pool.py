@@ -209,7 +209,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
     None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
     """
     prepare_process()
-    with contextlib.suppress(EOFError, BrokenPipeError):
+    with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the run has ended
         try:
             with Worker(settings) as worker:
                 connection.send(None)
