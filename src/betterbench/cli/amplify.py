@@ -54,7 +54,7 @@ def amplify_command(
     from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED
 
     prepare_robot("panda")
-    with progress_bar("amplify", 1) as (bar, shown):
+    with progress_bar("amplify", 0) as (bar, shown):
 
         def told(progress: SetProgress) -> None:
             bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))

@@ -47,7 +47,7 @@ def collect_command(
 
     of_suite = suite_tasks(suite)
     prepare_robot("panda")
-    with progress_bar("collect", 1) as (bar, shown):
+    with progress_bar("collect", 0) as (bar, shown):
 
         def told(progress: SetProgress) -> None:
             bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))

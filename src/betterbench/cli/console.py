@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 
 LONGEST_MESSAGE = 20_000
 """Most characters of one message or cell; what is longer comes from outside."""
+
+NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
+"""A cell that is a number; a column of them is set flush right."""
 
 
 class Terminal(Console):
@@ -84,20 +88,34 @@ def print_listing(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None
 
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title: str | None = None) -> None:
-    """Print a table for people."""
+    """Print a table for people; columns of numbers are set flush right, and no name is taken for a style."""
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    shown = None if title is None else Text(_printable(title))
+    table = Table(title=shown, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for i, column in enumerate(columns):
-        table.add_column(column, overflow="fold", no_wrap=i == 0)
+        numbers = i > 0 and bool(rows) and all(NUMBER.fullmatch(row[i]) for row in rows)
+        header = Text(_printable(column))
+        table.add_column(header, overflow="fold", no_wrap=i == 0, justify="right" if numbers else "left")
     for row in rows:
-        table.add_row(*(_printable(cell).replace("[", "\\[") for cell in row))
+        table.add_row(*(Text(_printable(cell)) for cell in row))
     OUT.print(table)
 
 
 def say(text: str, *, whole: bool = False) -> None:
-    """Print a message on standard error; if ``whole``, no line is broken, so that a path in it can be copied."""
-    ERR.print(text, markup=False, soft_wrap=whole)
+    """Print a message on standard error, broken between words on a terminal and not at all elsewhere.
+
+    If ``whole``, no line is broken, so that a path in it can be copied.
+    """
+    ERR.print(text, markup=False, soft_wrap=whole or not ERR.is_terminal)
+
+
+def complain(problem: str) -> None:
+    """Print an error as :func:`say` prints a message."""
+    from rich.text import Text
+
+    ERR.print(Text.assemble(("error:", "bold red"), " ", _printable(problem)), soft_wrap=not ERR.is_terminal)
 
 
 def _printable(text: str) -> str:
@@ -105,26 +123,21 @@ def _printable(text: str) -> str:
 
 
 @contextmanager
-def progress_bar(what: str, total: int, *, estimate: bool = True) -> Iterator[tuple[Progress, Any]]:
-    """Show a bar on standard error while long work runs.
+def counted(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Give what is told how much is done, of how much, and shows that in a bar that goes when the work has ended."""
+    with progress_bar(what, 0, stays=False) as (bar, task):
+        yield lambda done, planned: bar.update(task, completed=done, total=planned)
 
-    Without ``estimate``, the time taken and the time left give way to the note, which says them.
+
+@contextmanager
+def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = True) -> Iterator[tuple[Progress, Any]]:
+    """Show a bar on standard error while long work runs, or now and then a line if that is no terminal.
+
+    A ``total`` of 0 says that nobody knows yet how much there is. Without ``estimate``, the time taken and the time
+    left give way to the note, which says them, and no lines are written. A bar that ``stays`` shows at the end how long
+    the work took.
     """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from betterbench.cli.progress import WorkProgress
 
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=40 if estimate else 8),
-        MofNCompleteColumn(),
-        *((TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn()) if estimate else ()),
-        TextColumn("{task.fields[note]}", markup=False),
-    )
-    with Progress(*columns, console=ERR, disable=not ERR.is_terminal) as bar:
-        yield bar, bar.add_task(one_line(what, most=100), total=total, note="")
+    with WorkProgress(ERR, timed=estimate, stays=stays, log=say if estimate else None) as bar:
+        yield bar, bar.add_task(one_line(what, most=100), total=total or None, note="")

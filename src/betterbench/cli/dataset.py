@@ -87,7 +87,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) 
 
     recipe.check()
     prepare_robot("panda")
-    with progress_bar("dataset", 1) as (bar, shown):
+    with progress_bar("dataset", 0) as (bar, shown):
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
             bar.update(shown, description=stage, total=planned, completed=done, note=note)

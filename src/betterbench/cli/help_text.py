@@ -1,15 +1,18 @@
-"""How the help of a verb is worded: wrapped to the terminal, and without defaults that its sentences say already."""
+"""How help is worded: wrapped to the terminal, and without defaults that its sentences say already."""
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import os
 import shutil
+import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TextIO, get_args, get_origin, get_type_hints
 
 import tyro
 
@@ -24,12 +27,50 @@ INDENT = "  "
 
 
 def description_of(function: object) -> str:
-    """Return the description of a function, without its arguments, wrapped to the width of the terminal."""
+    """Return the description of a function, without its arguments, wrapped to the width of the terminal.
+
+    An example that takes two lines can be pasted into a shell all the same.
+    """
     text = inspect.getdoc(function) or ""
     width = min(shutil.get_terminal_size().columns, WIDEST)
     paragraphs = text.partition("\n\nArgs:")[0].split("\n\n")
     layout = textwrap.TextWrapper(width, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)
-    return "\n\n".join(map(layout.fill, paragraphs))
+    narrower = textwrap.TextWrapper(width - 2, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)
+
+    def wrapped(paragraph: str) -> str:
+        if len(paragraph) > width and paragraph.startswith("Example: "):
+            return " \\\n".join(narrower.wrap(paragraph))
+        return layout.fill(paragraph)
+
+    return "\n\n".join(map(wrapped, paragraphs))
+
+
+def color_as_asked() -> None:
+    """Keep colors out of help and error boxes where NO_COLOR asks for that, or standard error is no terminal."""
+    if os.environ.get("NO_COLOR") or not sys.stderr.isatty():
+        tyro._experimental_options["ansi_codes"] = False
+
+
+@contextlib.contextmanager
+def brief_usage(verbs: Iterable[str]) -> Iterator[None]:
+    """Have the usage line of the overview say VERB where the list of all verbs would not fit the terminal."""
+    listed = "{" + ",".join(verbs) + "}"
+
+    class Brief:
+        def __init__(self, stream: TextIO) -> None:
+            self._stream = stream
+
+        def write(self, text: str) -> int:
+            return self._stream.write(text.replace(listed, "VERB"))
+
+        def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - whatever a stream has
+            return getattr(self._stream, name)
+
+    if len(f"usage: better [-h] {listed}") <= shutil.get_terminal_size().columns:
+        yield
+        return
+    with contextlib.redirect_stdout(Brief(sys.stdout)):
+        yield
 
 
 def word_options(function: Callable[..., None]) -> None:
@@ -46,6 +87,8 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
     if not is_dataclass(bare):
         said = default in (None, False, (), inspect.Parameter.empty)  # by the sentence of the option, or nothing to say
         value = _value(name, bare, _marks(hint))
+        if value and tyro.conf.Positional in _marks(hint) and default is not inspect.Parameter.empty:
+            value = f"[{value}]"
         return Annotated[hint, tyro.conf.arg(metavar=value, help_behavior_hint="" if said else None)]
     hints = get_type_hints(bare, include_extras=True)  # each field is an option of its own
     bare.__annotations__ = {field.name: _worded(field.name, hints[field.name], field.default) for field in fields(bare)}

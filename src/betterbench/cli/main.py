@@ -16,9 +16,9 @@ from typing import Any, Literal, get_type_hints
 import tyro
 
 from betterbench.cli.border import guarded
-from betterbench.cli.console import ERR, LONGEST_MESSAGE, say
-from betterbench.cli.help_text import description_of, word_options
-from betterbench.errors import BetterError, printable, system_error_text
+from betterbench.cli.console import LONGEST_MESSAGE, complain, say
+from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
+from betterbench.errors import BetterError, UnknownNameError, printable, system_error_text
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
@@ -100,6 +100,11 @@ VERBS: dict[str, Verb] = {
         "audit_paper:audit_command", "Check the printed numbers of the paper's tables.", takes_tasks=False
     ),
 }
+RESUMING = frozenset(
+    ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
+) | {"vqa", "demo"}
+"""Verbs whose command, given again, goes on where it was interrupted."""
+
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -112,30 +117,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.basicConfig(handlers=[_log_handler()])
     given = list(sys.argv[1:] if arguments is None else arguments)
     telling = Telling()
+    color_as_asked()
     try:
         if given and given[0] in VERBS:
             verb = VERBS[given[0]]
             function = verb.load(telling)
             words = verb.words(given[1:])
             tyro.cli(function, prog=f"better {given[0]}", description=description_of(function), args=words)
+        elif given and not given[0].startswith("-"):
+            raise UnknownNameError("verb", given[0], VERBS)
         else:
             _show_overview(given)
     except BetterError as error:
         if telling.traceback:
             traceback.print_exc()
-        ERR.print("[bold red]error:[/] ", end="")
-        say(str(error))
+        complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
         # The rule for whatever the system refuses: a path that is missing, too long, a loop or not ours to write.
         if isinstance(problem, BrokenPipeError):
             sys.stderr.close()
             return 0
-        ERR.print("[bold red]error:[/] ", end="")
-        say(system_error_text(problem))
+        complain(system_error_text(problem))
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        say("interrupted; run the same command again to continue where it stopped")
+        more = "; run the same command again to continue where it stopped"
+        say(f"interrupted{more if given and given[0] in RESUMING else ''}")
         return EXIT_INTERRUPTED
     return 0
 
@@ -162,12 +169,14 @@ def _show_overview(given: Sequence[str]) -> None:
         return verb
 
     completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
-    tyro.extras.subcommand_cli_from_dict(
-        {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
-        prog="better",
-        description="Find out why a Vision-Language-Action policy fails.\n\nExample: better eval --help",
-        args=list(given),
-    )
+    with brief_usage(VERBS):
+        tyro.extras.subcommand_cli_from_dict(
+            {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
+            prog="better",
+            description="Find out why a Vision-Language-Action policy fails.\n\n"
+            "better VERB --help explains a verb, better --version says which version this is.",
+            args=list(given),
+        )
 
 
 def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:

@@ -47,16 +47,16 @@ class RunTally:
         self.policy_errors += outcome.termination == "policy_error"
 
     def note(self, progress: Progress) -> str:
-        """Return the text beside the bar: pace, time left, verdicts, successes, errors of the policy, broken trials."""
+        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials, verdicts."""
         parts = [pace(progress)] if pace(progress) else []
-        if progress.decisions is not None:
-            parts.append(f"{progress.decisions.decided}/{len(progress.decisions.answers)} variations decided")
         if self.judged:
             parts.append(f"{self.successes}/{self.judged} succeeded")
         if self.policy_errors:
             parts.append(f"{self.policy_errors} error{'' if self.policy_errors == 1 else 's'}")
         if self.broken:
             parts.append(f"{self.broken} broke down")
+        if progress.decisions is not None:
+            parts.append(f"{progress.decisions.decided}/{len(progress.decisions.answers)} variations decided")
         return " · ".join(parts)
 
 

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return what stands beside the bar: the start that was tried last, and how many attempts there were."""
-    last = "" if progress.last is None else f"{progress.last.trial}, "
-    return f"{last}{progress.attempts} attempts"
+    """Return what stands beside the bar: how many attempts there were, and the start that was tried last."""
+    last = "" if progress.last is None else f", {progress.last.trial}"
+    return f"{progress.attempts} attempts{last}"
 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:

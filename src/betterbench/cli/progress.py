@@ -1,0 +1,151 @@
+"""How far long work is: one line on a terminal, which no width breaks, and now and then a line where there is none."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
+from rich.measure import Measurement
+from rich.progress import Progress, ProgressColumn, Task, TaskID
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+LEAST_BAR, MOST_BAR = 8, 24
+NOTE_ROOM = 36
+"""Columns that a bar leaves to a note, so that its width does not change with each note."""
+
+LEAST_WHAT, LEAST_NOTE = 16, 16
+
+ECHO = 3
+"""Columns that stay free at the end: the terminal writes ^C there, which must not begin a new line."""
+
+FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
+"""When lines say how far the work is where no bar is drawn: after this time, and then every so often [s]."""
+
+
+class _Widths(NamedTuple):
+    """Columns of the parts of a line that give way to the others; 0 for one that is left out."""
+
+    what: int
+    bar: int
+    note: int
+
+
+def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
+    """Divide the columns that counts and times leave, including one before each part but the first.
+
+    Args:
+        room: Columns in all.
+        what: Columns that the name of the work would take.
+        note: Columns that the note would take.
+        note_first: The note is worth more than bar and name; else it is cut first.
+    """
+    if not note:
+        bar = min(MOST_BAR, max(LEAST_BAR, room - what - 1))
+        named = min(what, room - bar - 1)
+        return _Widths(named, bar, 0) if named >= min(what, LEAST_WHAT) else _Widths(min(what, room), 0, 0)
+    if note_first:
+        bar = min(MOST_BAR, room - what - note - 2)
+        if bar >= LEAST_BAR:
+            return _Widths(what, bar, note)
+        named = min(what, max(LEAST_WHAT, room - note - 1))
+        return _Widths(named, 0, max(0, min(note, room - named - 1)))
+    named = max(0, min(what, max(LEAST_WHAT, room - LEAST_BAR - LEAST_NOTE - 2)))
+    bar = min(MOST_BAR, max(LEAST_BAR, room - named - NOTE_ROOM - 2))
+    if room - named - bar - 2 < LEAST_NOTE:
+        bar = 0
+    left = room - named - (bar + 1 if bar else 0) - 1
+    return _Widths(named, bar, max(0, min(note, left)))
+
+
+def _clock(seconds: float) -> str:
+    """Return a duration as "0:04:12"."""
+    whole = int(seconds)
+    return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def _count_text(task: Task) -> str:
+    """Return how much is done ("  7/120"); empty while nobody knows how much there is."""
+    if task.total is None:
+        return ""
+    total = f"{int(task.total)}"
+    return f"{int(task.completed):>{len(total)}}/{total}"
+
+
+def _time_text(task: Task) -> str:
+    """Return the time left ("0:04:12 left"), or the time taken while it is unknown and at the end."""
+    left = None if task.finished else task.time_remaining
+    return f"{_clock(task.elapsed or 0.0)}     " if left is None else f"{_clock(left)} left"
+
+
+class _Line:
+    """A line that fits the width at which it is drawn."""
+
+    def __init__(self, task: Task, *, timed: bool) -> None:
+        self.task, self.timed = task, timed
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        return Measurement(1, max(1, options.max_width - ECHO))
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        task, note = self.task, str(self.task.fields["note"])
+        figures = [text for text in (_count_text(task), _time_text(task) if self.timed else "") if text]
+        room = options.max_width - sum(len(text) + 1 for text in figures)
+        width = _widths_of(room, cell_len(task.description), cell_len(note), note_first=not self.timed)
+        bar = ProgressBar(task.total, task.completed, width.bar, task.total is None, animation_time=task.get_time())
+        name: tuple[RenderableType, int] = Text(task.description), width.what
+        parts = [name, (bar, width.bar), *((Text(text), len(text)) for text in figures)]
+        table = Table.grid(padding=(0, 1, 0, 0), pad_edge=False)
+        shown = [(part, columns) for part, columns in (*parts, (Text(note), width.note)) if columns > 0]
+        for _, columns in shown:
+            table.add_column(width=columns, no_wrap=True, overflow="ellipsis")
+        table.add_row(*(part for part, _ in shown))
+        yield table
+
+
+class _LineColumn(ProgressColumn):
+    def __init__(self, *, timed: bool) -> None:
+        super().__init__()
+        self._timed = timed
+
+    def render(self, task: Task) -> Any:  # noqa: ANN401 - whatever rich can draw
+        return _Line(task, timed=self._timed)
+
+
+class WorkProgress(Progress):
+    """A progress bar of one line, or lines for a log.
+
+    Args:
+        console: Where the bar is drawn, if that is a terminal.
+        timed: Whether time taken or left are shown.
+        stays: Whether the bar stays when the work has ended.
+        log: Takes the lines where there is no terminal; None for no such lines.
+    """
+
+    def __init__(self, console: Console, *, timed: bool, stays: bool, log: Callable[[str], None] | None) -> None:
+        super().__init__(
+            _LineColumn(timed=timed), console=console, disable=not console.is_terminal, transient=not stays
+        )
+        self._log = None if console.is_terminal else log
+        self._next_line = time.monotonic() + FIRST_LINE_S
+
+    def update(self, task_id: TaskID, **changes: Any) -> None:  # noqa: ANN401 - those of rich
+        """Show a new state of the work, as :class:`rich.progress.Progress` does."""
+        super().update(task_id, **changes)
+        if self._log is not None and time.monotonic() >= self._next_line:
+            self._next_line = time.monotonic() + NEXT_LINE_S
+            self._log(_logged(self._tasks[task_id]))
+
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        """Show that more is done."""
+        self.update(task_id, advance=advance)
+
+
+def _logged(task: Task) -> str:
+    left = "" if task.finished or task.time_remaining is None else f"{_clock(task.time_remaining)} left"
+    parts = [text for text in (_count_text(task).strip(), left, str(task.fields["note"])) if text]
+    return f"{task.description}: {', '.join(parts)}"
