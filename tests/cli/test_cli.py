@@ -165,6 +165,17 @@ def test_diagnose_json_has_the_promised_fields(capsys, small_run):
     assert by_name["T1"]["expected"] == "stay_still"
 
 
+def test_a_diagnosis_tells_how_far_it_is(small_run):
+    from betterbench.comparison import submission_of
+    from betterbench.diagnosis import diagnose_run
+
+    count = len(json.loads((small_run / "run.json").read_text())["plan"]["trials"])
+    told, of_submission = [], []
+    diagnose_run(small_run, on_progress=lambda *numbers: told.append(numbers))
+    submission_of(RunFolder.open(small_run), on_progress=lambda *numbers: of_submission.append(numbers))
+    assert told == of_submission == [(i, count) for i in range(count)]
+
+
 def test_a_submission_of_a_run_is_compared_as_the_run_is(capsys, small_run, tmp_path):
     out = tmp_path / "lexical.json"
     assert run(capsys, "export", str(small_run), "--out", str(out))[0] == 0

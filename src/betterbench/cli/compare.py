@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from betterbench.cli.console import print_json
+from betterbench.cli.console import print_json, progress_bar
 
 
 def compare_command(
@@ -37,7 +37,12 @@ def compare_command(
     from betterbench.cli.output.comparison import print_comparison
     from betterbench.comparison import compare, load_sides
 
-    sides = load_sides(runs, names=name, allow_mixed=allow_mixed)
+    with progress_bar("diagnosing", 0, stays=False) as (bar, task):
+
+        def told(run: str, done: int, planned: int) -> None:
+            bar.update(task, description=f"diagnosing {run}", completed=done, total=planned)
+
+        sides = load_sides(runs, names=name, allow_mixed=allow_mixed, on_progress=told)
     result = compare(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
     if json:
         print_json(result.to_json())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, say
+from betterbench.cli.console import OUT, counted, print_json, say
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -50,7 +50,8 @@ def diagnose_command(
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
-    result = diagnose_run(folder)
+    with counted(f"diagnosing {folder.path.name}") as told:
+        result = diagnose_run(folder, on_progress=told)
     changes = None if before is None or result.pending else find_changes(before, stored.StoredDiagnosis.of(result))
     if result.pending:
         say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
@@ -74,7 +75,7 @@ def diagnose_command(
 
         OUT.print()
         print_knowledge(known)
-    OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=True)
+    OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
 
 
 def _knowledge(

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 
@@ -186,7 +186,8 @@ def _export_outcomes(
     folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)
-        require_same(folder, submission)
+        with counted(f"diagnosing {folder.path.name}") as told:
+            require_same(folder, submission, on_progress=told)
         _tell(
             {"identical": True, "sha256": submission.sha256},
             f"{check}: identical with what the run proves",
@@ -194,10 +195,13 @@ def _export_outcomes(
         )
         return
     if to != "submission":
-        place = write_metrics(diagnose_run(folder), to, out or runs[0] / to, name=name, project=project)
+        with counted(f"diagnosing {folder.path.name}") as told:
+            diagnosis = diagnose_run(folder, on_progress=told)
+        place = write_metrics(diagnosis, to, out or runs[0] / to, name=name, project=project)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    submission = submission_of(folder, name=name)
+    with counted(f"diagnosing {folder.path.name}") as told:
+        submission = submission_of(folder, name=name, on_progress=told)
     file = out or Path(f"{re.sub(r'[^A-Za-z0-9.]+', '-', submission.name).strip('-.') or 'submission'}.json")
     _write(file, submission.file_bytes())
     for line in submission_lines(submission):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> 
     from betterbench.evaluation import write_video
 
     run, meta = run_of(record)
-    with progress_bar("video", 1) as (bar, task):
+    with progress_bar("video", 0) as (bar, task):
         return write_video(
             run,
             meta.task,
@@ -104,8 +104,8 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
     from betterbench.tasks import TrialId
 
     run, meta = run_of(record)
-    say("diagnosing the run, for the labels")
-    trials = {t.key: t for t in diagnose_run(run).trials}
+    with counted("diagnosing the run, for the labels") as told:
+        trials = {t.key: t for t in diagnose_run(run, on_progress=told).trials}
     trial = trials.get(str(TrialId(meta.task, meta.condition, meta.seed)))
     if trial is None:
         raise RecordError(f"{record}: its trial is not planned in {run.path}. Choose a record of a planned trial.")
@@ -118,7 +118,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
         say(f"{trial.key} is shown alone: {why}")
     path = out or run.video_path(meta.task, meta.condition, meta.seed, camera="twin")
     look = FilmLook(camera=camera, size=size or 384, rate_hz=10, longest_s=None, quality="standard")
-    with progress_bar("film", 1) as (bar, task):
+    with progress_bar("film", 0) as (bar, task):
         return write_twin_film(
             run,
             panels,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -204,10 +204,12 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
     from betterbench.vqa.decisive import make_decisive_set
 
     folder, options = RunFolder.open(run), asked.decisive()
+    with counted(f"diagnosing {run.name}") as told:
+        diagnosis = diagnose_run(folder, on_progress=told)
     with progress_bar(f"decisive moments of {run.name}", len(folder.entries())) as (bar, task):
         return make_decisive_set(
             folder,
-            diagnose_run(folder),
+            diagnosis,
             out,
             options,
             open_photos=lambda: ViewRenderer(folder, size=options.size, quality=options.quality),

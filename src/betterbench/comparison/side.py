@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from betterbench.comparison.conventions import side_conventions
@@ -32,10 +33,17 @@ class Side:
     conventions: dict[str, str] = field(default_factory=dict)
 
 
-def load_sides(paths: Sequence[Path], *, names: Sequence[str] = (), allow_mixed: bool = False) -> tuple[Side, ...]:
+def load_sides(
+    paths: Sequence[Path],
+    *,
+    names: Sequence[str] = (),
+    allow_mixed: bool = False,
+    on_progress: Callable[[str, int, int], None] | None = None,
+) -> tuple[Side, ...]:
     """Read and diagnose the runs of a comparison, which are called by ``names`` if these are given.
 
     A path is the folder of a run, or the file of a submission, whose outcomes are taken as they stand there.
+    ``on_progress`` gets the name of a run, and how many of its trials have been looked at, of how many.
 
     Raises:
         InvalidInputError: If fewer than two runs are given, or one of them twice, or the names do not fit; or if a
@@ -55,7 +63,7 @@ def load_sides(paths: Sequence[Path], *, names: Sequence[str] = (), allow_mixed:
     return tuple(
         _of_submission(source, path, name)
         if isinstance(source, Submission)
-        else _load(source, name, allow_mixed=allow_mixed)
+        else _load(source, name, allow_mixed=allow_mixed, on_progress=on_progress)
         for source, path, name in zip(sources, paths, called, strict=True)
     )
 
@@ -66,8 +74,9 @@ def name_sides(sides: Sequence[Side]) -> tuple[Side, ...]:
     return tuple(replace(s, name=name) for s, name in zip(sides, names, strict=True))
 
 
-def _load(run: RunFolder, name: str, *, allow_mixed: bool) -> Side:
-    diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True)
+def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable[[str, int, int], None] | None) -> Side:
+    told = None if on_progress is None else partial(on_progress, name)
+    diagnosis = diagnose_run(run, allow_mixed=allow_mixed, whole=True, on_progress=told)
     ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
     unfinished = frozenset(t.key for t in diagnosis.trials if t.record is None and t.key not in ended)
     return Side(name, diagnosis, str(run.path), unfinished, side_conventions(run.plan, diagnosis.versions))

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -150,19 +150,22 @@ class Submission:
 _FORM = TypeAdapter(Submission)
 
 
-def submission_of(run: RunFolder, *, name: str | None = None) -> Submission:
+def submission_of(
+    run: RunFolder, *, name: str | None = None, on_progress: Callable[[int, int], None] | None = None
+) -> Submission:
     """Return the outcomes of a run, diagnosed now.
 
     Args:
         run: The run; of one until decided, the trials of its first round are taken.
         name: What the policy is to be called; the name that it declared if None.
+        on_progress: Called with the number of trials that have been looked at, and that of all.
 
     Raises:
         RecordError: If the run or a record cannot be read.
         RunConflictError: If the run mixes versions, engines or policies.
         InvalidInputError: If the name is empty, too long or not printable.
     """
-    diagnosis = diagnose_run(run, whole=True)
+    diagnosis = diagnose_run(run, whole=True, on_progress=on_progress)
     ended = {str(TrialId(e.task, e.variation or e.condition, e.seed)) for e in run.entries()}
     declared = run.context.get("policy")
     declared = dict(declared) if isinstance(declared, Mapping) else {}
@@ -204,13 +207,15 @@ def read_submission(path: Path) -> Submission:
     return found
 
 
-def require_same(run: RunFolder, submission: Submission) -> None:
-    """Check that a submission states what the records of a run prove.
+def require_same(
+    run: RunFolder, submission: Submission, *, on_progress: Callable[[int, int], None] | None = None
+) -> None:
+    """Check that a submission states what the records of a run prove; ``on_progress`` as :func:`submission_of` has it.
 
     Raises:
         RunConflictError: If it does not; the text names the first difference.
     """
-    own = submission_of(run, name=submission.name).to_json()
+    own = submission_of(run, name=submission.name, on_progress=on_progress).to_json()
     difference = first_difference(json.loads(dump_json(own)), json.loads(dump_json(submission.to_json())), "submission")
     if difference is not None:
         where, there, stated = difference

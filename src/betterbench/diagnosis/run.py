@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -53,7 +53,13 @@ class _Trials:
         return self.readings[trial].diagnosis.success if trial in self.readings else None
 
 
-def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: bool = False) -> RunDiagnosis:
+def diagnose_run(
+    folder: RunFolder | Path,
+    *,
+    allow_mixed: bool = False,
+    whole: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> RunDiagnosis:
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
@@ -64,6 +70,7 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
         whole: True to count the trials that a running run has not reached as trials without a record, too.
+        on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
@@ -76,7 +83,9 @@ def diagnose_run(folder: RunFolder | Path, *, allow_mixed: bool = False, whole: 
     running = run.is_running and not whole  # asked before the journal is read: a run that ends now has its last lines
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     trials, versions = _Trials(), RecordVersions(allow_mixed=allow_mixed)
-    for trial in plan:
+    for number, trial in enumerate(plan):
+        if on_progress is not None:
+            on_progress(number, len(plan))
         entry = entries.get(trial)
         if entry is None or entry.status != "done":
             continue

@@ -8,7 +8,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
-from betterbench.cli.console import ERR, progress_bar, say
+from betterbench.cli.console import ERR, counted, progress_bar, say
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.errors import MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
@@ -45,7 +45,7 @@ def build_report(
     The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
     """
     called = run_names(runs, names)
-    diagnoses = [diagnose_run(run).named(name) for run, name in zip(runs, called, strict=True)]
+    diagnoses = [_diagnosis(run).named(name) for run, name in zip(runs, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
@@ -65,10 +65,15 @@ def build_report(
     return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
 
 
+def _diagnosis(run: RunFolder) -> RunDiagnosis:
+    with counted(f"diagnosing {run.path.name}") as told:
+        return diagnose_run(run, on_progress=told)
+
+
 def print_verdicts(verdicts: Sequence[str]) -> None:
     """Print verdicts as the last lines of the terminal, on standard error."""
     for verdict in verdicts:
-        ERR.print(verdict, markup=False, style="bold", soft_wrap=True)
+        ERR.print(verdict, markup=False, style="bold", soft_wrap=not ERR.is_terminal)
 
 
 def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
@@ -130,6 +135,8 @@ def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
 
 def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis]) -> dict[str, bytes]:
     """Return the start image with the path of each trial, and of its twin if the run has its record."""
+    if not failed:
+        return {}
     recorded = {t.key for t in diagnosis.trials if t.record is not None}
     twins = [t.twin_key for t in failed if t.twin_key in recorded]
     wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
