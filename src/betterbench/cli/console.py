@@ -123,7 +123,7 @@ def _printable(text: str) -> str:
 
 
 @contextmanager
-def counted(what: str) -> Iterator[Callable[[int, int], None]]:
+def passing_bar(what: str) -> Iterator[Callable[[int, int], None]]:
     """Give what is told how much is done, of how much, and shows that in a bar that goes when the work has ended."""
     with progress_bar(what, 0, stays=False) as (bar, task):
         yield lambda done, planned: bar.update(task, completed=done, total=planned)

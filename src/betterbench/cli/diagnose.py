@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, counted, print_json, say
+from betterbench.cli.console import OUT, print_json, say
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -40,9 +40,9 @@ def diagnose_command(
         questions: Folder of that set; the folder of the answers if not given.
         json: Print one JSON document instead of tables.
     """
-    from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
+    from betterbench.cli.output.diagnosis import diagnosed, print_changes, print_diagnosis
     from betterbench.cli.output.standing import print_standing
-    from betterbench.diagnosis import diagnose_run, stored
+    from betterbench.diagnosis import stored
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
@@ -50,8 +50,7 @@ def diagnose_command(
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
-    with counted(f"diagnosing {folder.path.name}") as told:
-        result = diagnose_run(folder, on_progress=told)
+    result = diagnosed(folder)
     changes = None if before is None or result.pending else find_changes(before, stored.StoredDiagnosis.of(result))
     if result.pending:
         say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
+from betterbench.cli.console import OUT, passing_bar, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 
@@ -134,6 +134,7 @@ def _export_dataset(
             workers=options.workers or os.cpu_count() or 1,
             on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
         )
+        bar.update(task, completed=len(selection.demonstrations))
     left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
     if left_out:
         say(f"left out: {', '.join(left_out)}")
@@ -175,10 +176,10 @@ def _export_outcomes(
     as_json: bool,
 ) -> None:
     """Write a submission, compare one with the run, or hand the run's metrics to a tracker."""
+    from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of
     from betterbench.comparison.submission import submission_lines
-    from betterbench.diagnosis import diagnose_run
     from betterbench.recording import RunFolder
 
     if len(runs) > 1:
@@ -186,7 +187,7 @@ def _export_outcomes(
     folder = RunFolder.open(runs[0])
     if check is not None:
         submission = read_submission(check)
-        with counted(f"diagnosing {folder.path.name}") as told:
+        with passing_bar(f"diagnosing {folder.path.name}") as told:
             require_same(folder, submission, on_progress=told)
         _tell(
             {"identical": True, "sha256": submission.sha256},
@@ -195,12 +196,10 @@ def _export_outcomes(
         )
         return
     if to != "submission":
-        with counted(f"diagnosing {folder.path.name}") as told:
-            diagnosis = diagnose_run(folder, on_progress=told)
-        place = write_metrics(diagnosis, to, out or runs[0] / to, name=name, project=project)
+        place = write_metrics(diagnosed(folder), to, out or runs[0] / to, name=name, project=project)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
-    with counted(f"diagnosing {folder.path.name}") as told:
+    with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)
     file = out or Path(f"{re.sub(r'[^A-Za-z0-9.]+', '-', submission.name).strip('-.') or 'submission'}.json")
     _write(file, submission.file_bytes())

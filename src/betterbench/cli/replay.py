@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
+from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 
 if TYPE_CHECKING:
@@ -98,14 +98,13 @@ def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> 
 
 
 def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
+    from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.page import panel_of
-    from betterbench.diagnosis import diagnose_run
     from betterbench.evaluation import FilmLook, write_twin_film
     from betterbench.tasks import TrialId
 
     run, meta = run_of(record)
-    with counted("diagnosing the run, for the labels") as told:
-        trials = {t.key: t for t in diagnose_run(run, on_progress=told).trials}
+    trials = {t.key: t for t in diagnosed(run).trials}
     trial = trials.get(str(TrialId(meta.task, meta.condition, meta.seed)))
     if trial is None:
         raise RecordError(f"{record}: its trial is not planned in {run.path}. Choose a record of a planned trial.")

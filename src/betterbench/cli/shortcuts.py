@@ -101,6 +101,8 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
+    from betterbench.statistics.wording import plural
+
     rows = []
     for group in audit.groups:
         for f in group.shortcuts:
@@ -110,9 +112,10 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     if rows:
         print_table(("group", "what goes together", "strength", "p", "rule", "broken by"), rows)
     count = sum(group.episodes for group in audit.groups)
-    OUT.print(f"{len(rows)} shortcuts in {count} demonstrations of {len(audit.groups)} groups", markup=False)
+    groups = plural(len(audit.groups), "group")
+    OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     if prediction is not None:
         at_risk = [f for f in prediction.variations if f.risk > 0.0]
         likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
-        said = f"{len(at_risk)} of {len(prediction.variations)} variations are at risk, the likeliest: {likeliest}"
-        OUT.print(said, markup=False, soft_wrap=True)
+        said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, the likeliest: {likeliest}"
+        OUT.print(said, markup=False, soft_wrap=not OUT.is_terminal)

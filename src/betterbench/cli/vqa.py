@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, counted, print_json, progress_bar, say
+from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -198,14 +198,13 @@ def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> Questi
 
 def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
     """Make or go on with a set about the decisive moments of a run."""
-    from betterbench.diagnosis import diagnose_run
+    from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.recording import RunFolder
     from betterbench.vqa.decisive import make_decisive_set
 
     folder, options = RunFolder.open(run), asked.decisive()
-    with counted(f"diagnosing {run.name}") as told:
-        diagnosis = diagnose_run(folder, on_progress=told)
+    diagnosis = diagnosed(folder)
     with progress_bar(f"decisive moments of {run.name}", len(folder.entries())) as (bar, task):
         return make_decisive_set(
             folder,

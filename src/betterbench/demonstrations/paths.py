@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw
@@ -22,16 +22,20 @@ MOST_PATHS = 60
 """Most paths that are drawn; the first ones in the order of their seeds."""
 
 
-def draw_paths(run: RunFolder) -> dict[str, str]:
+def draw_paths(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> dict[str, str]:
     """Draw the first training condition of every task, and return the file of each picture, relative to the report.
 
     Paths of one source have one color; demonstrations without a source have one color each. A picture that cannot be
-    drawn is left out, with the reason in place of its file.
+    drawn is left out, with the reason in place of its file. ``on_progress`` gets the number of finished pictures and
+    that of all.
     """
     leads = {t: next((n.lead for n in o.notes if n.accepted), "") for t, o in attempts_of(run.path).items()}
     done = sorted(entry.key for entry in run.entries() if entry.status == "done")
     files: dict[str, str] = {}
-    for task in dict.fromkeys(t.task for t in done):
+    tasks = list(dict.fromkeys(t.task for t in done))
+    for number, task in enumerate(tasks):
+        if on_progress is not None:
+            on_progress(number, len(tasks))
         trials = [t for t in done if t.task == task]
         trials = [t for t in trials if t.condition == trials[0].condition][:MOST_PATHS]
         name = f"paths-{task}.jpg"

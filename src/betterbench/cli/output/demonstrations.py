@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+from betterbench.cli.console import OUT, passing_bar, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
     from betterbench.demonstrations.production import SetProgress
@@ -29,7 +29,10 @@ def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     if films and failures:
         with progress_bar("film failures", failures) as (bar, shown):
             rendered = film_failures(run, found, on_progress=lambda done, _: bar.update(shown, completed=done))
-    pictures = draw_paths(run) if films else {}
+    pictures: dict[str, str] = {}
+    if films:
+        with passing_bar("drawing the paths") as told:
+            pictures = draw_paths(run, on_progress=told)
     page = write_acceptance(run, found, rendered, pictures)
     if json:
         print_json(found.to_json())

@@ -5,15 +5,22 @@ from __future__ import annotations
 import textwrap
 from collections import Counter
 
-from betterbench.cli.console import OUT, print_table
-from betterbench.diagnosis import Metric, RunDiagnosis
+from betterbench.cli.console import OUT, passing_bar, print_table
+from betterbench.diagnosis import Metric, RunDiagnosis, diagnose_run
 from betterbench.diagnosis.changes import DiagnosisChanges, TrialChange
 from betterbench.diagnosis.stored import StoredMetric
+from betterbench.recording import RunFolder
 from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 
 SHOWN_CHANGES = 20
 """Largest number of trials and of metrics whose change is printed; ``--json`` lists all."""
+
+
+def diagnosed(run: RunFolder) -> RunDiagnosis:
+    """Diagnose a run while a bar shows how far that is."""
+    with passing_bar(f"diagnosing {run.path.name}") as told:
+        return diagnose_run(run, on_progress=told)
 
 
 def print_diagnosis(result: RunDiagnosis) -> None:

@@ -8,8 +8,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
-from betterbench.cli.console import ERR, counted, progress_bar, say
-from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
+from betterbench.cli.console import ERR, progress_bar, say
+from betterbench.cli.output.diagnosis import diagnosed
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
@@ -45,7 +46,7 @@ def build_report(
     The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
     """
     called = run_names(runs, names)
-    diagnoses = [_diagnosis(run).named(name) for run, name in zip(runs, called, strict=True)]
+    diagnoses = [diagnosed(run).named(name) for run, name in zip(runs, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
@@ -63,11 +64,6 @@ def build_report(
         diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
     )
     return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
-
-
-def _diagnosis(run: RunFolder) -> RunDiagnosis:
-    with counted(f"diagnosing {run.path.name}") as told:
-        return diagnose_run(run, on_progress=told)
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:
