@@ -50,11 +50,12 @@ def serve():
 def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
     process = serve("noop", "--port", "0", "--api-key-env", "BETTER_TEST_KEY", BETTER_TEST_KEY="secret")
     line = process.stdout.readline()
-    found = re.match(r"serving noop at openpi://127\.0\.0\.1:(\d+) ", line)
+    found = re.match(r"serving noop at openpi://127\.0\.0\.1:(\d+)$", line)
     assert found, line + process.stderr.read()
     port = found.group(1)
-    assert f"better eval --policy openpi://127.0.0.1:{port}" in line
-    assert f"WebsocketClientPolicy(host='127.0.0.1', port={port})" in line
+    assert process.stdout.readline().split()[1:] == ["better", "eval", "--policy", f"openpi://127.0.0.1:{port}"]
+    assert f"WebsocketClientPolicy(host='127.0.0.1', port={port})" in process.stdout.readline()
+    assert process.stdout.readline() == "Ctrl-C stops.\n"
     key = {"Authorization": "Api-Key secret"}
     with connect(f"ws://127.0.0.1:{port}", additional_headers=key, compression=None) as link:
         assert msgpack.unpackb(link.recv(timeout=PATIENCE_S))["betterbench"]["policy"] == "noop"

@@ -53,6 +53,7 @@ def materialize_command(
     from betterbench.materialization.run import default_views, materialize_run
     from betterbench.recording import RunFolder
     from betterbench.recording.modalities.spec import ViewSpec, modalities_named
+    from betterbench.statistics.wording import plural
 
     folder = RunFolder.open(run)
     place = out or folder.path / "modalities"
@@ -73,10 +74,10 @@ def materialize_command(
     if json:
         print_json({"out": str(place), **asdict(done)})
         return
-    rate = done.rows / done.seconds if done.seconds else 0.0
+    rate = f"{done.rows / done.seconds:.0f} images/s" if done.rows and done.seconds else "nothing to draw"
     OUT.print(
-        f"{done.trials} trials in {place}: {done.files} files written ({done.rows} images, {done.bytes / 1e6:.1f} MB, "
-        f"{rate:.0f} images/s), {done.kept} kept",
+        f"{plural(done.trials, 'trial')}: {plural(done.files, 'file')} written, {plural(done.rows, 'image')}, "
+        f"{done.bytes / 1e6:.1f} MB, {rate}; {done.kept} kept\nwritten to  {place}",
         markup=False,
         soft_wrap=True,
     )

@@ -82,8 +82,10 @@ def serve_command(
         say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
     with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
-            f"serving {policy} at {server.address} (better eval --policy {server.address}; "
-            f"openpi-client: WebsocketClientPolicy(host={server.client_host!r}, port={server.port}))",
+            f"serving {policy} at {server.address}\n"
+            f"evaluate    better eval --policy {server.address}\n"
+            f"or call     openpi_client's WebsocketClientPolicy(host={server.client_host!r}, port={server.port})\n"
+            "Ctrl-C stops.",
             markup=False,
             soft_wrap=True,
         )

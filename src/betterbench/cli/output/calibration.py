@@ -41,6 +41,8 @@ def print_calibration(found: Calibration) -> None:
 def film_strips(wrong: Sequence[Judged], out: Path) -> dict[tuple[str, str], bytes]:
     """Return a film strip (JPEG) of each wrong label, by policy and trial, from the runs below a folder."""
     strips: dict[tuple[str, str], bytes] = {}
+    if not wrong:
+        return strips
     runs = {run.plan["policy"]: run for run in map(RunFolder.open, sorted(p.parent for p in out.glob("*/run.json")))}
     with progress_bar("film strips", len(wrong)) as (bar, task):
         for policy in dict.fromkeys(j.policy for j in wrong):
