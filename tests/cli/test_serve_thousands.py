@@ -85,7 +85,7 @@ def serving(folder, *words):
         )
         try:
             line = process.stdout.readline()
-            yield process, int(re.search(r"127\.0\.0\.1:(\d+) ", line).group(1))
+            yield process, int(re.search(r"127\.0\.0\.1:(\d+)$", line).group(1))
         finally:
             process.terminate()
             process.communicate(timeout=PATIENCE_S)
