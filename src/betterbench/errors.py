@@ -7,12 +7,13 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 from __future__ import annotations
 
 import difflib
+import os
 import re
 import sysconfig
 import traceback
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
 """Most characters of a text from outside in a message, unless told otherwise."""
@@ -42,6 +43,11 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
     """Return the last line of a stranger's error that says something, as :func:`one_line`: of a traceback, its end."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
+
+
+def line_start(stream: TextIO) -> str:
+    """Return what begins a message on a stream: on a terminal, what wipes a progress bar off the line it stands in."""
+    return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
 class BetterError(Exception):

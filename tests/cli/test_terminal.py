@@ -63,6 +63,11 @@ def test_the_width_of_a_bar_does_not_change_with_the_note(monkeypatch):
     assert lines[0].index("17/3400") == lines[1].index("17/3400")
 
 
+def test_a_run_without_a_first_result_shows_that_time_goes_by(monkeypatch):
+    (line,) = drawn(monkeypatch, 80, ("expert", 24, 0, "", False))
+    assert " 0/24 0:01:00" in line
+
+
 def test_long_work_without_a_terminal_says_now_and_then_how_far_it_is(monkeypatch, capsys):
     monkeypatch.setattr(progress, "FIRST_LINE_S", 0.0)
     with progress_bar("collect", 120) as (bar, task):
@@ -136,6 +141,21 @@ def on_terminal(command, **environment):
         pass
     os.close(ours)
     return said.decode(), process.wait()
+
+
+LOG = """
+import logging
+from betterbench.recording.worker_process import prepare_process
+prepare_process()
+logging.getLogger("betterbench.evaluation").warning("a trial broke")
+"""
+
+
+def test_what_a_worker_logs_takes_the_place_of_the_progress_bar_on_a_terminal():
+    command = [sys.executable, "-c", LOG]
+    assert on_terminal(command, TERM="xterm")[0] == "\r\x1b[2Ka trial broke\r\n"
+    assert on_terminal(command, TERM="dumb")[0] == "a trial broke\r\n"
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stderr == "a trial broke\n"
 
 
 def test_no_color_keeps_colors_out_of_help_and_errors():

@@ -369,7 +369,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
-        OUT.print(text, markup=False, soft_wrap=True)
+        OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
     following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:

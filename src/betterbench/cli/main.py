@@ -18,7 +18,7 @@ import tyro
 from betterbench.cli.border import guarded
 from betterbench.cli.console import LONGEST_MESSAGE, complain, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
-from betterbench.errors import BetterError, UnknownNameError, printable, system_error_text
+from betterbench.errors import BetterError, UnknownNameError, line_start, printable, system_error_text
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
@@ -152,7 +152,7 @@ def _log_handler() -> logging.Handler:
 
     class Printable(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
-            return printable(super().format(record), most=LONGEST_MESSAGE)
+            return line_start(sys.stderr) + printable(super().format(record), most=LONGEST_MESSAGE)
 
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(Printable("%(message)s"))

@@ -93,7 +93,7 @@ class _Line:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         task, note = self.task, str(self.task.fields["note"])
-        figures = [text for text in (_count_text(task), _time_text(task) if self.timed else "") if text]
+        figures = [text for text in (_count_text(task), _time_text(task) if self.timed or not note else "") if text]
         room = options.max_width - sum(len(text) + 1 for text in figures)
         width = _widths_of(room, cell_len(task.description), cell_len(note), note_first=not self.timed)
         bar = ProgressBar(task.total, task.completed, width.bar, task.total is None, animation_time=task.get_time())
@@ -121,7 +121,7 @@ class WorkProgress(Progress):
 
     Args:
         console: Where the bar is drawn, if that is a terminal.
-        timed: Whether time taken or left are shown.
+        timed: Whether time taken or left are shown; if not, the time taken stands where a note is still missing.
         stays: Whether the bar stays when the work has ended.
         log: Takes the lines where there is no terminal; None for no such lines.
     """

@@ -5,7 +5,10 @@ from __future__ import annotations
 import logging
 import multiprocessing
 import os
+import sys
 import threading
+
+from betterbench.errors import line_start
 
 
 def prepare_process() -> None:
@@ -16,7 +19,7 @@ def prepare_process() -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
-    logging.basicConfig(format="%(message)s")
+    logging.basicConfig(format=f"{line_start(sys.stderr)}%(message)s")
     level = os.environ.get("BETTERBENCH_LOG_LEVEL", "WARNING")
     logging.getLogger("betterbench").setLevel(logging.getLevelNamesMapping().get(level, logging.WARNING))
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -87,6 +87,9 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
     failed = {d.policy: failures_in_question(d) for d in diagnoses}
     filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
     more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
+    if not chosen and not more:
+        say("No films: no trial of these runs has a record.")
+        return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(
         f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "
