@@ -27,7 +27,7 @@ from betterbench.report.media import NO_MEDIA, Media
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.pretenders import pretender_views
 from betterbench.report.task_views import task_views
-from betterbench.report.wording import Figure
+from betterbench.report.wording import THIN, Figure
 from betterbench.statistics.wording import listed, p_text, plural
 from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
@@ -146,7 +146,8 @@ def render_page(
 ) -> str:
     """Return the page as HTML, with the tables to offer for download, in LaTeX too where ``latex`` is set."""
     pages = environment()
-    pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural, group=_grouped, along=_along)
+    pages.filters.update(data_uri=data_uri, p_text=p_text, plural=plural)
+    pages.filters.update(group=_grouped, along=_along, unbroken=_unbroken)
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
     numbers = {shown.film.key: shown.number for shown in films}
@@ -377,6 +378,11 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
     if any(plan != plans[0] for plan in plans):
         warnings.append("The policies did not run the same trials; compare them only where both have numbers.")
     return warnings
+
+
+def _unbroken(text: str) -> str:
+    """Return a sentence in which no line ends between a number and its percent sign."""
+    return text.replace(" %", f"{THIN}%")
 
 
 def _grouped(number: int) -> str:
