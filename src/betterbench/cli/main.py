@@ -102,7 +102,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo"}
+) | {"vqa", "demo", "train"}
 """Verbs whose command, given again, goes on where it was interrupted."""
 
 EXIT_BAD_INPUT = 2

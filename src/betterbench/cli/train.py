@@ -53,7 +53,7 @@ def train_command(
     from betterbench.training.data import epochs_of, read_training_set
     from betterbench.training.loop import TrainingProgress, train
 
-    with progress_bar("reading demonstrations", 1) as (bar, row):
+    with progress_bar("reading demonstrations", 0) as (bar, row):
         found = read_training_set(chosen, on_read=lambda done, of: bar.update(row, completed=done, total=of))
     first = os.environ.get("RANK", "0") == "0"
     if first:
