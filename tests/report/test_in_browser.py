@@ -109,6 +109,37 @@ def test_filters_find_the_trials_and_are_fluid(chromium, page, run):
 
 
 @pytest.mark.parametrize("size", [LAPTOP, PHONE])
+def test_figures_of_one_row_stand_on_one_line(chromium, size, tmp_path):
+    """Also where one was not measured, or has a title of two lines."""
+    run = run_of("zoo:lexical")
+    measured = tuple(m for m in run.metrics if m.name != "distractor_grasp_rate")
+    page = write_report([replace(run, metrics=measured)], tmp_path)
+    assert '<span class="number none">' in page.read_text(encoding="utf-8")
+    chromium.open(page, *size)
+    rows = chromium.value(
+        """(() => {
+          const rows = {};
+          for (const stat of document.querySelectorAll('.single > .stats .stat')) {
+            const row = rows[Math.round(stat.getBoundingClientRect().top)] ||= {number: [], detail: []};
+            for (const part of ['number', 'detail'])
+              row[part].push(stat.querySelector('.' + part).getBoundingClientRect());
+          }
+          return Object.values(rows).map(r => [r.number.map(b => b.bottom), r.detail.map(b => b.top)]);
+        })()"""
+    )
+    assert sum(len(numbers) for numbers, _ in rows) == 6
+    for numbers, details in rows:
+        assert max(numbers) - min(numbers) <= 1.0
+        assert max(details) - min(details) <= 1.0
+
+
+def test_the_thresholds_take_no_screens_of_their_own(chromium, page):
+    chromium.open(page, *LAPTOP)
+    height = chromium.value("document.querySelector('table.settings.many').getBoundingClientRect().height")
+    assert height < LAPTOP[1]
+
+
+@pytest.mark.parametrize("size", [LAPTOP, PHONE])
 def test_a_trial_opens_and_shows_its_time_line(chromium, page, size):
     chromium.open(page, *size)
     chromium.value("location.hash = 'trials'; document.querySelector('#list .trial button').click(); 1")
