@@ -132,6 +132,9 @@ def test_variations_are_counted_by_axis(capsys):
         (("show", "fast_food/T9"), "T1"),
         (("diagnose", "no/such/run"), "no run"),
         (("report", "no/such/run"), "no run"),
+        (("report",), "runs: no run is named"),
+        (("compare",), "Name at least two"),
+        (("export",), "runs: no run is named"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )

@@ -88,8 +88,13 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) 
     recipe.check()
     prepare_robot("panda")
     with progress_bar("dataset", 0) as (bar, shown):
+        shown_stage = ""
 
         def told(stage: str, done: int, planned: int, note: str) -> None:
+            nonlocal shown_stage
+            if stage != shown_stage:  # whose pace says nothing about this one
+                shown_stage = stage
+                bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)
 
         return make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)

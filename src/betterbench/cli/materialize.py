@@ -60,13 +60,14 @@ def materialize_command(
     if check:
         _check(place, json=json)
         return
+    trials = [_trial(text) for text in trial]
     views = tuple(ViewSpec.parse(text) for text in camera) or default_views(folder)
     with progress_bar("trials", 0) as (bar, task):
         done = materialize_run(
             folder,
             place,
             Wanted(views, modalities_named(modality), quality),
-            trials=[_trial(text) for text in trial],
+            trials=trials,
             workers=workers,
             follow=follow,
             on_progress=lambda number, known: bar.update(task, completed=number, total=known),

@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from betterbench.cli.console import OUT
+from betterbench.errors import InvalidInputError
 
 
 def report_command(
@@ -34,6 +35,8 @@ def report_command(
     from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.recording import RunFolder
 
+    if not run:
+        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
     runs = [RunFolder.open(path) for path in run]
     page, verdicts = build_report(runs, out or runs[0].report_path, names=name, latex=latex, films=films)
     OUT.print(str(page), markup=False, soft_wrap=True)

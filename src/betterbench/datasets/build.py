@@ -124,8 +124,8 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 
     def told(stage: str) -> Callable[[SetProgress], None]:
         def on_progress(progress: SetProgress) -> None:
-            last = "" if progress.last is None else f"{progress.last.trial}, "
-            tell(stage, progress.done, progress.planned, f"{last}{progress.attempts} attempts")
+            last = "" if progress.last is None else f", {progress.last.trial}"
+            tell(stage, progress.done, progress.planned, f"{progress.attempts} attempts{last}")
 
         return on_progress
 
