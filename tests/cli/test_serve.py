@@ -98,7 +98,7 @@ class Hangs:
 def test_a_second_signal_ends_a_server_whose_policy_hangs(serve, tmp_path):
     (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
     process = serve(f"python:{tmp_path / 'hangs.py'}:Hangs", "--port", "0")
-    port = re.search(r"127\.0\.0\.1:(\d+) ", process.stdout.readline()).group(1)
+    port = re.search(r"127\.0\.0\.1:(\d+)$", process.stdout.readline()).group(1)
     question = {"prompt": "Go.", "observation/state": [0.0] * 8}
     with connect(f"ws://127.0.0.1:{port}", compression=None) as link:
         link.send(encode_openpi(question))

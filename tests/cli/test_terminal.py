@@ -169,6 +169,15 @@ def test_no_color_keeps_colors_out_of_help_and_errors():
         assert "\x1b[9" not in plain
 
 
+def test_a_reader_that_has_seen_enough_is_no_error():
+    better = [sys.executable, "-m", "betterbench.cli", "list", "variations"]
+    process = subprocess.Popen(better, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    err = process.stderr.read()
+    process.stderr.close()
+    assert (process.wait(), err) == (0, b"")
+
+
 def test_the_overview_fits_80_columns(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit):

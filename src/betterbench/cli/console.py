@@ -33,6 +33,15 @@ class Terminal(Console):
         """Print as rich does, with texts made printable."""
         super().print(*(_printable(o) if isinstance(o, str) else o for o in objects), **options)
 
+    def on_broken_pipe(self) -> None:
+        """End without an error where nobody reads standard output any more, as ``better list tasks | head``."""
+        if self.stderr:
+            super().on_broken_pipe()
+        self.quiet = True
+        with contextlib.suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        raise SystemExit(0)
+
 
 OUT = Terminal(highlight=False, emoji=False)
 ERR = Terminal(stderr=True, highlight=False, emoji=False)

@@ -15,6 +15,7 @@ from betterbench.errors import InvalidInputError, RunConflictError
 
 if TYPE_CHECKING:
     from betterbench.mixture import Budget, FileMixture, MixturePart, MixtureSampler
+    from betterbench.mixture.pretraining import CheckedTotal
 
 _CURE = "Correct the file; docs/mixture.md shows one"
 
@@ -207,6 +208,11 @@ def _document(
     return document
 
 
+def _in_unit(total: CheckedTotal) -> str:
+    """Return the sum of the rows in the unit in which the total is printed."""
+    return f"{total.rows / 1e6:,.4f}" if "[million]" in total.what else f"{total.rows:,}"
+
+
 def _print(
     mixture: FileMixture | None,
     parts: Sequence[MixturePart],
@@ -218,8 +224,8 @@ def _print(
 
     head = ["data set", "group", "items", "share"] + ["drawn", "of draws"] * bool(draws)
     rows = [
-        [p.name, p.group, f"{p.items:,}", f"{p.share:.3%}"]
-        + ([f"{counts[p.name]:,}", f"{counts[p.name] / draws:.3%}"] if draws else [])
+        [p.name, p.group, f"{p.items:,}", f"{100 * p.share:.3f} %"]
+        + ([f"{counts[p.name]:,}", f"{100 * counts[p.name] / draws:.3f} %"] if draws else [])
         for p in parts
     ]
     print_table(head, rows)
@@ -228,7 +234,7 @@ def _print(
         OUT.print(f"\n{paper.source}; the shares inside a group of actions are not printed there\n", markup=False)
         print_table(
             ["total", "printed", "sum of the rows", "agrees", ""],
-            [[t.what, f"{t.printed:,}", f"{t.rows:,}", "yes" if t.agrees else "no", t.note] for t in paper.totals()],
+            [[t.what, f"{t.printed:,}", _in_unit(t), "yes" if t.agrees else "no", t.note] for t in paper.totals()],
         )
     for name, budget in budgets.items():
         hours = "" if budget.gpu_hours is None else f", about {budget.gpu_hours:,.0f} GPU hours"
@@ -240,7 +246,13 @@ def _print(
         print_table(
             ["data set", "samples [million]", "tokens [billion]", "of tokens", "passes"],
             [
-                [r.name, f"{r.samples / 1e6:.2f}", f"{r.tokens / 1e9:.2f}", f"{r.token_share:.1%}", f"{r.passes:.2f}"]
+                [
+                    r.name,
+                    f"{r.samples / 1e6:.2f}",
+                    f"{r.tokens / 1e9:.2f}",
+                    f"{100 * r.token_share:.1f} %",
+                    f"{r.passes:.2f}",
+                ]
                 for r in budget.rows
             ],
         )

@@ -11,7 +11,7 @@ from betterbench.evaluation.preflight.view import numbers_text
 def print_conventions(conventions: tuple[Convention, ...]) -> None:
     """Print what both sides declare; called before they are compared."""
     rows = [
-        [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "-", c.theirs or "-"]
+        [c.name, "differs" if c.differs else "same" if c.ours and c.theirs else "", c.ours or "–", c.theirs or "–"]
         for c in conventions
     ]
     print_table(["convention", "", "this side", "the policy"], rows)
@@ -50,7 +50,7 @@ def _print_proof(proof: ReplayProof) -> None:
             axis.name,
             _length(axis.range, axis.unit),
             "hardly moves" if axis.factor is None else f"{axis.factor:.2f}",
-            "-" if axis.agreement is None or axis.factor is None else f"{axis.agreement:.2f}",
+            "–" if axis.agreement is None or axis.factor is None else f"{axis.agreement:.2f}",
             _length(axis.apart, axis.unit),
         ]
         for axis in proof.axes
@@ -59,10 +59,10 @@ def _print_proof(proof: ReplayProof) -> None:
     print_table(["axis", "demonstration moves", "factor", "agreement", "paths apart by"], rows)
     OUT.print(
         f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper is told the same "
-        f"in {proof.gripper:.0%} of the steps. Executed, the answers end {_length(proof.executed_off_m, 'm')} from "
-        f"where the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
+        f"in {100 * proof.gripper:.0f} % of the steps. Executed, the answers end "
+        f"{_length(proof.executed_off_m, 'm')} from where the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
         markup=False,
-        soft_wrap=True,
+        soft_wrap=not OUT.is_terminal,
     )
 
 
