@@ -60,7 +60,8 @@ def _print_proof(proof: ReplayProof) -> None:
     OUT.print(
         f"Replayed {proof.steps} steps of a demonstration in {proof.requests} requests. The gripper is told the same "
         f"in {100 * proof.gripper:.0f} % of the steps. Executed, the answers end "
-        f"{_length(proof.executed_off_m, 'm')} from where the demonstration ended. Verdict: {proof.verdict.rstrip('.')}.",
+        f"{_length(proof.executed_off_m, 'm')} from where the demonstration ended. "
+        f"Verdict: {proof.verdict.rstrip('.')}.",
         markup=False,
         soft_wrap=not OUT.is_terminal,
     )
