@@ -71,7 +71,7 @@ def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
 
 def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
     """Return the quaternion of a rotation vector (unit axis times angle [rad])."""
-    x, y, z = (float(c) for c in rotation_vector)
+    x, y, z = map(float, rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         return normalize((1.0, 0.5 * x, 0.5 * y, 0.5 * z))

@@ -89,7 +89,7 @@ def test_a_joint_slows_down_before_its_limit(ik: ArmIK) -> None:
     q = ik.home.copy()
     steps = []
     for _ in range(40):
-        moved = ik.window(q)[1]
+        moved = np.array(ik.window(q.tolist(), q.tolist())[1])
         steps.append(float(moved[1] - q[1]))
         q = moved
     assert steps[0] == pytest.approx(PANDA.joint_velocity[1] * PANDA.control_period_s)

@@ -12,7 +12,7 @@ episode can be continued from any recorded state.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -45,6 +45,7 @@ from betterbench.interface.actions import (
 )
 from betterbench.robots.ik import ArmIK
 from betterbench.robots.physics import PHYSICS
+from betterbench.robots.readers import number_reader, numbers_of
 from betterbench.robots.spec import RobotSpec
 
 POSITION_LEAD_M = 0.05
@@ -63,6 +64,10 @@ JOINT_LEAD_RAD = 0.3
 """Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a
 joint at most, so it binds only where the arm is blocked or far from its reference.
 """
+
+
+Joints = Sequence[float]
+"""Joint angles [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,18 +124,18 @@ class ArmController:
                 str(error.args[0]).splitlines()[0],
                 f"Attach the robot with the prefix {prefix!r} or name the prefix that was used",
             ) from None
-        self._qpos = _run([int(j.qposadr[0]) for j in joints])
-        self._qvel = _run([int(j.dofadr[0]) for j in joints])
-        self._fingers = _run([int(j.qposadr[0]) for j in fingers])
-        self._position_ctrl = _run([int(a.id) for a in position])
-        self._velocity_ctrl = _run([int(a.id) for a in velocity])
-        self._act = _run([int(model.actuator_actadr[a.id]) for a in position])
+        self._qpos = [int(j.qposadr[0]) for j in joints]
+        self._qvel = [int(j.dofadr[0]) for j in joints]
+        self._fingers = [int(j.qposadr[0]) for j in fingers]
+        self._servos = tuple((int(p.id), int(v.id)) for p, v in zip(position, velocity, strict=True))
+        self._act = [int(model.actuator_actadr[a.id]) for a in position]
         self._gripper = int(gripper.id)
         self._check_base(model, prefix)
         self._pose = self.ik.forward(self.ik.home)
-        self._joints = self.ik.home.copy()
+        self._joints: Joints = self.ik.home.tolist()
         self._width = spec.gripper_opening_m
         self._measured: Pose | None = None
+        self._data: mujoco.MjData | None = None
 
     @property
     def commanded_pose(self) -> Pose:
@@ -148,8 +153,10 @@ class ArmController:
 
     def measured_width_m(self, data: mujoco.MjData) -> float:
         """Return the measured distance of the finger pads [m]."""
-        left, right = data.qpos[self._fingers].tolist()
-        return float(left + right)
+        self._attend(data)
+        left, right = self._get_fingers()
+        width: float = left + right
+        return width
 
     def home(self, data: mujoco.MjData) -> None:
         """Put the arm at rest into its home posture with open fingers, and the controller with it.
@@ -164,12 +171,11 @@ class ArmController:
     def reset(self, data: mujoco.MjData) -> None:
         """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
         joints = data.qpos[self._qpos]
-        self._joints = np.array(joints)
-        self._pose = self.ik.forward(self._joints)
+        self._joints = joints.tolist()
+        self._pose = self.ik.forward(joints)
         self._width = self.measured_width_m(data)
         data.act[self._act] = joints
-        data.ctrl[self._position_ctrl] = 0.0
-        data.ctrl[self._velocity_ctrl] = 0.0
+        data.ctrl[[number for pair in self._servos for number in pair]] = 0.0
         data.ctrl[self._gripper] = self._width
 
     def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
@@ -184,21 +190,27 @@ class ArmController:
         applied = self.action_space.clip(action)
         numbers = applied.tolist()
         self._measured = measured
-        joints = data.qpos[self._qpos]
-        reference = data.act[self._act]
-        goal = self._advance(self, numbers, joints, reference)
-        rate = goal - reference
-        rate /= self._period
-        ctrl = data.ctrl
-        ctrl[self._position_ctrl] = rate
-        ctrl[self._velocity_ctrl] = rate
+        self._attend(data)
+        reference = self._get_reference()
+        goal = self._advance(self, numbers, self._get_joints(), reference)
+        ctrl, period = self._ctrl, self._period
+        for (position, velocity), to, at in zip(self._servos, goal, reference, strict=True):
+            ctrl[position] = ctrl[velocity] = (to - at) / period
         self._joints = goal
         ctrl[self._gripper] = self._move_gripper(numbers[-1], self.measured_width_m(data))
         return applied
 
+    def _attend(self, data: mujoco.MjData) -> None:
+        """Prepare to read and write these data, which the engine keeps in place."""
+        if data is self._data:
+            return
+        self._data, self._ctrl = data, numbers_of(data.ctrl)
+        self._get_joints, self._get_fingers = (number_reader(data.qpos, a) for a in (self._qpos, self._fingers))
+        self._get_reference = number_reader(data.act, self._act)
+
     def state(self) -> ControllerState:
         """Return what the controller remembers between actions."""
-        return ControllerState(self._pose, tuple(self._joints.tolist()), self._width)
+        return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:
         """Put back what :meth:`state` returned; raise InvalidInputError if it belongs to another robot."""
@@ -207,21 +219,23 @@ class ArmController:
                 "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
             )
         self._pose = state.pose
-        self._joints = np.array(state.joints)
+        self._joints = state.joints
         self._width = state.width_m
 
-    def _ee_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _ee_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
         """Add the action to the commanded pose, bound its lead, and step toward it."""
         asked = _moved(self._pose, action)
         self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
         return self._toward(self._pose, measured, reference)
 
-    def _ee_delta_measured(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _ee_delta_measured(
+        self, action: list[float], measured: Sequence[float], reference: Sequence[float]
+    ) -> list[float]:
         """Add the action to the measured pose and step toward it."""
         self._pose = _moved(self._measured or self.ik.forward(measured), action)
         return self._toward(self._pose, measured, reference)
 
-    def _ee_pose(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _ee_pose(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
         """Step toward an absolute pose along the straight way at moderate speed."""
         x, y, z, qw, qx, qy, qz = action[:7]
         if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
@@ -231,26 +245,28 @@ class ArmController:
         waypoint = _bounded(self._pose, present, distance_m=POSE_STEP_M, angle_rad=POSE_STEP_RAD)
         return self._toward(_bounded(waypoint, self._measured or self.ik.forward(measured)), measured, reference)
 
-    def _joint_position(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _joint_position(
+        self, action: list[float], measured: Sequence[float], reference: Sequence[float]
+    ) -> list[float]:
         """Step toward absolute joint angles."""
-        return self._joint_step(np.array(action[:-1]), measured, reference)
+        return self._joint_step(action[:-1], measured, reference)
 
-    def _joint_delta(self, action: list[float], measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _joint_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
         """Add the action to the commanded joint angles."""
-        return self._joint_step(self._joints + JOINT_STEP_PER_UNIT_RAD * np.array(action[:-1]), measured, reference)
+        asked = [q + JOINT_STEP_PER_UNIT_RAD * a for q, a in zip(self._joints, action[:-1], strict=True)]
+        return self._joint_step(asked, measured, reference)
 
-    def _joint_step(self, goal: np.ndarray, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _joint_step(self, goal: Joints, measured: Joints, reference: Joints) -> list[float]:
         """Return the next joint reference on the way to a joint goal, within limits of position, speed and lead."""
-        ik = self.ik
-        low, high = ik.window(reference)
-        goal = np.minimum(np.maximum(goal, measured - JOINT_LEAD_RAD), measured + JOINT_LEAD_RAD)
-        goal = np.minimum(np.maximum(goal, low), high)
-        self._pose = ik.forward(goal)
-        return goal
+        low, high = self.ik.window(reference, reference)
+        near = [min(max(g, m - JOINT_LEAD_RAD), m + JOINT_LEAD_RAD) for g, m in zip(goal, measured, strict=True)]
+        step = [min(max(g, least), most) for g, least, most in zip(near, low, high, strict=True)]
+        self._pose = self.ik.forward(step)
+        return step
 
-    def _toward(self, target: Pose, measured: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _toward(self, target: Pose, measured: Joints, reference: Joints) -> list[float]:
         """Return the next joint reference on the way to a pose."""
-        return self.ik.solve(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
+        return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
 
     def _move_gripper(self, command: float, measured_width: float) -> float:
         """Move the commanded distance of the pads at finite speed and return it [m]."""
@@ -283,7 +299,8 @@ class ArmController:
 
 # Functions of the class and not methods of an instance: a controller that referred to itself, with the models of its
 # inverse kinematics, would stay in memory until a garbage collection.
-_DRIVEN: dict[str, tuple[ActionSpace, Callable[[ArmController, list[float], np.ndarray, np.ndarray], np.ndarray]]] = {
+_Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
+_DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {
     EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
     EE_DELTA_MEASURED.name: (EE_DELTA_MEASURED, ArmController._ee_delta_measured),
     EE_POSE.name: (EE_POSE, ArmController._ee_pose),
@@ -293,15 +310,6 @@ _DRIVEN: dict[str, tuple[ActionSpace, Callable[[ArmController, list[float], np.n
 
 
 _COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)
-
-
-def _run(addresses: list[int]) -> slice | np.ndarray:
-    """Return a slice where the addresses are evenly spaced, which numpy reads faster, else an index array."""
-    first = addresses[0]
-    step = addresses[1] - first
-    if addresses == list(range(first, first + step * len(addresses), step)):
-        return slice(first, first + step * len(addresses), step)
-    return np.array(addresses)
 
 
 def _moved(pose: Pose, action: list[float]) -> Pose:

@@ -18,7 +18,10 @@ elbow and displaces the tool by micrometers. Results depend on the arguments onl
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import add, sub
 
 import daqp  # type: ignore[import-not-found]
 import mink
@@ -27,6 +30,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Quaternion, angle_between, conjugate, distance, multiply, to_axis_angle
+from betterbench.robots.readers import number_reader, number_writer
 from betterbench.robots.spec import RobotSpec, build_robot_spec
 
 POSITION_COST = 1.0
@@ -54,6 +58,9 @@ LIMIT_MARGIN_RAD = 0.06
 APPROACH = 0.5
 """Share of the way to a position limit that a joint may take in one control step."""
 
+_FAR = 1.01 / APPROACH
+"""How many steps at full speed a joint is away from a position limit where that does not bind, with a margin."""
+
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
 
@@ -74,6 +81,10 @@ _RESTARTS = (
     (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
 )
 """Offsets from home from which an unreached pose is tried again [rad]."""
+
+
+_Window = tuple[Sequence[float], Sequence[float], float]
+"""Joint angles at the begin of a control step, and the angles around which the step stays with its lead [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,14 +132,19 @@ class ArmIK:
         self._quaternion = np.zeros(4)
         self._site_position, self._site_matrix = self._data.site_xpos[site], self._data.site_xmat[site]
         self._bounds = tuple(zip(self.low.tolist(), self.high.tolist(), self._speed.tolist(), strict=True))
+        self._roomy = tuple((low + _FAR * v, high - _FAR * v, v) for low, high, v in self._bounds)
         self._home = self.home.tolist()
         self._gradient, self._newton = np.zeros(n), np.zeros(n)
         self._weights = np.array([1.0] * 3 + [ORIENTATION_COST**2] * 3)
         self._translation, self._rotation = self._jacobian[:3], self._jacobian[3:]
-        self._joints = self._data.qpos
+        self._set_joints, self._set_error = number_writer(self._data.qpos), number_writer(self._error)
+        self._set_gradient = number_writer(self._gradient)
+        self._get_gradient, self._get_newton = (number_reader(a, range(n)) for a in (self._gradient, self._newton))
+        self._get_position = number_reader(self._site_position, range(3))
+        self._get_quaternion = number_reader(self._quaternion, range(4))
         self._step_damping = (_POSTURE_WEIGHT + STEP_DAMPING) * np.eye(n)
 
-    def forward(self, q: np.ndarray) -> Pose:
+    def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
         """Return ``T_base_tcp`` at joint angles ``q``, shape (n,) [rad]."""
         self._place(q)
         return self._tcp()
@@ -141,42 +157,59 @@ class ArmIK:
         The result stays within ``lead_rad`` of ``around``, if given, and within position and velocity limits (or, from
         outside the limits, as near to them as one step allows).
         """
-        # Plain floats and MuJoCo's own small loops: between two physics steps the caches are cold, and each array
-        # operation costs three times what it does in a benchmark of its own.
-        now = q.tolist()
-        low, high = self._window(now, around, lead_rad)
+        centers = None if around is None else around.tolist()
+        return np.array(self.step(q.tolist(), target, around=centers, lead_rad=lead_rad))
+
+    def step(
+        self, q: Sequence[float], target: Pose, *, around: Sequence[float] | None = None, lead_rad: float = 0.0
+    ) -> list[float]:
+        """Return what :meth:`solve` does, in plain numbers.
+
+        Plain floats and MuJoCo's own small loops: between two physics steps the caches are cold, and each array
+        operation costs three times what it does in a benchmark of its own.
+        """
+        centers = q if around is None else around
+        lead = math.inf if around is None else lead_rad
         self._place(q)
         self._factorize()
-        moved = self._descent(now, low, high, target)
-        if any(abs(a - b) > SECOND_ITERATION_RAD for a, b in zip(moved, now, strict=True)):
+        moved = self._descent(q, target, (q, centers, lead))
+        if max(map(abs, map(sub, moved, q))) > SECOND_ITERATION_RAD:
             self._place(moved)
-            moved = self._descent(moved, low, high, target)
-        return np.array(moved)
+            moved = self._descent(moved, target, (q, centers, lead))
+        return moved
 
-    def window(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the lowest and the highest joint reference one control step later, each of shape (n,) [rad].
+    def window(
+        self, q: Sequence[float], centers: Sequence[float], lead_rad: float = math.inf
+    ) -> tuple[list[float], list[float]]:
+        """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
 
         A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that
-        it slows down before the limit. From outside the limits it returns at full speed.
+        it slows down before the limit. From outside the limits it returns at full speed. Within that it stays within
+        ``lead_rad`` of ``centers``.
         """
-        low, high = self._window(q.tolist(), None, 0.0)
-        return np.array(low), np.array(high)
-
-    def _window(self, q: list[float], around: np.ndarray | None, lead: float) -> tuple[list[float], list[float]]:
-        """Return what :meth:`window` does as lists, with the bounds around further angles that :meth:`solve` takes."""
         lowest: list[float] = []
         highest: list[float] = []
-        centers = q if around is None else around.tolist()
         for now, center, (low, high, speed) in zip(q, centers, self._bounds, strict=True):
             down, up = APPROACH * (low - now), APPROACH * (high - now)
             down = now + (-speed if down < -speed else min(down, speed))
             up = now + (speed if up > speed else max(up, -speed))
-            if around is not None:
-                down = min(max(down, center - lead), up)
-                up = max(min(up, center + lead), down)
+            down = min(max(down, center - lead_rad), up)
+            up = max(min(up, center + lead_rad), down)
             lowest.append(down)
             highest.append(up)
         return lowest, highest
+
+    def _in_window(self, moved: Sequence[float], window: _Window) -> bool:
+        """Tell whether joint angles are inside what :meth:`window` returns."""
+        q, centers, lead = window
+        for x, now, center, (least, most, speed) in zip(moved, q, centers, self._roomy, strict=True):
+            # Far from its position limits a joint is bound by its speed and its lead alone.
+            if not (least <= now <= most and now - speed <= x <= now + speed and center - lead <= x <= center + lead):
+                break
+        else:
+            return True
+        low, high = self.window(q, centers, lead)
+        return all(least <= x <= most for least, x, most in zip(low, moved, high, strict=True))
 
     def reach(
         self,
@@ -246,15 +279,15 @@ class ArmIK:
         """Set the target of the frame task."""
         self._target[:] = (*target.quaternion, *target.position)
 
-    def _place(self, q: np.ndarray | list[float]) -> None:
+    def _place(self, q: Sequence[float] | np.ndarray) -> None:
         """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
-        self._joints[:] = q
+        self._set_joints(*q)
         mujoco.mj_kinematics(self._model, self._data)
 
     def _world_error(self, target: Pose) -> tuple[float, float, float, float, float, float]:
         """Return the pose error in the base frame: position [m], then rotation vector [rad]."""
         x, y, z = target.position
-        px, py, pz = self._site_position.tolist()
+        px, py, pz = self._get_position()
         rotation = to_axis_angle(multiply(target.quaternion, conjugate(self._site_quaternion())))
         return (x - px, y - py, z - pz, *rotation)
 
@@ -271,29 +304,24 @@ class ArmIK:
         factor += self._step_damping
         mujoco.mju_cholFactor(factor, 0.0)
 
-    def _descent(self, q: list[float], low: list[float], high: list[float], target: Pose) -> list[float]:
+    def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> list[float]:
         """Return the joint angles [rad] after one iteration from ``q`` with the Jacobian prepared before."""
         x, y, z, rx, ry, rz = self._world_error(target)
         turn = ORIENTATION_COST * ORIENTATION_COST
-        self._error[:] = (x, y, z, turn * rx, turn * ry, turn * rz)
-        gradient, step = self._gradient, self._newton
-        mujoco.mju_mulMatTVec(gradient, self._jacobian, self._error)
-        gradient[:] = [
-            g - _POSTURE_WEIGHT * (now - home) for g, now, home in zip(gradient.tolist(), q, self._home, strict=True)
-        ]
+        self._set_error(x, y, z, turn * rx, turn * ry, turn * rz)
+        mujoco.mju_mulMatTVec(self._gradient, self._jacobian, self._error)
+        pulls = zip(self._get_gradient(), q, self._home, strict=True)
+        self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
         # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
-        mujoco.mju_cholSolve(step, self._factor, gradient)
-        moved = [now + d for now, d in zip(q, step.tolist(), strict=True)]
-        for x, least, most in zip(moved, low, high, strict=True):
-            if not least <= x <= most:
-                break
-        else:
+        mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
+        moved = list(map(add, q, self._get_newton()))
+        if self._in_window(moved, window):
             return moved
         hessian = np.empty_like(self._factor)
         mujoco.mju_sqrMatTD(hessian, self._jacobian, self._weights)
         hessian += self._step_damping
-        now, lowest, highest = np.array(q), np.array(low), np.array(high)
-        inside: list[float] = self._bounded_step(now, lowest, highest, hessian, -gradient).tolist()
+        now, low, high = np.array(q), *map(np.array, self.window(*window))
+        inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
         return inside
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -325,13 +353,12 @@ class ArmIK:
 
     def _tcp(self) -> Pose:
         """Return the tool pose of the configuration last set."""
-        px, py, pz = self._site_position.tolist()
-        return Pose((px, py, pz), self._site_quaternion())
+        return Pose(self._get_position(), self._site_quaternion())
 
     def _site_quaternion(self) -> Quaternion:
         """Return the rotation of the tool at the joint angles set last."""
         mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
-        w, x, y, z = self._quaternion.tolist()
+        w, x, y, z = self._get_quaternion()
         return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
 
 

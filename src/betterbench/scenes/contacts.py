@@ -23,23 +23,27 @@ class ContactReader:
 
     def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
         """Prepare for a model; ``names`` are those of its objects in scene order."""
-        self._model, self._geom_labels = compiled.model, compiled.geom_labels
-        self._names = names
+        self._model, self._names = compiled.model, names
         n = len(names)
-        self._numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
-        numbers, left, right, table = self._numbers, n, n + 1, n + 4
+        numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
+        left, right, table = n, n + 1, n + 4
         self._holds = tuple(
             (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
             for i in range(n)
         )
+        self._numbers = numbers
+        labels = compiled.geom_labels.tolist()
+        rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
+        self._of_geoms = [rows[label + 1] for label in labels]
         self._bodies = compiled.bodies
         self._trees = self._model.body_treeid[self._bodies]
         self._movable = self._trees >= 0
         self._awake = mujoco.MjData(self._model)
         self._sleep_state = b""
         self._sleeping: np.ndarray = np.empty(0, np.int64)
+        self._sleeping_bodies = self._sleeping
         self._kept_for: tuple[bytes, bytes] = (b"", b"")
-        self._kept: dict[int, float] = {}
+        self._kept: dict[int, Contact] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
 
@@ -54,16 +58,17 @@ class ContactReader:
             self._sleep_state = sleep_state
             asleep = self._movable & (data.tree_asleep[self._trees] >= 0)
             self._sleeping = np.flatnonzero(asleep)
-        if len(self._sleeping):
-            self._keep(data)
-            kept = self._kept_numbers
-            total = {number: force for number, force in total.items() if number not in kept}
-            if not total:
-                return self._kept_contacts, None  # what the gripper touches is awake
-            total |= self._kept
+            self._sleeping_bodies = self._bodies[self._sleeping]
         names = self._pair_names
-        contacts = tuple([Contact(*names[number], total[number]) for number in sorted(total)])
-        return contacts, self._held(total)
+        if not len(self._sleeping):
+            return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), self._held(total)
+        self._keep(data)
+        kept = self._kept_numbers
+        found = {number: Contact(*names[number], force) for number, force in total.items() if number not in kept}
+        if not found:
+            return self._kept_contacts, None  # what the gripper touches is awake
+        found |= self._kept
+        return tuple([found[number] for number in sorted(found)]), self._held(found)
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
@@ -80,13 +85,9 @@ class ContactReader:
         total: dict[int, float] = {}
         if data.ncon == 0:
             return total
-        contact = data.contact
-        pairs = self._geom_labels[contact.geom].tolist()
-        addresses = contact.efc_address.tolist()
-        forces = data.efc_force.tolist()
-        numbers = self._numbers
-        for (a, b), address in zip(pairs, addresses, strict=True):
-            number = numbers[a][b]
+        contact, forces, numbers = data.contact, memoryview(data.efc_force), self._of_geoms
+        for (one, other), address in zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True):
+            number = numbers[one][other]
             if number >= 0:
                 force = forces[address] if address >= 0 else 0.0
                 total[number] = total[number] + force if number in total else force
@@ -94,7 +95,7 @@ class ContactReader:
 
     def _keep(self, data: mujoco.MjData) -> None:
         """Compute what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
-        state = (self._sleeping.tobytes(), data.xpos.take(self._bodies[self._sleeping], 0).tobytes())
+        state = (self._sleeping.tobytes(), data.xpos.take(self._sleeping_bodies, 0).tobytes())
         if state == self._kept_for:
             return
         self._kept_for = state
@@ -102,11 +103,15 @@ class ContactReader:
         mujoco.mj_forward(self._model, self._awake)
         sleeping = self._sleeping.tolist()
         self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
-        found = self._touching(self._awake)
-        self._kept = {number: found[number] for number in sorted(found) if number in self._kept_numbers}
-        self._kept_contacts = tuple(Contact(*self._pair_names[number], force) for number, force in self._kept.items())
+        touching = self._touching(self._awake)
+        self._kept = {
+            number: Contact(*self._pair_names[number], touching[number])
+            for number in sorted(touching)
+            if number in self._kept_numbers
+        }
+        self._kept_contacts = tuple(self._kept.values())
 
-    def _held(self, touching: dict[int, float]) -> str | None:
+    def _held(self, touching: Mapping[int, object]) -> str | None:
         """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
         for i, (left, right, supports) in enumerate(self._holds):
             if left in touching and right in touching and supports.isdisjoint(touching):
@@ -117,6 +122,7 @@ class ContactReader:
 _KEPT_BETWEEN_READINGS = (
     "_sleep_state",
     "_sleeping",
+    "_sleeping_bodies",
     "_kept_for",
     "_kept",
     "_kept_contacts",

@@ -17,6 +17,7 @@ from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.robots.control import ControllerState
 from betterbench.robots.physics import PHYSICS
+from betterbench.robots.readers import number_reader, row_reader
 from betterbench.scenes.appearance import room_of, start_joints_of, view_jitter_of
 from betterbench.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.cameras import ViewPlacement
@@ -28,6 +29,8 @@ from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Looks, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
+
+_AT_REST = (0.0,) * 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,13 +94,25 @@ class Scene:
         self._arm_dofs = np.array([self.model.joint(ROBOT_PREFIX + j).dofadr[0] for j in r.arm_joints])
         self._finger_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.finger_joints])
         self._tcp = self.model.site(ROBOT_PREFIX + r.tcp_site).id
-        self._free = np.flatnonzero((c.dof_addresses >= 0) & ~c.slides)
-        self._free_dofs = c.dof_addresses[self._free][:, None] + np.arange(6)[None, :]
-        self._slides = tuple((int(i), int(c.dof_addresses[i])) for i in np.flatnonzero(c.slides))
+        moving = tuple((i, int(c.dof_addresses[i])) for i in range(len(c.bodies)) if c.dof_addresses[i] >= 0)
+        self._free = tuple((i, slice(dof, dof + 6)) for i, dof in moving if not c.slides[i])
+        self._slides = tuple((i, dof) for i, dof in moving if c.slides[i])
         self._names = tuple(p.spec.name for p in self.placements)
         self._labels = (*self._names, *LABELS)
         self._contacts = ContactReader(c, self._names)
-        self._quaternion = np.empty(4)
+        self._find_memory()
+
+    def _find_memory(self) -> None:
+        """Prepare to read what a state holds; the engine keeps its arrays in place."""
+        data, bodies = self._data, self.compiled.bodies.tolist()
+        self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
+        self._velocities = number_reader(data.qvel, range(self.model.nv))
+        self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
+        self._joint_velocities = number_reader(data.qvel, self._arm_dofs.tolist())
+        self._tool_position = number_reader(data.site_xpos[self._tcp], range(3))
+        self._tool_matrix, self._quaternion = data.site_xmat[self._tcp], np.empty(4)
+        self._tool_quaternion = number_reader(self._quaternion, range(4))
+        self._tool: Pose | None = None
 
     def _initial_qpos(self) -> np.ndarray:
         c = self.compiled
@@ -144,6 +159,7 @@ class Scene:
     @property
     def data(self) -> mujoco.MjData:
         """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
+        self._tool = None  # whoever has the data may move the arm
         if not self._views_are_placed:  # a step without images does not pay for it
             self._views.apply(self._data)
             self._views_are_placed = True
@@ -186,7 +202,7 @@ class Scene:
         self._data.qpos[:] = self._home_qpos
         self.controller.reset(self._data)
         mujoco.mj_forward(self.model, self._data)
-        self._views_are_placed = False
+        self._views_are_placed, self._tool = False, None
         self._step = 0
         self._gripper_command = -1.0
         state = self.state()
@@ -218,7 +234,7 @@ class Scene:
         self.controller.restore(snapshot.controller)
         self._contacts.restore(snapshot.contacts)
         self._step, self._gripper_command = snapshot.step, snapshot.gripper_command
-        self._views_are_placed = False
+        self._views_are_placed, self._tool = False, None
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
@@ -229,47 +245,49 @@ class Scene:
         applied = self.controller.apply(self._data, action, measured=self._tool_pose())
         mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self._data)
-        self._views_are_placed = False
+        self._views_are_placed, self._tool = False, None
         self._gripper_command = float(applied[-1])
         self._step += 1
         return applied
 
     def state(self) -> WorldState:
         """Return everything that is true now."""
-        data, c = self._data, self.compiled
-        positions = tuple(map(tuple, data.xpos.take(c.bodies, 0).tolist()))
-        quaternions = tuple(map(tuple, data.xquat.take(c.bodies, 0).tolist()))
-        n = len(self._names)
+        data = self._data
+        n, velocities = len(self._names), self._velocities()
         linear, angular = [0.0] * n, [0.0] * n
-        for i, (vx, vy, vz, wx, wy, wz) in zip(self._free.tolist(), data.qvel[self._free_dofs].tolist(), strict=True):
-            linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
-            angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
-        for i, address in self._slides:
-            linear[i] = abs(float(data.qvel[address]))
+        for i, dofs in self._free:
+            velocity = velocities[dofs]
+            if velocity != _AT_REST:
+                vx, vy, vz, wx, wy, wz = velocity
+                linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
+                angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
+        for i, dof in self._slides:
+            linear[i] = abs(velocities[dof])
         contacts, held = self._contacts.read(data)
         return WorldState(
             info=self.info,
             step=self._step,
             time_s=self._step * TIMESTEP_S * self.physics_steps,
-            positions=positions,
-            quaternions=quaternions,
+            positions=self._positions(),
+            quaternions=self._quaternions(),
             linear_speeds=tuple(linear),
             angular_speeds=tuple(angular),
             ee_pose=self._tool_pose(),
             commanded_pose=self.controller.commanded_pose,
             finger_width_m=self.controller.measured_width_m(data),
             gripper_command=self._gripper_command,
-            joint_positions=tuple(data.qpos.take(self._arm_qpos).tolist()),
-            joint_velocities=tuple(data.qvel.take(self._arm_dofs).tolist()),
+            joint_positions=self._joint_positions(),
+            joint_velocities=self._joint_velocities(),
             contacts=contacts,
             held=held,
         )
 
     def _tool_pose(self) -> Pose:
         """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
-        mujoco.mju_mat2Quat(self._quaternion, self._data.site_xmat[self._tcp])
-        x, y, z = self._data.site_xpos[self._tcp].tolist()
-        return Pose((x, y, z), normalize(self._quaternion.tolist()))
+        if self._tool is None:
+            mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
+            self._tool = Pose(self._tool_position(), normalize(self._tool_quaternion()))
+        return self._tool
 
 
 def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
