@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from betterbench.geometry import Vector
 from betterbench.scenes.builder import LABELS, CompiledScene
 from betterbench.state import Contact
 
@@ -35,34 +36,32 @@ class ContactReader:
         labels = compiled.geom_labels.tolist()
         rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
         self._of_geoms = [rows[label + 1] for label in labels]
-        self._bodies = compiled.bodies
-        self._trees = self._model.body_treeid[self._bodies]
+        self._trees = self._model.body_treeid[compiled.bodies]
         self._movable = self._trees >= 0
         self._awake = mujoco.MjData(self._model)
         self._sleep_state = b""
-        self._sleeping: np.ndarray = np.empty(0, np.int64)
-        self._sleeping_bodies = self._sleeping
-        self._kept_for: tuple[bytes, bytes] = (b"", b"")
+        self._sleeping: tuple[int, ...] = ()
+        self._kept_for: tuple[tuple[int, ...], list[Vector]] = ((), [])
         self._kept: dict[int, Contact] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
 
-    def read(self, data: mujoco.MjData) -> tuple[tuple[Contact, ...], str | None]:
+    def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
         """Return all pairs that involve an object or the gripper, in the order of the labels, and the held object.
 
-        An object is held if both fingers touch it and neither another object nor the table does.
+        An object is held if both fingers touch it and neither another object nor the table does. ``positions`` are
+        those of the objects in these data.
         """
         total = self._touching(data)
         sleep_state = data.tree_asleep.tobytes()
         if sleep_state != self._sleep_state:
             self._sleep_state = sleep_state
             asleep = self._movable & (data.tree_asleep[self._trees] >= 0)
-            self._sleeping = np.flatnonzero(asleep)
-            self._sleeping_bodies = self._bodies[self._sleeping]
+            self._sleeping = tuple(np.flatnonzero(asleep).tolist())
         names = self._pair_names
-        if not len(self._sleeping):
+        if not self._sleeping:
             return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), self._held(total)
-        self._keep(data)
+        self._keep(data, positions)
         kept = self._kept_numbers
         found = {number: Contact(*names[number], force) for number, force in total.items() if number not in kept}
         if not found:
@@ -93,16 +92,15 @@ class ContactReader:
                 total[number] = total[number] + force if number in total else force
         return total
 
-    def _keep(self, data: mujoco.MjData) -> None:
+    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
         """Compute what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
-        state = (self._sleeping.tobytes(), data.xpos.take(self._sleeping_bodies, 0).tobytes())
+        state = (self._sleeping, [positions[i] for i in self._sleeping])
         if state == self._kept_for:
             return
         self._kept_for = state
         self._awake.qpos[:] = data.qpos
         mujoco.mj_forward(self._model, self._awake)
-        sleeping = self._sleeping.tolist()
-        self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
+        self._kept_numbers = frozenset(number for i in self._sleeping for number in self._numbers[i] if number >= 0)
         touching = self._touching(self._awake)
         self._kept = {
             number: Contact(*self._pair_names[number], touching[number])
@@ -122,7 +120,6 @@ class ContactReader:
 _KEPT_BETWEEN_READINGS = (
     "_sleep_state",
     "_sleeping",
-    "_sleeping_bodies",
     "_kept_for",
     "_kept",
     "_kept_contacts",

@@ -105,6 +105,7 @@ class Scene:
     def _find_memory(self) -> None:
         """Prepare to read what a state holds; the engine keeps its arrays in place."""
         data, bodies = self._data, self.compiled.bodies.tolist()
+        self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
         self._velocities = number_reader(data.qvel, range(self.model.nv))
         self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
@@ -167,8 +168,7 @@ class Scene:
 
     def simulator_state(self) -> dict[str, np.ndarray]:
         """Return views of what the physics goes on from: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
-        data = self._data
-        return {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
+        return self._simulator_state
 
     def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
         """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies of the model."""
@@ -263,12 +263,13 @@ class Scene:
                 angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
         for i, dof in self._slides:
             linear[i] = abs(velocities[dof])
-        contacts, held = self._contacts.read(data)
+        positions = self._positions()
+        contacts, held = self._contacts.read(data, positions)
         return WorldState(
             info=self.info,
             step=self._step,
             time_s=self._step * TIMESTEP_S * self.physics_steps,
-            positions=self._positions(),
+            positions=positions,
             quaternions=self._quaternions(),
             linear_speeds=tuple(linear),
             angular_speeds=tuple(angular),

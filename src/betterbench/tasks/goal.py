@@ -113,9 +113,11 @@ class GoalTracker:
 
     def _places(self, state: WorldState) -> Places:
         """Return where every subject is, strictly; relations are asked only where something moved or touches anew."""
-        if self._last is not None and _arranged_alike(self._last[0], state):
-            return self._last[1]
-        return self._targets.places(state)
+        if self._last is None:
+            return self._targets.places(state)
+        before, at = self._last
+        changed = _changed(before, state)
+        return self._targets.places_after(state, at, changed) if changed else at
 
     def _there(self, at: Places) -> list[bool]:
         """Return per object whether it is at some place of a target to which things are carried."""
@@ -163,10 +165,19 @@ class GoalTracker:
         return settled and not self._harm.found(state, at)
 
 
-def _arranged_alike(before: WorldState, now: WorldState) -> bool:
-    """Tell whether two states are the same in all that a relation may read: poses, which bodies touch, what is held."""
-    if before.positions != now.positions or before.quaternions != now.quaternions or before.held != now.held:
-        return False
-    if before.contacts is now.contacts:
-        return True
-    return [pair[:2] for pair in before.contacts] == [pair[:2] for pair in now.contacts]
+def _changed(before: WorldState, now: WorldState) -> set[str]:
+    """Return the names of the bodies for which anything differs between two states that a relation may read.
+
+    That is the pose of an object, what a body touches, and whether it is held.
+    """
+    changed: set[str] = set()
+    if before.positions != now.positions or before.quaternions != now.quaternions:
+        poses = zip(now.info.objects, before.positions, now.positions, before.quaternions, now.quaternions, strict=True)
+        changed.update([o.name for o, was, there, turned, turn in poses if was != there or turned != turn])
+    if before.held != now.held:
+        changed.update(name for name in (before.held, now.held) if name is not None)
+    if before.contacts is not now.contacts:
+        touched, touching = ([pair[:2] for pair in contacts] for contacts in (before.contacts, now.contacts))
+        if touched != touching:
+            changed.update(name for pair in set(touched) ^ set(touching) for name in pair)
+    return changed

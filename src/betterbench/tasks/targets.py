@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -82,6 +82,28 @@ class Targets:
     def places(self, state: WorldState) -> Places:
         """Return where every subject is, strictly."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
+
+    def places_after(self, state: WorldState, before: Places, changed: Collection[str]) -> Places:
+        """Return where every subject is, strictly, after some changes.
+
+        Args:
+            state: The state.
+            before: Where every subject was in a state before it.
+            changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
+        """
+        return tuple(
+            [
+                tuple(
+                    [
+                        place
+                        if watch.relation.pairwise and name not in changed and watch.target not in changed
+                        else watch.relation.where(state, name, watch.target)
+                        for name, place in zip(watch.subjects, places, strict=True)
+                    ]
+                )
+                for watch, places in zip(self.watches, before, strict=True)
+            ]
+        )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
         """Return where every subject is in any posture; ``strictly`` are the places that are known already."""

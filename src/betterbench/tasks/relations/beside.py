@@ -107,5 +107,6 @@ BESIDE = register(
         needs=tuple(SIDES),
         tolerances=("side_reach", "side_height", "side_turn", "long_ratio"),
         goals=_goals,
+        pairwise=True,
     )
 )

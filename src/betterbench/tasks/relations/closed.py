@@ -70,5 +70,6 @@ CLOSED = register(
         needs=MOUNTS,
         tolerances=("closed_gap",),
         roles=("drawer",),
+        pairwise=True,
     )
 )

@@ -72,5 +72,6 @@ IN_HOLE = register(
         tolerances=("hole_depth", "hole_tilt"),
         goals=_goals,
         surface=surface_of(),
+        pairwise=True,
     )
 )

@@ -117,5 +117,6 @@ INSIDE = register(
         goals=_goals,
         surface=_floor,
         falls=True,
+        pairwise=True,
     )
 )

@@ -56,5 +56,6 @@ ON_PLATE = register(
         tolerances=("plate_offset", "plate_gap"),
         goals=_goals,
         surface=surface_of("floor"),
+        pairwise=True,
     )
 )

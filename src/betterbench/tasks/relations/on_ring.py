@@ -97,5 +97,6 @@ ON_RING = register(
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
         surface=surface_of("ring"),
+        pairwise=True,
     )
 )

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from betterbench.geometry import angle_between, distance, tilt_of
+from betterbench.geometry import Quaternion, Vector, angle_between, distance, tilt_of
 from betterbench.state import WorldState
 from betterbench.tasks.thresholds import THRESHOLDS
 
@@ -17,16 +17,27 @@ class RestWatch:
 
     def __init__(self, *, rate_hz: float) -> None:
         self._states: deque[WorldState] = deque(maxlen=1 + max(1, round(THRESHOLDS.rest_time * rate_hz)))
+        self._seen = 0
+        self._found: dict[str, tuple[int, Vector, Quaternion]] = {}
 
     def see(self, state: WorldState) -> None:
         """Take in the next state."""
         self._states.append(state)
+        self._seen += 1
 
     def at_rest(self, name: str) -> bool:
         """Tell whether an object has neither moved nor turned since the time of rest before the last state."""
         now = self._states[-1]
         i = now.info.index(name)
         position, quaternion = now.positions[i], now.quaternions[i]
+        # What was at rest one state ago and has not moved at all since then is at rest.
+        if self._found.get(name) != (self._seen - 1, position, quaternion) and not self._stayed(i):
+            return False
+        self._found[name] = (self._seen, position, quaternion)
+        return True
+
+    def _stayed(self, i: int) -> bool:
+        position, quaternion = self._states[-1].positions[i], self._states[-1].quaternions[i]
         return all(
             distance(before.positions[i], position) <= THRESHOLDS.rest_travel
             and angle_between(before.quaternions[i], quaternion) <= THRESHOLDS.rest_turn
