@@ -151,9 +151,10 @@ class Handling:
         if self._carried is not None and _between_fingers(state, self._carried):
             self._grasped = state
         touched = {n for a, b, _ in state.contacts for n in (a, b) if a in GRIPPER_BODIES or b in GRIPPER_BODIES}
-        for name in self._stood:
-            if name not in touched and name != self._carried and self._rest.at_rest(name):
-                self._stood[name] = state.pose(name)
+        for name, stood in self._stood.items():
+            pose = state.pose(name)
+            if pose != stood and name not in touched and name != self._carried and self._rest.at_rest(name):
+                self._stood[name] = pose
         if (
             self._settling is not None
             and not state.touched_by_gripper(self._settling)

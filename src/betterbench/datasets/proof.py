@@ -60,7 +60,7 @@ def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFac
     in_order = done == asked if condition.instruction.ordered else sorted(done) == sorted(asked)
     if asked and not in_order:
         raise _refusal(where, f"it does {', '.join(done) or 'nothing'} where {', '.join(asked)} is asked for")
-    outside = outside_support(record, get_task(meta.task), condition)
+    outside = outside_support(record.states(), get_task(meta.task), condition)
     if outside is not None:
         raise _refusal(where, outside)
     return facts_of_record(record, condition)

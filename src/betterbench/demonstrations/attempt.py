@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,12 +88,12 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
     agent = PrivilegedAgent(EXPERT, scene, rule, skills=skills)
     try:
         demonstrator = Demonstrator("expert", "expert", manner.to_json())
-        record = run_episode(scene, agent, context=_context(scene, EXPERT, demonstrator)).record
+        result = run_episode(scene, agent, context=_context(scene, EXPERT, demonstrator))
     finally:
         agent.close()
     mishap = agent.ground_truth["mishap"]
     failure: tuple[FailureKind, str] | None = ("misplaced", mishap) if mishap else None
-    return judge_attempt(scene, record, number, failure)
+    return judge_attempt(scene, result.record, result.states, number, failure)
 
 
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
@@ -107,12 +108,12 @@ def amplify_attempt(scene: Scene, number: int, library: Library, settings: Ampli
     disturb = agent.disturb if settings.action_noise else None
     context = _context(scene, AMPLIFIED, demonstrator)
     try:
-        record = run_episode(scene, agent, context=context, disturb=disturb).record
+        result = run_episode(scene, agent, context=context, disturb=disturb)
     finally:
         agent.close()
     sources = tuple(dict.fromkeys(agent.used))
-    record = _said(record, replace(demonstrator, sources=sources))
-    found = judge_attempt(scene, record, number, agent.failure)
+    record = _said(result.record, replace(demonstrator, sources=sources))
+    found = judge_attempt(scene, record, result.states, number, agent.failure)
     return replace(found, note=replace(found.note, sources=tuple(agent.used), lead=lead.name))
 
 
@@ -134,13 +135,20 @@ def _said(record: Record, demonstrator: Demonstrator) -> Record:
 
 
 def judge_attempt(
-    scene: Scene, record: Record, number: int, failure: tuple[FailureKind, str] | None
+    scene: Scene,
+    record: Record,
+    states: Iterable[WorldState],
+    number: int,
+    failure: tuple[FailureKind, str] | None,
 ) -> DemonstrationAttempt:
-    """Return an attempt with the segments in its record, accepted only if everything holds that a set promises."""
+    """Return an attempt with the segments in its record, accepted only if everything holds that a set promises.
+
+    The scene is at the end of the episode, and ``states`` are those of the rows of the record.
+    """
     condition = scene.condition
     record = replace(record, metadata=replace(record.metadata, segments=subgoal_segments(record, condition)))
     found = None if record.outcome.success else _why_not(record, failure)
-    found = found or _not_lasting(scene, record) or _outside(scene, record)
+    found = found or _not_lasting(scene, record) or _outside(scene, states)
     kind, reason = found or ("", "")
     return DemonstrationAttempt(AttemptNote(number, kind, reason, record.n_steps), record)
 
@@ -177,14 +185,14 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
     return ("did not last", f"{', '.join(lost)} no longer done {LASTING_STEPS} steps after the end") if lost else None
 
 
-def _outside(scene: Scene, record: Record) -> tuple[FailureKind, str] | None:
+def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
     """Return what of an episode the certified training regime does not show, or None."""
-    problem = outside_support(record, scene.task, scene.condition)
+    problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
-def outside_support(record: Record, task: Task, condition: Condition) -> str | None:
-    """Return what of a record the certified training regime of its task does not show, told from its states.
+def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
+    """Return what of an episode the certified training regime of its task does not show, told from its states.
 
     None where everything is inside, or the variation declares that it is not.
     """
@@ -193,7 +201,6 @@ def outside_support(record: Record, task: Task, condition: Condition) -> str | N
         return None
     support = TrainedSupport.of(task, demonstrated(task, engine=engine_version()))
     handling = Handling(task, condition)
-    states: list[WorldState] = list(record.states())
     for state in states:
         handling.update(state)
     problems = (support.judge(primitive).problem for primitive in handling.finish())

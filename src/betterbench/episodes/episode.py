@@ -33,10 +33,12 @@ class EpisodeResult:
     Attributes:
         record: The privileged record, a pure function of trial and policy.
         wall: Wall-clock figures, which the record must not hold [s].
+        states: The states of all rows of the record, for whoever goes on with them at once.
     """
 
     record: Record
     wall: dict[str, float]
+    states: tuple[WorldState, ...]
 
 
 @contextmanager
@@ -170,7 +172,7 @@ def episode_steps(
     except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
     record = _finished(scene, builder, termination, error, clipped=clipped, success=truth.success)
-    return EpisodeResult(record, chunks.wall_figures())
+    return EpisodeResult(record, chunks.wall_figures(), builder.states)
 
 
 def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:

@@ -66,12 +66,9 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
         (7,) action, clipped to [-1, 1].
     """
     turn = to_axis_angle(multiply(wanted.quaternion, conjugate(now.quaternion)))
-    action = np.empty(7)
-    for i in range(3):
-        action[i] = (wanted.position[i] - now.position[i]) / TRANSLATION_PER_UNIT_M
-        action[3 + i] = turn[i] / ROTATION_PER_UNIT_RAD
-    action[6] = gripper
-    return np.clip(action, -1.0, 1.0)
+    shift = [(there - here) / TRANSLATION_PER_UNIT_M for there, here in zip(wanted.position, now.position, strict=True)]
+    action = (*shift, *[angle / ROTATION_PER_UNIT_RAD for angle in turn], gripper)
+    return np.array([min(max(value, -1.0), 1.0) for value in action])
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:

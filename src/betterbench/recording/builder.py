@@ -49,6 +49,11 @@ class RecordBuilder:
     def __len__(self) -> int:
         return len(self._states)
 
+    @property
+    def states(self) -> tuple[WorldState, ...]:
+        """The states that were appended."""
+        return tuple(self._states)
+
     def append(
         self,
         state: WorldState,

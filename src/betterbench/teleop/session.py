@@ -228,7 +228,7 @@ class TeleopSession:
             return DemonstrationAttempt(note, record)
         here = self.scene.snapshot()
         try:
-            return judge_attempt(self.scene, record, 0, None)
+            return judge_attempt(self.scene, record, record.states(), 0, None)
         finally:
             self.scene.restore(here)
 
