@@ -273,6 +273,8 @@ def test_a_set_is_asked_once_and_scored_by_type(made, tmp_path):
     (tmp_path / "bad.jsonl").write_text("{}\n")
     with pytest.raises(RecordError, match="model: is missing"):
         read_answers(tmp_path / "bad.jsonl", made)
+    with pytest.raises(RecordError, match="better vqa SET --ask"):
+        read_answers(tmp_path / "missing.jsonl", made)
 
 
 @pytest.mark.physics

@@ -196,7 +196,8 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         RecordError: If the file cannot be read or is malformed.
         InvalidInputError: If the answers are to another set.
     """
-    raw = read_bounded(file, max_bytes=MAX_BYTES, cure=_CURE, raises=RecordError)
+    cure = _CURE if file.exists() else "Name the file that better vqa SET --ask wrote"
+    raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
     lines = [line for line in raw.split(b"\n") if line.strip()]
     if not lines:
         raise RecordError(f"{file}: is empty. {_CURE}.")
