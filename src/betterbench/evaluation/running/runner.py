@@ -227,7 +227,7 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
-def _by_scene(trials: list[Trial], *, foreign: bool) -> list[Trial]:
+def _by_scene(trials: list[Trial], *, foreign: bool = False) -> list[Trial]:
     """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
 
     At the end of a run workers then wait for short trials only. Results do not depend on the order.
