@@ -19,7 +19,7 @@ def independent_plans(part: FamilyPart, *, trials: int = 4, seed: int = 0) -> tu
     """Return one plan per policy of a part of the independent family: each habit in each manner.
 
     Args:
-        part: "development", "held_out", "second" or "third".
+        part: "development", "held_out", "second", "third" or "fourth".
         trials: Trials per policy in which its habit decides or acts wrongly, or in which an honest one acts. They are
             spread over the tasks. A habit whose label needs several trials gets whole tasks, until there are so many.
         seed: Seed of all trials; the next ones where a habit shows in fewer conditions than there are trials.

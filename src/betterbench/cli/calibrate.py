@@ -32,7 +32,7 @@ def calibrate_command(
     trials: int | None = None,
     seed: int = 0,
     workers: int | None = None,
-    family: Literal["faulty", "development", "held_out", "second", "third"] = "faulty",
+    family: Literal["faulty", "development", "held_out", "second", "third", "fourth"] = "faulty",
     films: int = 100,
     power: bool = False,
     write_package: bool = False,

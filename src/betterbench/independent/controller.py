@@ -174,6 +174,10 @@ class Arm:
         self._grip = OPEN
         self.log.opening(self.state)
 
+    def begin_to_close(self) -> None:
+        """Close the gripper from the next step on, whatever the tool does meanwhile."""
+        self._grip = CLOSE
+
     def narrow(self, width_m: float) -> Actions[None]:
         """Bring the pads of an empty gripper to a distance [m]."""
         if self.state.finger_width_m < width_m - 0.004:

@@ -44,9 +44,19 @@ MANNERS = {
         Manner("hesitant", "halting", 0.20, 0.08, 0.06, -0.03, 0.35, 0.7, 0.0012),
     )
 }
-"""The manners in which every habit is run."""
+"""The manners in which every habit of the first parts is run."""
+
+OTHER_MANNERS = {
+    m.name: m
+    for m in (
+        Manner("languid", "minimum_jerk", 0.18, 0.13, 0.07, 0.05, 0.25, 0.3, 0.0004),
+        Manner("headlong", "even", 0.42, 0.05, 0.04, -0.02, 0.05, 0.0, 0.0),
+        Manner("fitful", "halting", 0.27, 0.09, 0.045, 0.03, 0.2, 0.4, 0.0009),
+    )
+}
+"""The manners in which every habit of the fourth part is run."""
 
 
 def manner_named(name: str) -> Manner:
     """Return a manner by name; an unknown one raises an UnknownNameError."""
-    return find_named("manner", name, MANNERS.values())
+    return find_named("manner", name, (MANNERS | OTHER_MANNERS).values())

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Literal
 from betterbench.errors import UnknownNameError, find_named
 from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
+from betterbench.independent.habits_fourth import FOURTH
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.habits_second import SECOND
 from betterbench.independent.habits_third import THIRD
-from betterbench.independent.manner import MANNERS, Manner
+from betterbench.independent.manner import MANNERS, OTHER_MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.interventions import condition_names, resolve_condition
@@ -23,12 +24,13 @@ if TYPE_CHECKING:
     from betterbench.scenes import Scene
 
 PREFIX = "independent:"
-FamilyPart = Literal["development", "held_out", "second", "third"]
+FamilyPart = Literal["development", "held_out", "second", "third", "fourth"]
 FAMILY_PARTS: dict[FamilyPart, tuple[Habit, ...]] = {
     "development": DEVELOPMENT,
     "held_out": HELD_OUT,
     "second": SECOND,
     "third": THIRD,
+    "fourth": FOURTH,
 }
 
 
@@ -50,7 +52,8 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
     policy.address: policy
     for part, habits in FAMILY_PARTS.items()
     for habit in habits
-    for policy in (IndependentPolicy(habit, manner, part) for manner in MANNERS.values())
+    for manner in (OTHER_MANNERS if part == "fourth" else MANNERS).values()
+    for policy in (IndependentPolicy(habit, manner, part),)
 }
 
 
