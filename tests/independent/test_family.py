@@ -68,7 +68,7 @@ def test_the_truth_is_fixed_before_the_first_action(habit, scene_of, monkeypatch
     where = next(s for s in shown_in(habit.name) if s.faulty)
     scene = scene_of(where.task, where.condition)
     state = scene.reset()
-    agent = make_independent(f"independent:{habit.name}-calm", scene)
+    agent = make_independent(next(a for a, p in INDEPENDENT.items() if p.habit is habit), scene)
     before = agent.ground_truth
     assert before["stated"] == (str(agent.body.ledger.stated.label) or "honest")
     monkeypatch.setattr(type(habit), "truth", lambda *_: pytest.fail("the truth was asked for again"))

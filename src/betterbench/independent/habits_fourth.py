@@ -466,7 +466,7 @@ class ShovesWithFist(Listed):
         yield from ways.fist(body)
         body.ledger.commit()
         while True:
-            direction, far = ways.toward(body, name, goal.target)
+            direction, far = ways.course_to(body, name, goal.target)
             yield from ways.shove(body, name, direction, min(far + 0.01, 0.12))
 
 

@@ -222,7 +222,7 @@ def shove(body: Body, name: str, direction: Vector, length_m: float) -> Actions[
     yield from body.arm.rise(body.height(name) + 0.12)
 
 
-def toward(body: Body, name: str, target: str) -> tuple[Vector, float]:
+def course_to(body: Body, name: str, target: str) -> tuple[Vector, float]:
     """Return the direction on the table from a thing to a target, and how far it is until their boxes meet [m]."""
     (x, y, _), (tx, ty, _) = body.state.pose(name).position, body.state.pose(target).position
     far = max(math.hypot(tx - x, ty - y), 1e-6)
