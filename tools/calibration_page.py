@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from betterbench.cli.output.calibration import film_strips
-from betterbench.diagnosis import Calibration, packaged_calibration
+from betterbench.diagnosis import Calibration, Judged, packaged_calibration
 from betterbench.diagnosis.confusion import Family
 from betterbench.diagnosis.power_matrix import packaged_power_matrix
 from betterbench.report.calibration_page import calibration_markdown, label_name, write_calibration_page
@@ -23,26 +24,29 @@ numbers stay apart.
 - The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
   hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
   fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
-  develop the diagnosis. Each of the other three was written after the diagnosis had been repaired on those before it,
+  develop the diagnosis. Each of the other four was written after the diagnosis had been repaired on those before it,
   by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
-  third, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
-  repaired since. The same trials now get their label in 98.2 % (held out first), 94.6 % (second) and 100 % (third), and
-  the right kind in 98.9, 96.1 and 100 %, without an honest policy accused; but what has been looked at is no longer
-  held out.
+  fourth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
+  repaired since. Before the fourth was used, the same trials got their label in 98.2 % (held out first), 94.6 %
+  (second) and 100 % (third), and the right kind in 98.9, 96.1 and 100 %, without an honest policy accused; but what has
+  been looked at is no longer held out.
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
   several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
   authors thought of; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --family third          # the habits that were written last, and used once
-better calibrate --family second         # those before, used once
+better calibrate --family fourth         # the habits that were written last, and used once
+better calibrate --family third          # those before, used once
+better calibrate --family second         # those before these, used once
 better calibrate --family held_out       # the part that was held out first, used once
 better calibrate --family development    # the part that the diagnosis was developed on
 better calibrate                         # the faulty policies
 ```
 
-compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can be
-interrupted and resumed. [All wrong labels](mistakes.md) of the packaged numbers are shown with their film strips.
+compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can
+be interrupted and resumed. The fourth part was recorded from seed 40 on, with more than the usual 4 trials of some
+policies: `--seed 40` gives its numbers but for that. [All wrong labels](mistakes.md) of the packaged numbers are
+listed, with film strips.
 
 A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever
 goes for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
@@ -52,7 +56,22 @@ tasks before two rules; and neither where fewer than three trials show it.
 
 """
 
+REMARKS: dict[Family, str] = {
+    "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %
+without a grasp. It keeps the fourth: no honest policy is accused. Two of its 42 habits make 24 of the 30 mistakes,
+each in all of its 12 trials. `zigzags-toward-it` comes nearer to the right thing in wide zigzags until the time is
+over: it is slow, and the diagnosis says that it goes to and fro. `shuts-it-empty` pushes the drawer shut before the
+thing that belongs into it is in, and rests: it skips a step, and the diagnosis says that it halts. The other six
+shove things with shut fingers: the diagnosis says of five that they go to and fro, and of one that it moved by
+mistake what it shoved on purpose. In none of the 30 does the gripper close on anything; where a grasp is attempted,
+every label is right.
+
+""",
+}
+"""What has to be said of a part besides its numbers, before they are given."""
+
 SECTIONS: dict[Family, str] = {
+    "fourth": "The independent family, fourth",
     "third": "The independent family, third",
     "second": "The independent family, second",
     "held_out": "The independent family, held out first",
@@ -64,7 +83,7 @@ MISTAKES = """# Wrong labels
 
 Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
 whole path of the gripper (blue while it is open, orange while it is closed), then states at equal distances in time
-with the path so far.
+with the path so far. In the fourth part, mistakes that repeat another of the same habit in the same task have no strip.
 
 """
 
@@ -112,7 +131,8 @@ def _section(found: Calibration, family: Family, out: Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         write_calibration_page(found, Path(folder), family=family)
         shutil.copy(Path(folder) / "confusion.png", out / "pictures" / picture)
-    return f"![confusion matrix: {SECTIONS[family]}](pictures/{picture})\n\n{calibration_markdown(found)}"
+    remark = REMARKS.get(family, "")
+    return f"![confusion matrix: {SECTIONS[family]}](pictures/{picture})\n\n{remark}{calibration_markdown(found)}"
 
 
 def _mistakes(found: Calibration, family: Family, out: Path) -> str:
@@ -131,6 +151,14 @@ def strip_of(out: Path, family: Family, number: int) -> Path:
     return out / "pictures" / "mistakes" / f"{family}_{number}.jpg"
 
 
+def distinct(wrong: Sequence[Judged]) -> dict[int, Judged]:
+    """Return the wrong labels that get a film strip, by number: the first of each habit and wrong label per task."""
+    first: dict[tuple[str, str, str], int] = {}
+    for number, j in enumerate(wrong):
+        first.setdefault((j.policy.rpartition("-")[0], j.trial.partition("/")[0], j.label), number)
+    return {number: wrong[number] for number in first.values()}
+
+
 def main() -> None:
     """Copy the film strips of the wrong labels from finished runs: ``calibration_page.py held_out RUNS``."""
     parser = argparse.ArgumentParser(description="Draw the film strips of the wrong labels of a packaged calibration.")
@@ -145,8 +173,9 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob(f"{arguments.family}_*.jpg"):
         old.unlink()
-    strips = film_strips(found.wrong, arguments.runs)
-    for number, j in enumerate(found.wrong):
+    shown = distinct(found.wrong)
+    strips = film_strips(list(shown.values()), arguments.runs)
+    for number, j in shown.items():
         strip_of(arguments.out, arguments.family, number).write_bytes(strips[j.policy, j.trial])
     write(arguments.out)
 

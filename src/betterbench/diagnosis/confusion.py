@@ -16,8 +16,8 @@ from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-Family = Literal["faulty", "development", "held_out", "second", "third"]
-"""What a diagnosis is measured on: the faulty policies, or a half of the independent family."""
+Family = Literal["faulty", "development", "held_out", "second", "third", "fourth"]
+"""What a diagnosis is measured on: the faulty policies, or a part of the independent family."""
 
 PACKAGED: dict[Family, str] = {
     "faulty": "calibration.json",
@@ -25,6 +25,7 @@ PACKAGED: dict[Family, str] = {
     "held_out": "calibration_held_out.json",
     "second": "calibration_second.json",
     "third": "calibration_third.json",
+    "fourth": "calibration_fourth.json",
 }
 """Files of the packaged calibrations, beside this module in ``data``."""
 

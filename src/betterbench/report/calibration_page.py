@@ -33,6 +33,9 @@ WHAT_IT_IS: dict[Family, str] = {
     "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
     "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
     "left out the conditions in which a label could be debated.",
+    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis, and gave every habit a label that the suite's table decides alone.",
 }
 
 

@@ -19,12 +19,12 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}
-    held_out = packaged_calibration("third")
+    held_out = packaged_calibration("fourth")
     facts["Calibration"] = (
-        "This build ships none; run better calibrate --family third."
+        "This build ships none; run better calibrate --family fourth."
         if held_out is None
         else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
-        f"{calibration_summary(held_out)} Command: better calibrate --family third."
+        f"{calibration_summary(held_out)} Command: better calibrate --family fourth."
     )
     facts |= _blind({name for name, _ in trials})
     return facts

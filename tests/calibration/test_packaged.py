@@ -1,0 +1,42 @@
+"""The calibrations that ship with the package: complete, and the same in documentation and reports."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.report.factory import run_of
+
+from betterbench.diagnosis import packaged_calibration
+from betterbench.diagnosis.confusion import PACKAGED
+from betterbench.independent import FAMILY_PARTS, INDEPENDENT
+from betterbench.report.calibration_page import WHAT_IT_IS, calibration_markdown, calibration_summary
+from betterbench.report.trust import trust_of
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+@pytest.mark.parametrize("part", FAMILY_PARTS)
+def test_each_part_of_the_family_ships_the_calibration_of_all_its_policies(part):
+    found = packaged_calibration(part)
+    assert found is not None
+    assert part in WHAT_IT_IS
+    assert set(found.policies) == {p.address for p in INDEPENDENT.values() if p.part == part}
+
+
+@pytest.mark.parametrize("family", PACKAGED)
+def test_the_documentation_gives_the_packaged_numbers(family):
+    found = packaged_calibration(family)
+    assert found is not None
+    assert calibration_markdown(found) in (DOCS / "calibration.md").read_text()
+    mistakes = (DOCS / "mistakes.md").read_text()
+    assert all(f"**{j.trial}**, `{j.policy}`" in mistakes for j in found.wrong)
+
+
+def test_a_report_rests_on_the_part_that_was_used_last():
+    newest = list(FAMILY_PARTS)[-1]
+    found = packaged_calibration(newest)
+    assert found is not None
+    text = trust_of([run_of("mine", seeds=1, tasks=("fast_food",))])["Calibration"]
+    assert calibration_summary(found) in text
+    assert f"--family {newest}" in text
