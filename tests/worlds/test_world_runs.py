@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
+from tests.worlds.clients import CLIENTS, differences
 
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError
@@ -124,35 +124,26 @@ def test_every_protocol_has_steps_for_every_suite():
     assert len(SUITES) == 21
 
 
-def _openpi_state(position, quaternion, gripper):
-    """openpi examples/libero/main.py."""
-    quat = quaternion.copy()
-    quat[3] = min(max(quat[3], -1.0), 1.0)
-    den = np.sqrt(1.0 - quat[3] * quat[3])
-    turned = np.zeros(3) if math.isclose(den, 0.0) else (quat[:3] * 2.0 * math.acos(quat[3])) / den
-    return np.concatenate((position, turned, gripper))
-
-
-def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fake_command):
+@pytest.mark.parametrize("preset", sorted(CLIENTS))
+def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fake_command, preset):
     settings = plan_of().world
     processes = WorldProcesses(fake_command)
     scene = ForeignScene(
         settings, processes, task="libero_object-03", condition="base", seed=1, action_space=EE_DELTA, images=True
     )
-    observer = Observer(observation_spec("default"))
-    state = scene.reset()
-    seen = observer.observe(scene, state)
-    sent = PRESETS["openpi_libero"].states[0].read(seen, ee_offset_m=(0.0, 0.0, 0.0), gripper_opening_m=0.08)
-    expected = _openpi_state(
-        np.array([0.01, 0.0, 0.0]),
-        np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154]),
-        np.array([0.0262, -0.0261]),
-    )
-    assert sent.tobytes() == expected.astype(np.float32).tobytes()
-    assert np.linalg.norm(quat2axisangle(np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154]))) > math.pi
-    front = seen.images["front"]
-    shown = PRESETS["openpi_libero"].views[0].show(front)
-    assert shown.tobytes() == np.asarray(Image.fromarray(front).resize((224, 224), Image.Resampling.BILINEAR)).tobytes()
+    seen = Observer(observation_spec("default")).observe(scene, scene.reset())
+    quaternion = np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154])
+    obs = {
+        "agentview_image": seen.images["front"][::-1, ::-1],
+        "robot0_eye_in_hand_image": seen.images["wrist"][::-1, ::-1],
+        "robot0_eef_pos": np.array([0.01, 0.0, 0.0]),
+        "robot0_eef_quat": quaternion,
+        "robot0_gripper_qpos": np.array([0.0262, -0.0261]),
+    }
+    assert list(differences(PRESETS[preset].request(seen), CLIENTS[preset](obs, scene.task.instruction))) == []
+    assert np.linalg.norm(quat2axisangle(quaternion)) > math.pi, "the vector is not the shorter way round"
+    obs["agentview_image"] = seen.images["front"][::-1]
+    assert list(differences(PRESETS[preset].request(seen), CLIENTS[preset](obs, scene.task.instruction))) != []
     scene.close(well=True)
     processes.close()
 
