@@ -30,6 +30,15 @@ class FakeSimulator:
         one["starts"] = {"cube_1": ["cube", "x 0 y 0"], "plate_1": ["plate", "x 30 y 0"]}
         return {"tasks": [{**one, "states": 50}] * 10, "versions": {"fake": name}}
 
+    def premises(self, request):
+        if request["task"] == 7:
+            raise RuntimeError("the tray is gone")
+        holds = np.arange(50) != 40
+        moved = np.zeros((50, 2))
+        moved[2, 1] = 0.05
+        document = {"premises": ["on(cube_1, tray_1)"], "objects": ["cube_1", "plate_1"]}
+        return {**document, "engine": {"fake": "libero_object"}}, {"holds": holds[:, None], "moved": moved}
+
     def start(self, request):
         print("so is this")  # noqa: T201 - what simulators do
         self.state, self.steps, self.images = request["state"], 0, request["images"]

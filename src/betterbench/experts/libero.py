@@ -110,6 +110,7 @@ class LiberoAgent:
             run.close()
 
     def _actions(self, state: WorldState) -> Motion:
+        home = state.ee_pose
         for number, step in enumerate(steps_of(self._scene)):
             for _ in range(_TRIES):
                 if self._scene.truth().subgoals[step.number]:
@@ -118,6 +119,7 @@ class LiberoAgent:
                 state = yield from self._bring(state, aim)
                 if self._fault is not None:
                     break
+        state = yield from _move(state, home, OPEN, limit=60)
         while True:
             state = yield _still(state, OPEN)
 

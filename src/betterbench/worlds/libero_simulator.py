@@ -101,6 +101,41 @@ class LiberoSimulator:
         document, arrays = self._row(seen, done=bool(self._env._check_success()))
         return {**fixed, **document}, arrays
 
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
+        """Settle every initial state of a task; return the names of its premises, and which hold in which state.
+
+        One reset serves all states: LIBERO's random numbers are the same before every reset of a run, so that the
+        fixtures stand alike. Positions of the free objects are returned too: before and after settling.
+        """
+        suite, task = str(request["suite"]), int(request["task"])
+        found = self._benchmark.get_benchmark(suite)(task_order_index=0)
+        self._make(found.get_task_bddl_file_path(task), 16)
+        self._made, self.look = None, False
+        self._wrapper.seed(int(request["seed"]))
+        self._wrapper.reset()
+        self._watch_cameras()
+        holds, moved = [], []
+        reader: _Reader | None = None
+        for state in found.get_task_init_states(task):
+            self._wrapper.set_init_state(state)
+            robot = self._env.robots[0]
+            robot.controller.update(force=True)
+            robot.controller.reset_goal()
+            reader = reader or _Reader(self._mujoco, self._env)
+            before = reader.positions()
+            for _ in range(int(request["settle"])):
+                self._wrapper.step(list(SETTLING_ACTION))
+            holds.append([bool(self._env._eval_predicate(p)) for p in reader.premises])
+            moved.append(np.linalg.norm(reader.positions() - before, axis=1))
+        if reader is None:
+            raise RuntimeError(f"{suite} task {task} has no initial states")
+        document = {
+            "premises": [_named(p) for p in reader.premises],
+            "objects": list(reader.names),
+            "engine": {package: version(package) for package in _PACKAGES},
+        }
+        return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
+
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step."""
         self.look = look
@@ -202,11 +237,26 @@ class _Reader:
             "objects": objects,
             "relations": [_named(p) for p in self._relations],
             "goal": [_named(self._relations[i]) for i in self._goal],
-            "premises": [_named(p) for p in env.parsed_problem["initial_state"] if self._is_premise(p, interest)],
+            "premises": [_named(p) for p in self.premises],
             "places": [[name, place] for name, place in self._places.items()],
             "arena": str(env._arena_type),
             "base": [float(x) for x in self._data.body("robot0_base").xpos],
         }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects and fixtures."""
+        return tuple(self._objects)
+
+    @property
+    def premises(self) -> list[list[str]]:
+        """The relations of the start that the sentence presupposes."""
+        problem = self._env.parsed_problem
+        return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
+
+    def positions(self) -> np.ndarray:
+        """Return where the bodies of the objects and fixtures are, (n, 3) [m]."""
+        return np.array(self._data.xpos[self._roots], float)
 
     def row(self) -> FrameContent:
         """Return the state now."""

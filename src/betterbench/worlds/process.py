@@ -18,6 +18,9 @@ from betterbench.worlds.frames import FrameError, receive_frame, send_frame
 START_LIMIT_S = 300.0
 """Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
 
+PREMISES_LIMIT_S = 1800.0
+"""Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
+
 STEP_LIMIT_S = 120.0
 """Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
 
@@ -70,6 +73,10 @@ class WorldProcess:
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite; WorldError if the simulator fails."""
         return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
+
+    def premises(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Settle all initial states of a task; WorldError if the simulator fails."""
+        return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
 
     def start(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Begin an episode; WorldError if the simulator fails."""

@@ -29,6 +29,9 @@ class Simulator(Protocol):
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
 
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
+        """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
+
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode and settle; return what stays the same in it, and its first row."""
 
@@ -59,6 +62,8 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
 def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FrameContent:
     if request["do"] == "suite":
         return simulator.suite(request["suite"]), {}
+    if request["do"] == "premises":
+        return simulator.premises(request)
     if request["do"] == "start":
         return simulator.start(request)
     return simulator.step(np.array(arrays["action"]), look=bool(request["look"]))

@@ -1,0 +1,104 @@
+"""Whether the scenes of LIBERO still show what their sentences presuppose, on the engine at hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import InvalidInputError
+from betterbench.worlds.libero import SEED, SETTLING_STEPS
+from betterbench.worlds.process import WorldError, WorldProcess
+
+JUMP_M = 0.03
+"""Distance by which an object that the task is about has moved while settling from which its state is called broken."""
+
+
+@dataclass(frozen=True, slots=True)
+class PremiseEntry:
+    """The premises of one task.
+
+    Attributes:
+        task: Its place in the suite.
+        instruction: Its sentence.
+        states: Number of its initial states.
+        broken: Relation to the initial states in which it does not hold after settling.
+        jumps: Object to the initial states in which it moves by more than :data:`JUMP_M` while settling.
+        engine: Versions of what ran it.
+        bddl_sha256: Fingerprint of its file.
+    """
+
+    suite: str
+    task: int
+    instruction: str
+    states: int
+    broken: dict[str, list[int]]
+    jumps: dict[str, list[int]]
+    engine: dict[str, str]
+    bddl_sha256: str
+
+    @property
+    def broken_states(self) -> tuple[int, ...]:
+        """The initial states in which some premise does not hold."""
+        return tuple(sorted({state for states in self.broken.values() for state in states}))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
+    """Yield the entry of every task of a suite; one that is known for the same file and engine is not run again.
+
+    Raises:
+        WorldError: If the simulator fails or answers nonsense.
+    """
+    said = process.suite(suite)
+    done = {(e.suite, e.task, e.bddl_sha256, json.dumps(e.engine, sort_keys=True)): e for e in known}
+    for i, task in enumerate(said["tasks"]):
+        key = (suite, i, str(task["bddl_sha256"]), json.dumps(said["versions"], sort_keys=True))
+        if key in done:
+            yield done[key]
+            continue
+        request = {"suite": suite, "task": i, "settle": SETTLING_STEPS, "seed": SEED}
+        document, arrays = process.premises(request)
+        try:
+            holds, moved = arrays["holds"], arrays["moved"]
+            broken = {str(name): _where(~holds[:, k]) for k, name in enumerate(document["premises"])}
+            jumps = {str(name): _where(moved[:, k] > JUMP_M) for k, name in enumerate(document["objects"])}
+            engine = {str(name): str(found) for name, found in document["engine"].items()}
+        except (KeyError, IndexError, TypeError, AttributeError) as error:
+            raise WorldError(f"the world does not answer for its premises as agreed: {error}") from error
+        yield PremiseEntry(
+            suite,
+            i,
+            str(task["instruction"]),
+            len(moved),
+            {name: states for name, states in broken.items() if states},
+            {name: states for name, states in jumps.items() if states},
+            engine,
+            str(task["bddl_sha256"]),
+        )
+
+
+def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
+    return [int(i) for i in flags.nonzero()[0]]
+
+
+def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
+    """Return the entries that a file of JSON lines holds, none if there is no file.
+
+    Raises:
+        InvalidInputError: If a line is no entry.
+    """
+    entries = []
+    lines = path.read_bytes().splitlines() if path.exists() else []
+    for number, line in enumerate(lines, start=1):
+        try:
+            entries.append(PremiseEntry(**json.loads(line)))
+        except (ValueError, TypeError) as error:
+            problem = f"line {number} is no entry of premises"
+            raise InvalidInputError(str(path), problem, "Remove the file, or name another one with --out") from error
+    return tuple(entries)

@@ -1,0 +1,50 @@
+"""The premise check of all initial states: what is broken is named, and what is known is not run again."""
+
+from dataclasses import replace
+
+import pytest
+
+from betterbench.errors import InvalidInputError
+from betterbench.worlds import ForeignWorld, WorldError, WorldProcess
+from betterbench.worlds.premises import check_premises, read_entries
+
+
+def test_broken_states_and_jumps_are_named(fake_command):
+    with WorldProcess(fake_command) as process:
+        first = next(check_premises(process, "libero_object"))
+    assert (first.task, first.states, first.broken_states) == (0, 50, (40,))
+    assert first.broken == {"on(cube_1, tray_1)": [40]}
+    assert first.jumps == {"plate_1": [2]}
+
+
+def test_a_simulator_that_fails_is_an_error(fake_command):
+    with WorldProcess(fake_command) as process, pytest.raises(WorldError, match="the tray is gone"):
+        list(check_premises(process, "libero_object"))
+
+
+def test_what_is_known_for_this_engine_is_not_run_again(fake_command, monkeypatch):
+    with WorldProcess(fake_command) as process:
+        first = next(check_premises(process, "libero_object"))
+        monkeypatch.setattr(WorldProcess, "premises", lambda *_: pytest.fail("it was asked again"))
+        assert next(check_premises(process, "libero_object", known=[first])) == first
+        other = replace(first, engine={"fake": "another"})
+        with pytest.raises(pytest.fail.Exception):
+            next(check_premises(process, "libero_object", known=[other]))
+
+
+def test_the_command_goes_on_where_it_was_interrupted(fake_command, tmp_path, monkeypatch, capsys):
+    from betterbench.cli.premise import premise_command
+
+    monkeypatch.setattr(ForeignWorld, "command", lambda _: fake_command)
+    out = tmp_path / "premises.jsonl"
+    for _ in range(2):
+        with pytest.raises(WorldError):
+            premise_command("libero", suites=("libero_object",), out=out)
+        assert [e.task for e in read_entries(out)] == list(range(7))
+    assert "libero_object task 6: 1 of 50 states broken" in capsys.readouterr().err
+
+
+def test_a_damaged_file_is_refused_with_a_cure(tmp_path):
+    (tmp_path / "p.jsonl").write_text('{"suite": 1}\n')
+    with pytest.raises(InvalidInputError, match=r"line 1 is no entry.*--out"):
+        read_entries(tmp_path / "p.jsonl")
