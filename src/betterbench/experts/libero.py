@@ -34,6 +34,7 @@ _TRIES = 3
 _NEAR_M = 0.006
 _STANDS_WITHIN_M = 0.06
 _LIFT_M = 0.06
+_STILL_STEPS, _STILL_M = 6, 0.002
 
 POLICIES = {
     "expert": "brings the right thing to the right place, and tries again after a missed grasp",
@@ -199,7 +200,7 @@ class LiberoAgent:
             return state
         state = yield from _move(state, carried, CLOSE, limit=80, speed=0.8)
         low = aim.place[2] + hung[2] + 0.005
-        state = yield from _move(state, Pose((over[0], over[1], low), grasp.quaternion), CLOSE, limit=40, speed=0.4)
+        state = yield from _move(state, Pose((over[0], over[1], low), grasp.quaternion), CLOSE, limit=80, speed=0.5)
         for _ in range(8):
             state = yield _still(state, OPEN)
         state = yield from _move(state, carried, OPEN, limit=30)
@@ -313,13 +314,19 @@ def _still(state: WorldState, gripper: float) -> np.ndarray:
 
 
 def _move(state: WorldState, goal: Pose, gripper: float, *, limit: int, speed: float = 1.0) -> Motion:
-    """Move until the tool is near a pose, for at most so many control steps; ``speed`` is a share of the fastest."""
+    """Move until the tool is near a pose or stands still, for at most so many control steps.
+
+    ``speed`` is a share of the fastest.
+    """
+    way = [state.ee_pose.position]
     for _ in range(limit):
-        if distance(state.ee_pose.position, goal.position) < _NEAR_M:
+        stuck = len(way) > _STILL_STEPS and distance(way[-1], way[-1 - _STILL_STEPS]) < _STILL_M
+        if stuck or distance(state.ee_pose.position, goal.position) < _NEAR_M:
             break
         action = delta_action(state.ee_pose, goal, gripper)
         longest = float(np.abs(action[:3]).max())
         if longest > speed:
             action[:3] *= speed / longest
         state = yield action
+        way.append(state.ee_pose.position)
     return state

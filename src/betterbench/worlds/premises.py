@@ -13,7 +13,7 @@ from betterbench.worlds.libero import SEED, SETTLING_STEPS
 from betterbench.worlds.process import WorldError, WorldProcess
 
 JUMP_M = 0.03
-"""Distance by which an object that the task is about has moved while settling from which its state is called broken."""
+"""Distance sideways from which an object that moves while settling has jumped."""
 
 
 @dataclass(frozen=True, slots=True)
