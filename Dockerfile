@@ -5,7 +5,7 @@ WORKDIR /build
 COPY requirements/bootstrap.lock requirements/
 RUN pip install --no-cache-dir --require-hashes --no-deps -r requirements/bootstrap.lock
 COPY pyproject.toml README.md LICENSE ./
-COPY requirements/peer-libero.lock requirements/
+COPY requirements/peer-libero.lock requirements/world-calvin.lock requirements/
 COPY src src
 RUN pip wheel --no-cache-dir --no-deps --no-build-isolation --wheel-dir /wheels .
 

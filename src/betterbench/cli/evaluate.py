@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -32,11 +32,12 @@ class TrialOptions:
     """Trials and conventions of a run.
 
     Attributes:
-        suite: Suite to take the tasks from (see better list suites); those of LIBERO are run in LIBERO itself.
+        suite: Suite to take the tasks from (see better list suites); those of LIBERO and CALVIN are run there.
         tasks: Tasks to run; all of the suite if none is named.
         variations: Variations to run; all if none is named.
-        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol.
-        seed: First seed; in LIBERO the first initial state.
+        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol; in
+            CALVIN chains, 1,000.
+        seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
         action_space: Action space of the policy.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
@@ -67,12 +68,19 @@ class WorldOptions:
 
     Attributes:
         protocol: In LIBERO, whose protocol.
-        broken_premises: In LIBERO, what happens where a scene does not show what its sentence presupposes: refuse stops
-            the run, run goes on and notes it in the record.
+        broken_premises: What happens where a scene does not show what its sentence presupposes: refuse stops the run,
+            run goes on and notes it in the record.
+        calvin_env: In CALVIN, your checkout of calvin_env.
+        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it the checkout's own
+            configuration is composed, with the blocks of the data set.
+        calvin_egl: In CALVIN, draw on the graphics card, as the published numbers were; other pixels than without.
     """
 
     protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
     broken_premises: Literal["refuse", "run"] = "refuse"
+    calvin_env: Path | None = None
+    calvin_config: Path | None = None
+    calvin_egl: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +157,7 @@ def evaluate_command(
     if is_foreign(chosen.suite):
         plan = _world_plan(policy, from_run, chosen, world)
     else:
-        _refuse_changed(world, "it is for a suite of LIBERO", "Leave out {option}, or give --suite libero_object")
+        _refuse_changed(world, "it is for a foreign world", "Leave out {option}, or give --suite calvin")
         plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
             require_certified(plan, certificate)
@@ -198,16 +206,14 @@ def _plan(
 
 def is_foreign(suite: str) -> bool:
     """Return whether a suite is run in a foreign world."""
-    from betterbench.worlds import SUITES
+    from betterbench.worlds import CHAIN_SUITES, SUITES
 
-    return suite in SUITES
+    return suite in SUITES or suite in CHAIN_SUITES
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of a foreign world, after saying how it is run."""
-    from betterbench.evaluation.planning.world_plan import make_world_plan
-    from betterbench.worlds import protocol_named, suite_named
-    from betterbench.worlds.libero import OURS
+    from betterbench.worlds import CHAIN_SUITES
 
     if from_run is not None:
         raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
@@ -224,6 +230,48 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
         if getattr(chosen, field.name) != getattr(kept, field.name):
             option = f"--{field.name.replace('_', '-')}"
             raise InvalidInputError(option, f"{chosen.suite} has no such choice", f"Leave out {option}")
+    return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
+
+
+def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of CALVIN, after saying how it is run."""
+    from betterbench.calvin import STEPS_PER_SUBTASK
+    from betterbench.evaluation.planning.world_plan import make_chain_plan
+    from betterbench.worlds import calvin_command
+
+    _refuse_changed(
+        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_egl=False),
+        "it is for LIBERO",
+        "Leave out {option}",
+    )
+    if chosen.tasks:
+        raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
+    plan = make_chain_plan(
+        policy,
+        suite=chosen.suite,
+        command=calvin_command(world.calvin_env, world.calvin_config, egl=world.calvin_egl),
+        trials=chosen.trials,
+        seed=chosen.seed,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+    )
+    made_of = "" if plan.world is None else "; ".join(f"{k}: {v}" for k, v in plan.world.versions.items())
+    say(
+        f"{len(plan.trials)} chains of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
+        f"instructions. {made_of}."
+    )
+    return plan
+
+
+def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of LIBERO, after saying how it is run."""
+    from betterbench.evaluation.planning.world_plan import make_world_plan
+    from betterbench.worlds import protocol_named, suite_named
+    from betterbench.worlds.libero import OURS
+
+    _refuse_changed(
+        replace(world, protocol="openpi", broken_premises="refuse"), "it is for CALVIN", "Leave out {option}"
+    )
     plan = make_world_plan(
         policy,
         suite=chosen.suite,

@@ -33,7 +33,7 @@ def worlds_command(
         if name is None:
             raise InvalidInputError("worlds install", "no world is named", f"Name one of {', '.join(WORLDS)}")
         world = world_named(name)
-        say(f"{name}: {'is installed' if world.is_installed else 'is being installed, 360 MB (2 GB unpacked)'}")
+        say(f"{name}: {'is installed' if world.is_installed else f'is being installed, {world.size}'}")
         folder = world.install()
         if json:
             print_json({"world": name, "folder": str(folder)})

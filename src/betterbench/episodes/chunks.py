@@ -47,6 +47,15 @@ class Chunks:
         start = EpisodeStart(scene.condition.instruction.text, episode_number(scene.seed), scene.action_space.name)
         yield from self._pause(Question(start))
 
+    def begin_again(self) -> Generator[Question | None, Reply | None, None]:
+        """Tell the policy its next instruction, and drop what it answered to the one before."""
+        if self._asked:
+            yield from self._pause(None)
+        self._asked, self._views = False, None
+        self._queue.clear()
+        self._predictions.clear()
+        yield from self.begin()
+
     def next(self, state: WorldState) -> Generator[Question | None, Reply | None, np.ndarray]:
         """Return the action to play now; InvalidActionError if an answer is not an array of actions."""
         queue = self._queue

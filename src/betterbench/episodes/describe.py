@@ -81,7 +81,7 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
         interventions=context.interventions,
         seed=scene.seed,
         policy=context.policy,
-        instruction=scene.condition.instruction.text,
+        instruction=scene.whole_instruction,
         expected=scene.condition.expected.value,
         action_space=scene.action_space.name,
         action_components=scene.action_space.components,

@@ -150,7 +150,7 @@ def episode_steps(
     try:
         if observer is not None:
             yield from chunks.begin()
-        while state.step < limit and not truth.success:
+        while state.step < limit and not truth.success and not _over(scene):
             action = yield from chunks.next(state)
             if isinstance(scene, ForeignScene):
                 scene.draw_next(wanted=chunks.looks_at(state.step + 1))
@@ -163,6 +163,8 @@ def episode_steps(
             append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
             if on_step is not None:
                 on_step(state.step)
+            if isinstance(scene, ForeignScene) and scene.instructed_anew:
+                yield from chunks.begin_again()
         if truth.success:
             termination = "success"
     except (PolicyUnavailableError, PolicyKilledError):
@@ -173,6 +175,10 @@ def episode_steps(
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
     record = _finished(scene, builder, termination, error, clipped=clipped, success=truth.success)
     return EpisodeResult(record, chunks.wall_figures(), builder.states)
+
+
+def _over(scene: Scene | ForeignScene) -> bool:
+    return isinstance(scene, ForeignScene) and scene.over
 
 
 def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:

@@ -2,7 +2,8 @@
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
-(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step).
+(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own action space
+has the other sign (:data:`CALVIN_RELATIVE`), and only its world plays it.
 """
 
 from __future__ import annotations
@@ -78,12 +79,12 @@ class ActionSpace:
     @property
     def neutral(self) -> np.ndarray | None:
         """The action that asks for no motion, shape (dim,), or None where that depends on the state of the robot."""
-        return np.zeros(self.dim) if self.is_delta else None
+        return np.zeros(self.dim) if self.is_delta and self.name not in WORLD_ACTION_SPACES else None
 
     @property
     def is_delta(self) -> bool:
         """Whether actions are changes (zero means stay) rather than absolute targets."""
-        return self.name in {EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name}
+        return self.name in {EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name}
 
     def clip(self, action: object) -> np.ndarray:
         """Return the action as it is applied: a new array, (dim,) float64, inside the bounds.
@@ -214,11 +215,31 @@ JOINT_DELTA = ActionSpace(
 ACTION_SPACES: dict[str, ActionSpace] = {
     space.name: space for space in (EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_POSITION, JOINT_DELTA)
 }
+"""The action spaces of our own scenes."""
+
+CALVIN_RELATIVE = ActionSpace(
+    name="calvin_relative",
+    components=("x", "y", "z", "roll", "pitch", "yaw", "gripper"),
+    units=("m", "m", "m", "rad", "rad", "rad", "1"),
+    low=(-1.0,) * 7,
+    high=(1.0,) * 7,
+    scale=(0.02,) * 3 + (0.05,) * 3 + (1.0,),
+    convention=(
+        "CALVIN's world frame; translation, then angles about the fixed axes x, y, z, each added to that of the last "
+        "target; gripper: positive opens, anything else closes"
+    ),
+)
+"""CALVIN's relative actions (calvin_env@797142c, ``robot/robot.py``: ``relative_to_absolute``, ``max_rel_pos``,
+``max_rel_orn``; the gripper as its wrapper ``play_lmp_wrapper.py`` makes it 1 or -1)."""
+
+WORLD_ACTION_SPACES: dict[str, ActionSpace] = {CALVIN_RELATIVE.name: CALVIN_RELATIVE}
+"""The action spaces that only a foreign world plays."""
 
 
 def action_space(name: str) -> ActionSpace:
-    """Return a registered action space by name."""
+    """Return a registered action space by name, of our own scenes or of a foreign world."""
+    known = ACTION_SPACES | WORLD_ACTION_SPACES
     try:
-        return ACTION_SPACES[name]
+        return known[name]
     except KeyError:
-        raise UnknownNameError("action space", name, ACTION_SPACES) from None
+        raise UnknownNameError("action space", name, known) from None

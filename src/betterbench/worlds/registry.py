@@ -38,12 +38,14 @@ class World:
         name: Its name on the command line.
         lock: Name of its locked requirements.
         module: The module that its process runs.
+        size: What its packages take.
         summary: What it is.
     """
 
     name: str
     lock: str
     module: str
+    size: str
     summary: str
 
     @property
@@ -54,7 +56,7 @@ class World:
 
     @property
     def folder(self) -> Path:
-        """Folder of its environment, which `make bench` uses too; another lock has another one."""
+        """Folder of its environment; another lock has another one. That of LIBERO is the one `make bench` uses."""
         digest = hashlib.sha256(self.lock_path.read_bytes()).hexdigest()[:16]
         return platformdirs.user_cache_path("betterbench") / "peers" / f"{self.name}-{digest}"
 
@@ -128,7 +130,15 @@ WORLDS: Mapping[str, World] = {
             "libero",
             "peer-libero.lock",
             "betterbench.worlds.libero_simulator",
+            "360 MB (2 GB unpacked)",
             "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
+        ),
+        World(
+            "calvin",
+            "world-calvin.lock",
+            "betterbench.worlds.calvin_simulator",
+            "270 MB (0.9 GB unpacked)",
+            "CALVIN ABC→D with PyBullet 3.2.7, in your checkout of calvin_env",
         ),
     )
 }

@@ -90,6 +90,40 @@ class WorldSettings:
     regime: tuple[TrainedTask, ...] = ()
     refuse_broken: bool = True
 
+    @property
+    def control_rate_hz(self) -> float:
+        """Control steps per second."""
+        return CONTROL_RATE_HZ
+
+    def step_limit(self, task: WorldTask) -> int:
+        """Return the most control steps of an episode of a task."""
+        return self.protocol.steps[suite_named(task.suite).base]
+
+    def open_scene(
+        self,
+        processes: WorldProcesses,
+        *,
+        task: str,
+        condition: str,
+        seed: int,
+        action_space: ActionSpace,
+        images: bool,
+    ) -> ForeignScene:
+        """Return the scene of a trial, which is set up by its reset."""
+        return ForeignScene(
+            self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
+        )
+
+    def conventions(self) -> dict[str, str]:
+        """Return the conventions of the world in words."""
+        return {
+            "controller": "robosuite OSC_POSE: deltas are added to the measured pose; actions pass unchanged",
+            "images": "LIBERO's, turned by 180 degrees as its clients do: upright and mirrored; RGB, uint8",
+            "quaternions": "w x y z, w >= 0",
+            "poses": "LIBERO's world frame [m]",
+            "units": "m, kg, s, rad",
+        }
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, which does not say where the world is installed."""
         return {
@@ -109,11 +143,18 @@ class _Instruction:
 
 
 @dataclass(frozen=True, slots=True)
-class _Condition:
+class Instructed:
+    """A condition of a foreign world, as far as an episode asks for it."""
+
     id: str
     name: str
     instruction: _Instruction
     expected: Expected = Expected.SUCCEED
+
+    @classmethod
+    def of(cls, whole: str, name: str, sentence: str) -> Instructed:
+        """Return the condition ``whole`` ("libero_spatial-05/base") with a sentence."""
+        return cls(whole, name, _Instruction(sentence))
 
 
 class ForeignScene:
@@ -130,12 +171,16 @@ class ForeignScene:
         action_space: ActionSpace,
         images: bool,
     ) -> None:
-        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state."""
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
+
+        ``instructed_anew`` is set by a step after which the policy is told another sentence.
+        """
         self.settings, self.seed, self.action_space = settings, seed, action_space
         self.task = settings.tasks[f"{task}/{condition}"]
-        self.condition = _Condition(f"{task}/{condition}", condition, _Instruction(self.task.instruction))
-        self.control_rate_hz = CONTROL_RATE_HZ
-        self.step_limit = settings.protocol.steps[suite_named(self.task.suite).base]
+        self.condition = Instructed.of(f"{task}/{condition}", condition, self.task.instruction)
+        self.control_rate_hz = settings.control_rate_hz
+        self.step_limit = settings.step_limit(self.task)
+        self.instructed_anew = False
         self.broken_premises: tuple[str, ...] = ()
         self._processes, self._images, self._draws_next = processes, images, images
         self._process: WorldProcess | None = None
@@ -150,6 +195,16 @@ class ForeignScene:
     def info(self) -> SceneInfo:
         """What stays the same in the episode; known after the reset."""
         return self._info
+
+    @property
+    def whole_instruction(self) -> str:
+        """Everything that the policy is told in the episode."""
+        return self.condition.instruction.text
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode cannot succeed any more and ends before its step limit."""
+        return False
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -262,7 +317,7 @@ class ForeignScene:
             joint_positions=tuple(arrays["joints"].tolist()),
             joint_velocities=tuple(arrays["joint_speeds"].tolist()),
             contacts=contacts,
-            held=_held(contacts, self._info),
+            held=held_object(contacts, self._info),
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
@@ -388,7 +443,7 @@ def _role(thing: Mapping[str, Any], goal: str) -> str:
     return "item" if f"({thing['name']}" in goal else "container"
 
 
-def _held(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
+def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
     """Return the object that both fingers touch and that nothing else supports."""
     touched: dict[str, set[str]] = {}
     for a, b, _ in contacts:

@@ -70,12 +70,8 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
     if plan.world is not None:
         return {
             "action_space": action_space(plan.action_space).to_json(),
-            "controller": "robosuite OSC_POSE: deltas are added to the measured pose; actions pass unchanged",
             "observation": observation_spec(plan.observation).to_json(),
-            "images": "LIBERO's, turned by 180 degrees as its clients do: upright and mirrored; RGB, uint8",
-            "quaternions": "w x y z, w >= 0",
-            "poses": "LIBERO's world frame [m]",
-            "units": "m, kg, s, rad",
+            **plan.world.conventions(),
         }
     return {
         "action_space": action_space(plan.action_space).to_json(),

@@ -11,9 +11,9 @@ from typing import Annotated, Any
 from pydantic import Field
 
 import betterbench
-from betterbench.errors import InvalidInputError, require_between
+from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.interface import observation_spec
-from betterbench.interface.actions import action_space as action_space_named
+from betterbench.interface.actions import ACTION_SPACES
 from betterbench.interventions import ResolvedCondition, resolve_condition
 from betterbench.json_form import strict_form
 from betterbench.scenes import CONTROL_RATE_HZ, engine_version
@@ -131,7 +131,7 @@ class Plan:
             "policy": self.policy,
             "action_space": self.action_space,
             "observation": observation_spec(self.observation).to_json(),
-            "control_rate_hz": CONTROL_RATE_HZ,
+            "control_rate_hz": world.control_rate_hz,
             "trials": [asdict(t) for t in self.trials],
         }
 
@@ -169,7 +169,8 @@ def make_plan(
     if rule is not None and trials < rule.first:
         problem = f"{trials} are too few for a verdict with --until-decided"
         raise InvalidInputError("--trials", problem, f"Give {rule.first} or more, or leave out --until-decided")
-    action_space_named(action_space)
+    if action_space not in ACTION_SPACES:
+        raise UnknownNameError("action space", action_space, ACTION_SPACES)
     observation_spec(observation)
     quality_preset(quality)
     shown = looks_named(looks)

@@ -1,17 +1,18 @@
-"""The plan of a run in a foreign world: its tasks as the world describes them, and the protocol of the field."""
+"""The plan of a run in a foreign world: its tasks or chains as the world describes them, and the field's protocol."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from betterbench.calvin import CHAINS
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.experts import parse_address
 from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
-from betterbench.interface.actions import EE_DELTA
+from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.learned import is_learned
 from betterbench.tasks import Expected
 from betterbench.worlds import (
@@ -23,6 +24,7 @@ from betterbench.worlds import (
     suite_named,
     world_named,
 )
+from betterbench.worlds.calvin import CALVIN, CHAIN_SUITES, PROTOCOL, ChainSettings, ChainTask
 from betterbench.worlds.libero import STATES
 from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.scene import task_id
@@ -72,7 +74,7 @@ def make_world_plan(
     require_between("--trials", count, 1, STATES - seed)
     if observation not in _OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
-    _check_policy(policy)
+    _check_policy(policy, "LIBERO", POLICIES)
     numbers = _numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
@@ -97,21 +99,73 @@ def make_world_plan(
     return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
 
 
-def _check_policy(policy: str) -> None:
+def make_chain_plan(
+    policy: str,
+    *,
+    suite: str,
+    command: Sequence[str],
+    trials: int | None = None,
+    seed: int = 0,
+    observation: str = "default",
+    refuse_broken: bool = True,
+) -> Plan:
+    """Return the plan of a suite of CALVIN; the world is asked for the versions of what it is made of.
+
+    Args:
+        policy: Address of the policy.
+        suite: Name of the suite.
+        command: Command of the world's process, by :func:`betterbench.worlds.calvin.calvin_command`.
+        trials: Chains; all 1,000 if None.
+        seed: Number of the first chain.
+        observation: "default", which is CALVIN's two cameras ("calvin"), or "state_only" without images.
+        refuse_broken: Whether a scene that is not as its chain presupposes stops the run.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or the policy cannot be run in this world.
+        UnknownNameError: If a name is unknown.
+        WorldError: If the world does not answer.
+    """
+    if suite not in CHAIN_SUITES:
+        raise UnknownNameError("suite of CALVIN", suite, CHAIN_SUITES)
+    change = CHAIN_SUITES[suite].change
+    require_between("--seed", seed, 0, CHAINS - 1)
+    count = CHAINS - seed if trials is None else trials
+    require_between("--trials", count, 1, CHAINS - seed)
+    shown = "calvin" if observation == "default" else observation
+    if shown not in ("calvin", "state_only"):
+        raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
+    _check_policy(policy, "CALVIN")
+    with WorldProcess(command) as process:
+        said = process.suite(suite)
+    try:
+        task = ChainTask(suite, 0, suite, "five instructions in a row", str(said["tasks"][0]["fingerprint"]))
+        versions = {str(name): str(found) for name, found in said["versions"].items()}
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
+    planned = tuple(
+        Trial(task.id, task.condition, change, None, change and "base", number, Expected.SUCCEED.value)
+        for number in range(seed, seed + count)
+    )
+    tasks = {f"{task.id}/{task.condition}": task}
+    settings = ChainSettings(CALVIN, tuple(command), PROTOCOL, tasks, versions, (), refuse_broken=refuse_broken)
+    return Plan(policy, planned, CALVIN_RELATIVE.name, shown, "standard", world=settings)
+
+
+def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
-    if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in POLICIES):
+    if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
         raise InvalidInputError(
             "--policy",
-            f"{policy} plans with the privileged state of our own scenes, which LIBERO does not have",
-            f"Name a policy that sees observations, or one that knows LIBERO: {', '.join(POLICIES)}",
+            f"{policy} plans with the privileged state of our own scenes, which {world} does not have",
+            "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
         )
     translated = _TRANSLATED.search(policy)
     if translated is not None:
         raise InvalidInputError(
             "--policy",
             f"the preset {translated[1]}_{translated[2]} translates from our scenes to LIBERO's conventions, and this "
-            "run is in LIBERO itself",
+            f"run is in {world} itself",
             f"Give preset={translated[1]}",
         )
 

@@ -223,8 +223,7 @@ class TrialRunner:
 
     def _set_up_foreign(self, trial: Trial, world: WorldSettings) -> tuple[ForeignScene, TrialContext]:
         cameras = bool(self._observer.spec.cameras)
-        scene = ForeignScene(
-            world,
+        scene = world.open_scene(
             self._processes,
             task=trial.task,
             condition=trial.condition,

@@ -1,0 +1,240 @@
+"""CALVIN's simulator behind a socket, run by the Python of CALVIN's own environment, from the user's checkout.
+
+It imports the standard library, NumPy and, when it is asked, what that environment and the checkout of ``calvin_env``
+hold. Success is not judged here: the process sends what ``get_info`` says, and the run applies the rules.
+
+Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, ``reset``) and
+``scene/play_table_scene.py``; mees/calvin@fa03f01 ``evaluation/evaluate_policy.py`` for the order of calls and
+``wrappers/calvin_env_wrapper.py`` for the gripper.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.worlds.simulator_loop import FrameContent, answer_requests
+
+CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
+"""CALVIN's two cameras by the names that our observations use, with the side of their images [pixel]."""
+
+BLOCKS = {
+    "block_red": "blocks/block_red_middle.urdf",
+    "block_blue": "blocks/block_blue_small.urdf",
+    "block_pink": "blocks/block_pink_big.urdf",
+}
+"""The blocks of scene D, as the configuration of the published data has them, in the order of ``scene_obs``."""
+
+OWN_CONFIG = "conf/ of the checkout, with the blocks and image sizes of the published data"
+"""What stands for the configuration of the published data where none is named."""
+
+_SCENE_HEAD = 6  # two doors, button, switch, two lights
+_BLOCK_SIZE = 6
+_VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
+_PACKAGES = ("pybullet", "numpy", "hydra-core")
+_OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda_longer_finger"]
+
+
+class CalvinSimulator:
+    """One environment of CALVIN, kept for all chains."""
+
+    def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
+        self._checkout, self._config, self._egl = checkout, config, egl
+        self._env: Any = None
+        self._cameras: list[Any] = []
+        self._sizes: dict[str, tuple[list[float], float]] = {}
+        self._fresh: Any = None
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return what runs the chains; making the environment shows at once whether checkout and packages are whole."""
+        self._make()
+        task = {"name": name, "fingerprint": self._fingerprint()}
+        return {"tasks": [task], "versions": self.versions()}
+
+    def versions(self) -> dict[str, str]:
+        """Return the versions of all that can change the numbers."""
+        own = {package: version(package) for package in _PACKAGES}
+        config = OWN_CONFIG if self._config is None else f"sha256 {_digest(self._config)}"
+        renderer = "EGL" if self._egl else "TinyRenderer"
+        return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
+
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
+        """Begin a chain: set robot and scene. With "next", begin its next instruction where things stand now."""
+        self._make()
+        env = self._env
+        env.cameras = self._cameras if request["images"] else []
+        if request.get("next"):
+            return self._row(env.get_obs(), env.get_info())
+        names = self._block_names()
+        blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
+        # calvin_env takes the blocks in the order of its own configuration.
+        scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
+        self._forget()
+        seen = env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
+        document, arrays = self._row(seen, env.get_info())
+        objects = [
+            {"name": name, "size": size, "mass": mass, "fixed": name not in BLOCKS}
+            for name, (size, mass) in self._sizes.items()
+        ]
+        fixed = {
+            "objects": objects,
+            "fingers": [int(i) for i in env.robot.gripper_joint_ids],
+            "flange": int(env.robot.end_effector_link_id),
+            "engine": self.versions(),
+        }
+        return {**fixed, **document}, arrays
+
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
+        """Take one control step with CALVIN's own action; calvin_env wants the gripper to be 1 or -1."""
+        self._env.cameras = self._cameras if look else []
+        move = np.array(action, float)
+        move[-1] = 1.0 if move[-1] > 0.0 else -1.0
+        seen, _, _, info = self._env.step(move)
+        return self._row(seen, info)
+
+    def make_environment(self) -> Any:  # noqa: ANN401 - of another environment
+        """Return calvin_env's ``PlayTableSimEnv``, as its ``get_env`` makes it, but for the two cameras alone."""
+        if not (self._checkout / "calvin_env" / "envs" / "play_table_env.py").is_file():
+            raise FileNotFoundError(
+                f"{self._checkout} is no checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
+            )
+        sys.path.insert(0, str(self._checkout))
+        hydra = importlib.import_module("hydra")
+        omega = importlib.import_module("omegaconf").OmegaConf
+        if self._config is None:
+            with hydra.initialize_config_dir(config_dir=str(self._checkout / "conf"), version_base=None):
+                config = hydra.compose(config_name="config_data_collection", overrides=_OVERRIDES)
+        else:
+            config = omega.load(self._config)
+        omega.set_struct(config, False)
+        wanted = {camera for camera, _ in CAMERAS.values()}
+        for name in [n for n in config.cameras if n not in wanted]:
+            del config.cameras[name]
+        if self._config is None:
+            # calvin_env's own scene D has blocks of other sizes in another order than the data were recorded with.
+            moved = {name: {"file": f, "initial_pos": "any", "initial_orn": "any"} for name, f in BLOCKS.items()}
+            config.scene.objects.movable_objects = moved
+            for camera, side in CAMERAS.values():
+                config.cameras[camera].width = config.cameras[camera].height = side
+        return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
+
+    def _make(self) -> None:
+        if self._env is not None:
+            return
+        env = self.make_environment()
+        self._env, self._cameras = env, list(env.cameras)
+        names = self._block_names()
+        if sorted(names) != sorted(BLOCKS):
+            raise ValueError(f"the scene has the blocks {', '.join(names)}; CALVIN's has {', '.join(BLOCKS)}")
+        cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
+        for camera, side in CAMERAS.values():
+            if cameras.get(camera) != (side, side):
+                raise ValueError(f"the camera {camera} has {cameras.get(camera)} pixels, and CALVIN's {side} x {side}")
+        sizes = {str(thing.name): self._measure(thing) for thing in env.scene.get_objects()}
+        self._sizes = {name: sizes[name] for name in (*BLOCKS, *sorted(sizes.keys() - BLOCKS.keys()))}
+        self._fresh = env.p.saveState(physicsClientId=env.cid)
+
+    def _forget(self) -> None:
+        """Forget the chain before.
+
+        calvin_env's own reset leaves the solver's contacts, the gripper's last action in the first observation, and
+        whether a button was held down.
+        """
+        env = self._env
+        env.p.restoreState(self._fresh, physicsClientId=env.cid)
+        env.robot.gripper_action = 1
+        for button in env.scene.buttons:
+            button.prev_is_pressed = False
+
+    def _block_names(self) -> list[str]:
+        return [str(block.name) for block in self._env.scene.movable_objects]
+
+    def _measure(self, thing: Any) -> tuple[list[float], float]:  # noqa: ANN401 - an object of calvin_env
+        """Return the extents of an object along its own axes [m], and its mass [kg]; it is left unturned."""
+        p, cid = self._env.p, self._env.cid
+        place, _ = p.getBasePositionAndOrientation(thing.uid, physicsClientId=cid)
+        p.resetBasePositionAndOrientation(thing.uid, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=cid)
+        low, high = np.array(p.getAABB(thing.uid, -1, physicsClientId=cid))
+        mass = float(p.getDynamicsInfo(thing.uid, -1, physicsClientId=cid)[0])
+        return [float(s) for s in high - low], mass
+
+    def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
+        """Return the state now: what ``get_info`` says, as JSON, and robot, scene and images as arrays."""
+        names = self._block_names()
+        scene = np.array(seen["scene_obs"], float)
+        blocks = dict(zip(names, np.split(scene[_SCENE_HEAD:], len(names)), strict=True))
+        target = np.concatenate([self._env.robot.target_pos, self._env.robot.target_orn])
+        arrays = {
+            "robot": np.array(seen["robot_obs"], float),
+            "scene": np.concatenate([scene[:_SCENE_HEAD], *(blocks[name] for name in BLOCKS)]),
+            "target": np.array(target, float),
+        }
+        for name, (camera, _) in CAMERAS.items():
+            image = seen["rgb_obs"].get(f"rgb_{camera}")
+            if image is not None:
+                arrays[f"image_{name}"] = np.asarray(image).astype(np.uint8)
+        return {"info": _plain_info(info)}, arrays
+
+    def _commit(self) -> str:
+        """Return the commit of the checkout; calvin_env itself refuses to run outside a git repository."""
+        git = importlib.import_module("git")
+        return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
+
+    def _fingerprint(self) -> str:
+        """Return one digest of the code of the checkout that decides about physics and success."""
+        files = sorted((self._checkout / "calvin_env").rglob("*.py"))
+        parts = [f"{file.relative_to(self._checkout).as_posix()} {_digest(file)}" for file in files]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the part of ``get_info`` that rules and records need, as JSON."""
+    robot, scene = info["robot_info"], info["scene_info"]
+    blocks = {}
+    for name, block in scene["movable_objects"].items():
+        vectors = {key: _floats(block[key]) for key in _VECTORS}
+        blocks[str(name)] = {"uid": int(block["uid"]), **vectors, "contacts": _contacts(block["contacts"])}
+    fixed = {}
+    for name, thing in scene["fixed_objects"].items():
+        links = {str(link): int(number) for link, number in thing.get("links", {}).items()}
+        fixed[str(name)] = {"uid": int(thing["uid"]), "links": links}
+    return {
+        "robot_info": {"uid": int(robot["uid"]), "contacts": _contacts(robot["contacts"])},
+        "scene_info": {
+            "movable_objects": blocks,
+            "fixed_objects": fixed,
+            "doors": {str(n): {"current_state": _first(d["current_state"])} for n, d in scene["doors"].items()},
+            "lights": {str(n): {"logical_state": int(d["logical_state"])} for n, d in scene["lights"].items()},
+        },
+    }
+
+
+def _contacts(points: Sequence[Sequence[Any]]) -> list[list[float]]:
+    """Return PyBullet's contact points in its own order of fields, as far as they are used: the last is a force [N]."""
+    return [[0, int(c[1]), int(c[2]), int(c[3]), int(c[4]), float(c[9])] for c in points or ()]
+
+
+def _first(value: Any) -> float:  # noqa: ANN401 - a number, or in older versions a sequence that begins with it
+    return float(np.ravel(value)[0])
+
+
+def _floats(values: Sequence[float]) -> list[float]:
+    return [float(v) for v in values]
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def main() -> None:
+    """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
+    checkout, config, egl, descriptor = sys.argv[1:]
+    simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
+    answer_requests(simulator, int(descriptor))

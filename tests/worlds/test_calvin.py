@@ -1,0 +1,234 @@
+"""Chains of CALVIN by the runner of betterbench: its process with an environment that has no physics."""
+
+import sys
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from betterbench.calvin import calvin_chains, resampled_start_of, start_of, subtasks
+from betterbench.calvin.resampling import APART_M, TRAINING_RANGE
+from betterbench.calvin.starts import BLOCKS
+from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError, UnknownNameError
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.plan import make_plan
+from betterbench.evaluation.planning.world_plan import make_chain_plan
+from betterbench.interface.actions import CALVIN_RELATIVE
+from betterbench.worlds import calvin_command, process
+from betterbench.worlds.calvin import from_euler
+from betterbench.worlds.registry import start_code
+
+POLICY = """
+import numpy as np
+from betterbench.calvin import subtasks
+from betterbench.interface import PolicyInfo
+
+NUMBERS = {s.instruction: i for i, s in enumerate(subtasks())}
+
+class Reads:
+    info = PolicyInfo("reads", action_space="calvin_relative")
+    def reset(self, start):
+        self.told, self.asked = start.instruction, 0
+    def act(self, seen):
+        assert seen.instruction == self.told
+        assert seen.images["front"].shape == (200, 200, 3)
+        assert seen.images["wrist"].shape == (84, 84, 3)
+        assert seen.native["robot_obs"].shape == (15,)
+        self.asked += 1
+        number = NUMBERS[self.told] if self.told not in CANNOT else -1
+        # A chunk of four actions, of which the second does what is asked.
+        return np.array([[-1, 0, 0, 0, 0, 0, 1], [number / 100, 0, 0, 0, 0, 0, -1]] + [[-1, 0, 0, 0, 0, 0, 1]] * 2)
+"""
+
+
+@pytest.fixture
+def command(monkeypatch):
+    folder = str(Path(__file__).parent)
+    data = resources.files("betterbench.calvin").joinpath("data/subtasks.json")
+    monkeypatch.setenv("FAKE_SUBTASKS", str(data))
+    code = f"import sys; sys.path.append({folder!r})\n{start_code('fake_calvin')}"
+    return (sys.executable, "-c", code, folder, "", "")
+
+
+@pytest.fixture
+def plan_of(command, tmp_path):
+    def plan(cannot=(), suite="calvin", **options):
+        file = tmp_path / f"reads{len(cannot)}.py"
+        file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
+        options = {"trials": 3, **options}
+        return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, command=command, **options)
+
+    return plan
+
+
+def _bytes(run):
+    return {p.relative_to(run.path): p.read_bytes() for p in sorted(run.path.glob("records/**/*.parquet"))}
+
+
+def test_a_chain_is_one_trial_whose_instruction_changes(plan_of, tmp_path):
+    run = evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)
+    for number, record in enumerate(run.records()):
+        chain = calvin_chains()[number]
+        assert (record.metadata.task, record.metadata.condition, record.metadata.seed) == ("calvin", "base", number)
+        assert record.metadata.subgoal_names == chain.names
+        assert record.metadata.instruction.split("; ") == [s.instruction for s in chain.subtasks]
+        assert record.metadata.control_rate_hz == 30.0
+        assert record.outcome.success
+        # Two steps for each: chunks end where an instruction does.
+        assert record.subgoals.sum(axis=1).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5]
+        assert record.qpos[0].tolist()[15:] == pytest.approx(start_of(chain.start).scene.tolist())
+        assert record.action[2].tolist()[-1] == -1.0
+        assert record.gripper_command.tolist()[:3] == [-1.0, -1.0, 1.0]
+
+
+def test_a_chain_ends_with_the_first_subtask_that_takes_too_long(plan_of, tmp_path, monkeypatch):
+    monkeypatch.setattr("betterbench.worlds.calvin.STEPS_PER_SUBTASK", 7)
+    third = calvin_chains()[0].subtasks[2].instruction
+    record = next(evaluate(plan_of([third], trials=1), tmp_path / "run", workers=1, envs=1).records())
+    assert not record.outcome.success
+    assert record.outcome.termination == "step_limit"
+    assert record.subgoals[-1].tolist() == [True, True, False, False, False]
+    assert record.n_steps == 2 + 2 + 7
+
+
+@pytest.mark.parametrize("suite", ["calvin", pytest.param("calvin_resampled", marks=pytest.mark.slow)])
+def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path, suite):
+    together = _bytes(evaluate(plan_of(suite=suite), tmp_path / "together", workers=1, envs=1))
+    assert together == _bytes(evaluate(plan_of(suite=suite), tmp_path / "side by side", workers=2, envs=2))
+    alone = _bytes(evaluate(plan_of(suite=suite, trials=1, seed=2), tmp_path / "alone"))
+    assert alone.items() <= together.items()
+
+
+@pytest.mark.parametrize(
+    "fault", ["dies", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("hangs", "raises", "nan", "garbage"))]
+)
+def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, fault):
+    undisturbed = _bytes(evaluate(plan_of(), tmp_path / "undisturbed", workers=1, envs=1))
+    monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
+    yaw = float(start_of(calvin_chains()[1].start).scene[11])
+    monkeypatch.setenv("FAKE_FAULT", f"{fault}:{yaw!r}:{tmp_path / 'it happened'}")
+    run = evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "simulator" in broken[0].message
+    assert _bytes(evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)) == undisturbed
+
+
+def test_blocks_are_placed_by_name_whatever_their_order(plan_of, tmp_path, monkeypatch):
+    """calvin_env's own scene D lists pink, blue, red; ``scene_obs`` is red, blue, pink."""
+    usual = _bytes(evaluate(plan_of(), tmp_path / "usual", workers=1, envs=1))
+    monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue,block_red")
+    assert _bytes(evaluate(plan_of(), tmp_path / "turned", workers=1, envs=1)) == usual
+    monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue")
+    with pytest.raises(Exception, match="the scene has the blocks block_pink, block_blue"):
+        plan_of()
+
+
+def test_a_scene_that_is_elsewhere_stops_the_run(plan_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAKE_SHIFT", "0.04")
+    with pytest.raises(PremiseError, match=r"chain 0: the red block is 40 mm from its place.*--calvin-config"):
+        evaluate(plan_of(trials=1), tmp_path / "refused")
+    run = evaluate(plan_of(trials=1, refuse_broken=False), tmp_path / "run")
+    assert "red block is 40 mm" in next(run.records()).metadata.engine["scene_broken_premises"]
+
+
+def test_images_are_drawn_only_where_the_policy_is_asked(plan_of, tmp_path, monkeypatch):
+    looked = []
+    step = process.WorldProcess.step
+
+    def counted(self, action, *, look):
+        looked.append(look)
+        return step(self, action, look=look)
+
+    monkeypatch.setattr(process.WorldProcess, "step", counted)
+    evaluate(plan_of(trials=1), tmp_path / "run", workers=1, envs=1)
+    # Every chunk is cut off by success; the images of the next instruction come with its beginning.
+    assert looked == [False] * 10
+
+
+def test_the_plan_names_neither_checkout_nor_machine(plan_of):
+    form = plan_of(suite="calvin_resampled", trials=None).to_json()
+    assert len(form["trials"]) == 1000
+    assert form["trials"][7]["condition"] == form["trials"][7]["variation"] == "resampled"
+    assert form["trials"][7]["base_condition"] == "base"
+    assert form["action_space"] == CALVIN_RELATIVE.name
+    assert form["control_rate_hz"] == 30.0
+    assert form["observation"]["name"] == "calvin"
+    assert str(Path(__file__).parent) not in str(form)
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"policy": "expert"}, InvalidInputError),
+        ({"suite": "calvin_d"}, UnknownNameError),
+        ({"trials": 1001}, InvalidInputError),
+        ({"trials": 2, "seed": 999}, InvalidInputError),
+        ({"observation": "droid"}, UnknownNameError),
+    ],
+)
+def test_a_wrong_setting_is_refused(plan_of, options, error):
+    with pytest.raises(error):
+        plan_of(**options)
+
+
+def test_a_policy_of_another_world_is_refused(plan_of, tmp_path):
+    with pytest.raises(InvalidInputError, match="calvin_relative"):
+        evaluate(plan_of(policy="noop"), tmp_path / "run")
+    with pytest.raises(UnknownNameError, match="calvin_relative"):
+        make_plan("noop", action_space="calvin_relative")
+
+
+def test_the_checkout_is_asked_for(tmp_path, monkeypatch):
+    with pytest.raises(InvalidInputError, match=r"--calvin-env.*[Cc]lone"):
+        calvin_command(None, None, egl=False)
+    with pytest.raises(InvalidInputError, match=r"play_table_env\.py"):
+        calvin_command(tmp_path, None, egl=False)
+    module = tmp_path / "calvin_env" / "envs" / "play_table_env.py"
+    module.parent.mkdir(parents=True)
+    module.touch()
+    with pytest.raises(InvalidInputError, match="--calvin-config"):
+        calvin_command(tmp_path, tmp_path / "merged_config.yaml", egl=False)
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda _: tmp_path / "cache")
+    with pytest.raises(MissingDependencyError, match="better worlds install calvin"):
+        calvin_command(tmp_path, None, egl=False)
+
+
+def test_resampled_starts_are_in_the_training_range_and_change_nothing_else():
+    drawn = set()
+    for chain in calvin_chains():
+        official, start = start_of(chain.start), resampled_start_of(chain)
+        assert np.array_equal(start.robot, official.robot)
+        assert np.array_equal(start.scene[:6], official.scene[:6])
+        places = start.scene[6:].reshape(3, 6)
+        for block, (x, y, z, *turn) in zip(BLOCKS, places.tolist(), strict=True):
+            (low_x, high_x), (low_y, high_y), height = TRAINING_RANGE[str(chain.start[block])]
+            assert low_x <= x <= high_x
+            assert low_y <= y <= high_y
+            assert z == height
+            assert turn[:2] == [0.0, 0.0]
+        gaps = [np.hypot(*(a - b)) for i, a in enumerate(places[:, :2]) for b in places[:i, :2]]
+        assert min(gaps) > APART_M
+        drawn.add(places.tobytes())
+    assert len(drawn) == 1000
+    again = resampled_start_of(calvin_chains()[17]).scene
+    assert np.array_equal(again, resampled_start_of(calvin_chains(18)[17]).scene)
+
+
+def test_euler_angles_are_bullet_s():
+    # pybullet.getQuaternionFromEuler([0.3, -0.5, 1.1]) of 3.2.7, its (x, y, z, w) put in our order.
+    assert from_euler(np.array([0.3, -0.5, 1.1])) == pytest.approx(
+        (0.7974216914293404, 0.25130194824168633, -0.13286838981801155, 0.5322705776530126), abs=1e-12
+    )
+    assert from_euler(np.zeros(3)) == (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.slow
+def test_a_thousand_chains_run_to_the_numbers_that_are_known(plan_of, tmp_path):
+    cannot = {"open_drawer", "lift_red_block_table", "stack_block"}
+    sentences = [s.instruction for s in subtasks() if s.name in cannot]
+    run = evaluate(plan_of(sentences, trials=None), tmp_path / "run", workers=2)
+    expected = [next((i for i, n in enumerate(c.names) if n in cannot), 5) for c in calvin_chains()]
+    found = {r.metadata.seed: int(r.subgoals[-1].sum()) for r in run.records()}
+    assert [found[i] for i in range(1000)] == expected
