@@ -18,6 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+import betterbench
 from betterbench.worlds.calvin_simulator import CalvinSimulator
 from betterbench.worlds.simulator_loop import answer_requests
 
@@ -25,7 +26,7 @@ ROBOT, TABLE = 0, 5
 BODIES = {"block_red": 2, "block_blue": 3, "block_pink": 4}
 LINKS = {"base_link": -1, "drawer_link": 0, "slide_link": 1, "plank_link": 2}
 SURFACE = {"table": "base_link", "slider_left": "plank_link", "slider_right": "plank_link", "drawer": "drawer_link"}
-SUBTASKS = json.loads(Path(os.environ["FAKE_SUBTASKS"]).read_text())["subtasks"]
+SUBTASKS = json.loads((Path(betterbench.__path__[0]) / "calvin" / "data" / "subtasks.json").read_text())["subtasks"]
 
 
 def point(own, body, link):

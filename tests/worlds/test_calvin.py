@@ -1,7 +1,6 @@
 """Chains of CALVIN by the runner of betterbench: its process with an environment that has no physics."""
 
 import sys
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -43,10 +42,8 @@ class Reads:
 
 
 @pytest.fixture
-def command(monkeypatch):
+def command():
     folder = str(Path(__file__).parent)
-    data = resources.files("betterbench.calvin").joinpath("data/subtasks.json")
-    monkeypatch.setenv("FAKE_SUBTASKS", str(data))
     code = f"import sys; sys.path.append({folder!r})\n{start_code('fake_calvin')}"
     return (sys.executable, "-c", code, folder, "", "")
 

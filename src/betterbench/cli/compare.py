@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import print_json, progress_bar
+from betterbench.cli.console import OUT, print_json, progress_bar
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.recording import RunFolder
 
 
 def compare_command(
@@ -18,25 +23,43 @@ def compare_command(
     sequential: bool = False,
     allow_mixed: bool = False,
     fail_if_worse: bool = False,
+    out: Path | None = None,
     json: bool = False,
 ) -> None:
     """Compare policies, two by two, on the trials that their runs share.
+
+    Runs of several suites, and runs in CALVIN, are put side by side instead: the table of LIBERO's four suites and
+    CALVIN's chains, its rows against each other on the same initial states, and what each policy loses when its scene
+    changes. Runs of the same name are one policy.
 
     Example: better compare runs/pi05 runs/gr00t
 
     Args:
         runs: Folders of the runs, or files of better export; two or more.
-        name: Name of a run in the tables, once per run and in their order; that of its policy if not given.
+        name: Name of a run in the tables, once per run and in their order; that of its policy if not given. Across
+            suites, runs of one policy have one name.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: Also print tests that stay valid however often you look at runs that are still going.
         allow_mixed: Compare runs of different versions or engines all the same.
         fail_if_worse: Exit with status 1 if the first run is told apart from another one over all variations and is the
             worse of the two; for continuous integration.
+        out: Across suites, a folder to write the tables to, as CSV and LaTeX.
         json: Print one JSON document instead of sentences and tables.
     """
+    from betterbench.across import is_across
     from betterbench.cli.output.comparison import print_comparison
     from betterbench.comparison import compare, load_sides
+    from betterbench.recording import RunFolder
 
+    folders = [RunFolder.open(path) for path in runs if path.is_dir()]
+    if len(folders) == len(runs) and is_across(folders):
+        if sequential or fail_if_worse:
+            option = "--sequential" if sequential else "--fail-if-worse"
+            raise InvalidInputError(option, "it is for runs of one suite", f"Leave out {option}")
+        _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, json=json)
+        return
+    if out is not None:
+        raise InvalidInputError("--out", "these runs are of one suite", "Leave out --out, or give `better report`")
     with progress_bar("diagnosing", 0, stays=False) as (bar, task):
 
         def told(run: str, done: int, planned: int) -> None:
@@ -50,3 +73,22 @@ def compare_command(
         print_comparison(result)
     if fail_if_worse and result.first_is_worse:
         raise SystemExit(1)
+
+
+def _across(
+    folders: Sequence[RunFolder], name: Sequence[str], *, alpha: float, allow_mixed: bool, out: Path | None, json: bool
+) -> None:
+    """Put runs of several suites side by side."""
+    from betterbench.across import gaps_of, read_suite_runs, world_table
+    from betterbench.cli.output.across import print_across, write_across
+
+    suites = read_suite_runs(folders, names=name)
+    table = world_table(suites, alpha=alpha, allow_mixed=allow_mixed)
+    gaps = gaps_of(suites, alpha=alpha, allow_mixed=allow_mixed)
+    files = () if out is None else write_across(table, gaps, out)
+    if json:
+        print_json({**table.to_json(), "gaps": [gap.to_json() for gap in gaps], "files": [str(f) for f in files]})
+        return
+    print_across(table, gaps)
+    for file in files:
+        OUT.print(str(file), markup=False, soft_wrap=True)

@@ -195,14 +195,15 @@ def _foreign_of(run: RunFolder) -> ForeignRun | None:
     """
     if "world" not in run.plan:
         return None
-    if run.plan["world"].get("name") == "calvin":
+    world = run.plan["world"]
+    if isinstance(world, dict) and world.get("name") == "calvin":
         raise RecordError(
             f"{run.path}: a run in CALVIN gets no labels, because its success rules name no target for every subtask. "
             f"Give `better compare {run.path}` for its five rates, its average length and its rates per subtask."
         )
     where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
-    world = read_form(_WORLD, run.plan["world"], where=where, cure=cure, raises=RecordError)
-    return ForeignRun.of(world.regime, {name: task.instruction for name, task in world.tasks.items()})
+    form = read_form(_WORLD, world, where=where, cure=cure, raises=RecordError)
+    return ForeignRun.of(form.regime, {name: task.instruction for name, task in form.tasks.items()})
 
 
 def read_plan(run: RunFolder) -> tuple[str, tuple[TrialId, ...], StoppingRule | None]:

@@ -10,6 +10,7 @@ from betterbench.statistics.chance import chance_p
 from betterbench.statistics.difference import (
     Difference,
     delta_success_rate,
+    mean_of_rates,
     newcombe_difference,
     newcombe_paired_difference,
 )
@@ -68,6 +69,7 @@ __all__ = [
     "fisher_p",
     "holm",
     "mcnemar_p",
+    "mean_of_rates",
     "newcombe_difference",
     "newcombe_paired_difference",
     "paired_bootstrap",

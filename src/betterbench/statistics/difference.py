@@ -83,6 +83,20 @@ def delta_success_rate(novel: Rate, seen: Sequence[Rate], *, confidence: float =
     return _contrast(((1.0, novel), *((weight, rate) for rate in seen)), confidence, "wilson in quadrature")
 
 
+def mean_of_rates(rates: Sequence[Rate], *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
+    """Return the mean of independent rates, each with the same weight, as benchmarks average their suites.
+
+    The interval adds the distances to the ends of the Wilson intervals in quadrature, as for
+    :func:`delta_success_rate`.
+
+    Returns:
+        The mean; with no trials of a rate the value is None and the interval is [-1, 1].
+    """
+    if not rates:
+        raise InvalidInputError("rates", "there is none to average", "Give at least one success rate")
+    return _contrast([(1.0 / len(rates), rate) for rate in rates], confidence, "wilson in quadrature")
+
+
 def newcombe_paired_difference(table: PairedTable, *, confidence: float = DEFAULT_CONFIDENCE) -> Difference:
     """Return the difference of two rates measured on the same trials with Newcombe's interval for pairs.
 
