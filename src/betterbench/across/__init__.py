@@ -1,6 +1,6 @@
 """Across worlds: success in LIBERO, chains of CALVIN, and what changing the scene costs, policy by policy."""
 
-from betterbench.across.gaps import Gap, gaps_of
+from betterbench.across.gaps import WorldGap, gaps_of
 from betterbench.across.suite_runs import SuiteRun, is_across, read_suite_runs
 from betterbench.across.world_table import (
     LIBERO_COLUMNS,
@@ -12,9 +12,9 @@ from betterbench.across.world_table import (
 
 __all__ = [
     "LIBERO_COLUMNS",
-    "Gap",
     "SuiteRun",
     "WorldContrast",
+    "WorldGap",
     "WorldRow",
     "WorldTable",
     "gaps_of",

@@ -15,7 +15,7 @@ from betterbench.tasks import stream
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class WorldGap:
     """One policy in one world, before and after the scene changed.
 
     Attributes:
@@ -44,7 +44,7 @@ class Gap:
         return {**asdict(self), "difference": self.difference.to_json()}
 
 
-def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[Gap, ...]:
+def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
     """Return every gap that the runs of each policy show, in the order of the runs.
 
     A gap of LIBERO-PRO needs a run of the base suite and one of the changed suite; one of CALVIN the official and the
@@ -55,7 +55,7 @@ def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool 
         RunConflictError: If such a run mixes versions and that is not allowed.
     """
     by = {(run.policy, run.suite): run for run in runs}
-    found: list[Gap] = []
+    found: list[WorldGap] = []
     for run in runs:
         base = by.get((run.policy, run.base))
         if run.suite == OURS:
@@ -65,7 +65,7 @@ def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool 
     return tuple(_corrected(found))
 
 
-def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[Gap]:
+def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
     keys = sorted(base.successes.keys() & run.successes.keys())
     if not keys:
         return []
@@ -81,14 +81,14 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[Gap]:
     before, after = Rate(sum(a for a, _ in outcomes), n), Rate(sum(b for _, b in outcomes), n)
     p = mcnemar_p(PairedTable.from_outcomes(outcomes))
     return [
-        Gap(
+        WorldGap(
             run.policy, "LIBERO-PRO", run.base, str(run.change), before.value or 0.0, after.value or 0.0, n,
             difference, p,
         )
     ]  # fmt: skip
 
 
-def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[Gap]:
+def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
     del alpha  # chains are compared at 95 %
     shared = {c.number for c in base.chains} & {c.number for c in run.chains}
     if not shared:
@@ -97,10 +97,12 @@ def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[Gap]:
     second = [c for c in run.chains if c.number in shared]
     told = contrast(first, second)
     before, after = (summarize(chains).length.value / CHAIN_LENGTH for chains in (first, second))
-    return [Gap(run.policy, "CALVIN", run.base, str(run.change), before, after, len(shared), told.difference, None)]
+    return [
+        WorldGap(run.policy, "CALVIN", run.base, str(run.change), before, after, len(shared), told.difference, None)
+    ]
 
 
-def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[Gap]:
+def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
     diagnosis = diagnose_run(run.path, allow_mixed=allow_mixed, whole=True)
     metrics = {(m.name, m.scope): m for m in diagnosis.metrics}
     gap = metrics.get(("illusion_gap", "overall"))
@@ -109,10 +111,10 @@ def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[Gap]:
         return []
     difference = Difference(gap.value, gap.low or 0.0, gap.high or 0.0, gap.method, 0.95)
     base = changed.value + gap.value
-    return [Gap(run.policy, OURS, OURS, "all variations", base, changed.value, gap.n, difference, gap.p_value)]
+    return [WorldGap(run.policy, OURS, OURS, "all variations", base, changed.value, gap.n, difference, gap.p_value)]
 
 
-def _corrected(gaps: Sequence[Gap]) -> list[Gap]:
+def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:
     """Return the gaps with Holm's correction over those of each policy that have a test."""
     result = list(gaps)
     for policy in dict.fromkeys(gap.policy for gap in gaps):

@@ -18,7 +18,7 @@ from betterbench.worlds import CHAIN_SUITES, SUITES
 OURS = "better60"
 """What stands for the suite of a run in our own scenes."""
 
-Key = tuple[str, int]
+InitialState = tuple[str, int]
 """Task and seed: an initial state, which twins and policies share."""
 
 
@@ -45,7 +45,7 @@ class SuiteRun:
     change: str | None
     protocol: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
-    successes: Mapping[Key, bool] = field(default_factory=dict)
+    successes: Mapping[InitialState, bool] = field(default_factory=dict)
     chains: tuple[ChainResult, ...] = ()
     unfinished: int = 0
     broken: int = 0
@@ -114,7 +114,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     planned = [TrialId(str(t["task"]), str(t["condition"]), int(t["seed"])) for t in run.plan["trials"]]
     lost = {trial for trial in planned if trial in entries and entries[trial].status != "done"}
     left = {trial for trial in planned if trial not in entries}
-    successes: dict[Key, bool] = {}
+    successes: dict[InitialState, bool] = {}
     chains: list[ChainResult] = []
     for trial in planned:
         missing = trial in lost or trial in left

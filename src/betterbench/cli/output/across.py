@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from betterbench.across import LIBERO_COLUMNS, Gap, WorldRow, WorldTable
+from betterbench.across import LIBERO_COLUMNS, WorldGap, WorldRow, WorldTable
 from betterbench.calvin import ChainSummary
 from betterbench.cli.console import OUT, print_table
 from betterbench.recording.durable import write_durably
@@ -15,7 +15,7 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import p_text, points
 
 
-def print_across(table: WorldTable, gaps: Sequence[Gap]) -> None:
+def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:
     """Print the table of the paper, what its rows say about each other, and the gaps of every world."""
     libero = [row for row in table.rows if row.suites]
     if libero:
@@ -48,7 +48,7 @@ def print_across(table: WorldTable, gaps: Sequence[Gap]) -> None:
         OUT.print(note, markup=False, style="dim")
 
 
-def write_across(table: WorldTable, gaps: Sequence[Gap], out: Path) -> tuple[Path, ...]:
+def write_across(table: WorldTable, gaps: Sequence[WorldGap], out: Path) -> tuple[Path, ...]:
     """Write the table and the gaps as CSV and LaTeX into a folder, and return the files."""
     made = []
     for plain in (_wide(table), _plain_contrasts(table), _plain_gaps(gaps)):
@@ -109,7 +109,7 @@ def _contrast_rows(table: WorldTable) -> list[list[str]]:
     return rows
 
 
-def _gap_row(gap: Gap) -> list[str]:
+def _gap_row(gap: WorldGap) -> list[str]:
     d = gap.difference
     return [
         gap.policy,
@@ -173,7 +173,7 @@ def _plain_contrasts(table: WorldTable) -> Table:
     return Table("table4_pairs", "Two policies on the same initial states.", columns, tuple(rows))
 
 
-def _plain_gaps(gaps: Sequence[Gap]) -> Table:
+def _plain_gaps(gaps: Sequence[WorldGap]) -> Table:
     rows = tuple(
         (
             g.policy, g.world, g.suite, g.change, g.base, g.changed, g.pairs, g.difference.value, g.difference.low,
