@@ -87,7 +87,7 @@ def _suites() -> list[list[str]]:
     from betterbench.tasks import suite_tasks
     from betterbench.worlds import CHAIN_SUITES, SUITES, WORLDS
 
-    state = {name: name if world.is_installed else f"{name} (not installed)" for name, world in WORLDS.items()}
+    state = {name: name if world.is_installed else f"{name} (missing)" for name, world in WORLDS.items()}
     listed = [["better60", "betterbench", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
     for world, suites in (("libero", SUITES), ("calvin", CHAIN_SUITES)):
         listed += [[suite.name, state[world], str(suite.tasks), suite.summary] for suite in suites.values()]
