@@ -30,7 +30,7 @@ _CHANGES = {
     "swap": "objects stand at each other's places",
     "object": "objects are replaced by others of their kind",
     "lan": "the sentence is said in other words",
-    "task": "the sentence asks for another task in the same scene",
+    "task": "the sentence asks for another task",
 }
 
 

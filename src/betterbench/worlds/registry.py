@@ -133,7 +133,7 @@ WORLDS: Mapping[str, World] = {
             "360 MB (2 GB unpacked)",
             "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
         ),
-        World(
+        ForeignWorld(
             "calvin",
             "world-calvin.lock",
             "betterbench.worlds.calvin_simulator",
