@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import rotate
-from betterbench.learned import read_training_recipe
+from betterbench.learned import TrainingRecipe, read_training_recipe
 from betterbench.learned.tokens import six_numbers, things_of
 from betterbench.learned.vocabulary import MOST_WORDS, UNKNOWN, Vocabulary
 from betterbench.state import ObjectInfo
@@ -79,6 +80,13 @@ def test_a_wrong_recipe_is_one_line_that_names_the_field(form, named):
         read_training_recipe(form, where="r.yaml")
     assert named in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_page_shows_each_field_with_its_default():
+    page = (Path(__file__).parents[2] / "docs/learned.md").read_text()
+    shown = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
+    assert read_training_recipe(shown) == read_training_recipe({"data": shown["data"]})
+    assert set(shown) == {f.name for f in dataclasses.fields(TrainingRecipe)} - {"version"}
 
 
 def test_a_recipe_is_read_back_from_its_json():

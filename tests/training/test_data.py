@@ -17,7 +17,7 @@ from betterbench.learned.tokens import moment_of
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, get_task
-from betterbench.training.data import PHASES, read_training_set, scales_of
+from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
 
 TRIALS = [TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "train1", 1)]
 
@@ -45,7 +45,7 @@ def run_of(records, tmp_path):
 
 
 def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, records):
-    data = read_training_set(tiny(data=[str(run_of().path)], validation=0.0))
+    data = read_training_set(tiny(data=[str(run_of().path)], validation=0.0, longest_pause=None))
     assert data.trials == tuple(TRIALS)
     assert len(data.actions) == 2 * STEPS
     for number, record in enumerate(records):
@@ -58,6 +58,39 @@ def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, record
         assert np.array_equal(data.actions[rows][:, :6], record.applied[1:, :6].astype(np.float32))
         assert set(data.actions[rows][:, 6]) <= {-1.0, 1.0}
     assert {PHASES[i] for i in data.phases} <= set(PHASES)
+
+
+@pytest.fixture
+def pausing(records):
+    """A record whose arm moves 1 mm a step and rests in rows 4 to 8, as do its fingers."""
+    record = records[0]
+    steps = np.arange(record.n_steps + 1)
+    position = np.zeros((len(steps), 3))
+    position[1:, 0] = 1e-3 * np.where(steps < 4, steps, np.maximum(4, steps - 4))[:-1]
+    applied = np.array(record.applied)
+    applied[:, -1] = -1.0
+    return dataclasses.replace(
+        record,
+        applied=applied,
+        commanded_position=position,
+        commanded_quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (len(steps), 1)),
+        finger_width=np.full(len(steps), 0.08),
+    )
+
+
+@pytest.mark.parametrize("most", [0, 1, 3])
+def test_of_a_pause_the_first_steps_are_kept(pausing, most):
+    left_out = set(range(pausing.n_steps)) - set(moving_rows(pausing, most).tolist())
+    assert left_out == set(range(5 + most, 9)) & set(range(pausing.n_steps))
+    assert len(moving_rows(pausing, None)) == pausing.n_steps
+
+
+def test_fingers_that_move_are_no_pause(pausing):
+    width = pausing.finger_width - 1e-3 * np.arange(pausing.n_steps + 1)
+    assert len(moving_rows(dataclasses.replace(pausing, finger_width=width), 0)) == pausing.n_steps
+    gripper = np.array(pausing.applied)
+    gripper[7, -1] = 1.0  # the action of row 6
+    assert {6, 7} <= set(moving_rows(dataclasses.replace(pausing, applied=gripper), 0).tolist())
 
 
 def test_whole_seeds_are_held_out(run_of):

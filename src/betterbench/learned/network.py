@@ -16,6 +16,9 @@ from betterbench.learned.vocabulary import ABSENT, MOST_WORDS, Vocabulary
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
 """Scales at which a learner is told where an object is from its tool [m]."""
+WAVES_M = (0.4, 0.1)
+"""Wave lengths of the sines and cosines of the same [m], in which millimeters make a difference."""
+_AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
 _TIME_NUMBERS = 32
 _LONGEST_PERIOD = 100.0
 
@@ -105,7 +108,7 @@ class ObjectsNetwork(nn.Module):
             {
                 "category": nn.Embedding(categories, width),
                 "color": nn.Embedding(colors, width),
-                "pose": nn.Linear(POSE_NUMBERS + 3 + (6 if self.given else 0), width),
+                "pose": nn.Linear(POSE_NUMBERS + 3 + (_AWAY_NUMBERS if self.given else 0), width),
             }
         )
         # What is never used has no gradient, so it is not there.
@@ -180,6 +183,9 @@ class ObjectsNetwork(nn.Module):
             if shown.blind is not None:
                 away = torch.where(shown.blind[:, None, None], torch.zeros_like(away), away)
             numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
+            for length in WAVES_M:
+                angles = away * (2.0 * math.pi / length)
+                numbers += [angles.sin(), angles.cos()]
         return torch.cat(numbers, dim=-1)
 
     def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:

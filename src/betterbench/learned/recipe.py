@@ -89,6 +89,7 @@ class TrainingRecipe:
         tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
         variations: Take demonstrations of test variations too, as the covered regime holds.
         demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
+        longest_pause: Control steps of a demonstrator's pause that are trained on; None for all.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
         history: States that the learner sees: the present one and those before it.
         history_stride: Control steps from one of them to the next.
@@ -115,6 +116,7 @@ class TrainingRecipe:
     tasks: tuple[str, ...] = ()
     variations: bool = False
     demonstrations: _Positive | None = None
+    longest_pause: Annotated[int, Field(ge=0, le=1000)] | None = 1
     capacity: Literal["small", "base", "large"] | Capacity = "base"
     proprioception: Proprioception = field(default_factory=Proprioception)
     augmentation: Augmentation = field(default_factory=Augmentation)

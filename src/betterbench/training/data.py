@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.export.actions import commands
+from betterbench.export.actions import actions_in, commands
 from betterbench.export.job import validation_seeds
 from betterbench.export.selection import ChosenTrial, select_demonstrations
-from betterbench.interface.actions import EE_DELTA, action_space
+from betterbench.interface.actions import EE_DELTA, EE_POSE
 from betterbench.interventions import resolve_condition
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
@@ -24,6 +24,9 @@ from betterbench.tasks import TrialId
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 """What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
+
+_STILL_M, _STILL_RAD = 2e-4, 2e-3
+"""What a pose or the fingers move less than in a control step while a demonstrator pauses."""
 
 OnRead = Callable[[int, int], None]
 """Called with the number of records that were read, and of all."""
@@ -78,6 +81,7 @@ class TrainingSet:
 class _Episode:
     trial: TrialId
     record: Record
+    rows: np.ndarray
     actions: np.ndarray
 
 
@@ -98,7 +102,8 @@ def read_training_set(recipe: TrainingRecipe, *, on_read: OnRead | None = None) 
     for number, demonstration in enumerate(chosen):
         trial = demonstration.trial
         record = runs[demonstration.run].read_record(trial.task, trial.condition, trial.seed)
-        episodes.append(_Episode(trial, record, _actions(record, trial, runs[demonstration.run].path)))
+        rows, actions = moving_rows(record, recipe.longest_pause), _actions(record, trial, runs[demonstration.run].path)
+        episodes.append(_Episode(trial, record, rows, actions[rows]))
         if on_read is not None:
             on_read(number + 1, len(chosen))
     if all(episode.trial.seed in held_out for episode in episodes):
@@ -127,13 +132,27 @@ def _actions(record: Record, trial: TrialId, run: Path) -> np.ndarray:
         where = f"{run}: {trial}"
         problem = f"its actions are in {space!r}, and learners answer in {EE_DELTA.name!r}"
         raise InvalidInputError(where, problem, f"Record it with --action-space {EE_DELTA.name}")
-    demonstrator = record.metadata.demonstrator
-    noisy = demonstrator is not None and demonstrator.action_noise > 0.0
-    meant = np.array(record.action[1:] if noisy else record.applied[1:])
-    if noisy:
-        meant = np.array([action_space(space).clip(action) for action in meant]).reshape(-1, EE_DELTA.dim)
+    meant = actions_in(record, EE_DELTA)
     meant[:, -1] = np.sign(commands(meant[:, -1]))
     return meant
+
+
+def moving_rows(record: Record, most: int | None) -> np.ndarray:
+    """Return the rows of a record that are trained on, int64: all but those of a pause after its first ``most``.
+
+    A demonstrator pauses where the pose that is meant stays, and the fingers do too. How long it has paused cannot be
+    seen in a state, so a learner would answer a pause with a longer one, up to one without an end.
+    """
+    if most is None or record.n_steps == 0:
+        return np.arange(record.n_steps)
+    poses = actions_in(record, EE_POSE)
+    moved = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+    turned = 2.0 * np.arccos(np.abs((poses[1:, 3:7] * poses[:-1, 3:7]).sum(axis=1)).clip(0.0, 1.0))
+    fingers = np.abs(np.diff(record.finger_width[: record.n_steps]))
+    still = (moved < _STILL_M) & (turned < _STILL_RAD) & (fingers < _STILL_M) & (np.diff(poses[:, -1]) == 0.0)
+    rows = np.arange(record.n_steps)
+    last_moving = np.maximum.accumulate(np.where(np.concatenate([[False], still]), 0, rows))
+    return rows[rows - last_moving <= most]
 
 
 def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk: int) -> TrainingSet:
@@ -158,13 +177,13 @@ def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk
         categories=np.stack([_padded(t.categories, most) for t in things]),
         colors=np.stack([_padded(t.colors, most) for t in things]),
         held_out=np.array([e.trial.seed in held_out for e in episodes]),
-        tools=np.concatenate([_tools(e.record) for e in episodes]),
-        poses=np.concatenate([_poses(e.record, most) for e in episodes]),
+        tools=np.concatenate([_tools(e.record)[e.rows] for e in episodes]),
+        poses=np.concatenate([_poses(e.record, most)[e.rows] for e in episodes]),
         actions=np.concatenate([e.actions for e in episodes]).astype(np.float32),
         episodes=np.repeat(np.arange(len(episodes)), steps),
         first=ends - steps,
         last=ends - 1,
-        phases=np.concatenate([_phases(e.record) for e in episodes]),
+        phases=np.concatenate([_phases(e.record)[e.rows] for e in episodes]),
         at_gripper=np.concatenate([_at_gripper(e.actions[:, -1], chunk) for e in episodes]),
     )
 
