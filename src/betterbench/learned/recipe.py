@@ -122,8 +122,8 @@ class TrainingRecipe:
     augmentation: Augmentation = field(default_factory=Augmentation)
     history: Annotated[int, Field(ge=1, le=16)] = 1
     history_stride: Annotated[int, Field(ge=1, le=100)] = 4
-    chunk: Annotated[int, Field(ge=1, le=100)] = 16
-    execute: Annotated[int, Field(ge=1, le=100)] = 8
+    chunk: Annotated[int, Field(ge=1, le=100)] = 8
+    execute: Annotated[int, Field(ge=1, le=100)] = 4
     loss: _Loss = "l1"
     flow_steps: Annotated[int, Field(ge=1, le=100)] = 10
     dropout: _Share = 0.0
@@ -132,8 +132,8 @@ class TrainingRecipe:
     frozen: tuple[_Part, ...] = ()
     steps: _Positive = 12_000
     batch: Annotated[int, Field(ge=1, le=65_536)] = 128
-    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 3e-4
-    warmup: Annotated[int, Field(ge=0)] = 500
+    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 1e-3
+    warmup: Annotated[int, Field(ge=0)] = 100
     weight_decay: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-4
     ema: _Share = 0.999
     clip: Annotated[float, Field(gt=0.0)] = 1.0
