@@ -3,7 +3,7 @@
 from betterbench.worlds.calvin import CHAIN_SUITES, ChainScene, ChainSettings, ChainTask, calvin_command
 from betterbench.worlds.libero import PROTOCOLS, SUITES, FieldProtocol, Suite, protocol_named, suite_named
 from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
-from betterbench.worlds.registry import WORLDS, World, world_named
+from betterbench.worlds.registry import WORLDS, ForeignWorld, world_named
 from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
 
 __all__ = [
@@ -17,8 +17,8 @@ __all__ = [
     "FieldProtocol",
     "ForeignScene",
     "ForeignTracker",
+    "ForeignWorld",
     "Suite",
-    "World",
     "WorldError",
     "WorldProcess",
     "WorldProcesses",

@@ -65,6 +65,10 @@ class CalvinSimulator:
         renderer = "EGL" if self._egl else "TinyRenderer"
         return {"calvin_env": self._commit(), **own, "config": config, "renderer": renderer}
 
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
+        """Refuse: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
+        raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
+
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin a chain: set robot and scene. With "next", begin its next instruction where things stand now."""
         self._make()

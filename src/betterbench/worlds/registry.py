@@ -31,7 +31,7 @@ _START = (
 
 
 @dataclass(frozen=True, slots=True)
-class World:
+class ForeignWorld:
     """A foreign world.
 
     Attributes:
@@ -123,10 +123,10 @@ def start_code(module: str) -> str:
     return _START.format(package=str(_PACKAGE.parent), worlds=str(_PACKAGE), module=module)
 
 
-WORLDS: Mapping[str, World] = {
+WORLDS: Mapping[str, ForeignWorld] = {
     world.name: world
     for world in (
-        World(
+        ForeignWorld(
             "libero",
             "peer-libero.lock",
             "betterbench.worlds.libero_simulator",
@@ -145,7 +145,7 @@ WORLDS: Mapping[str, World] = {
 """The foreign worlds by name."""
 
 
-def world_named(name: str) -> World:
+def world_named(name: str) -> ForeignWorld:
     """Return a world by name; an unknown one raises an UnknownNameError."""
     try:
         return WORLDS[name]
