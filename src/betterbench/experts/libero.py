@@ -211,7 +211,7 @@ class LiberoAgent:
         grasp = grasp_of(state, thing)
         if not self._miss:
             return grasp
-        beside = 0.5 * min(thing.size_m[:2]) + TOOL_TIP_M + 0.008
+        beside = 0.5 * max(thing.size_m[:2]) + TOOL_TIP_M + 0.008
         x, y, _ = rotate(grasp.quaternion, (0.0, beside, 0.0))
         px, py, pz = grasp.position
         return Pose((px + x, py + y, pz), grasp.quaternion)
