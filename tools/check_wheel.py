@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -59,8 +60,15 @@ def build(uv: Path, out: Path, env: Mapping[str, str], source: Path) -> Path:
         return Path(shutil.copy(wheel, out))
 
 
+def added(source: Path) -> list[str]:
+    """Return the files that a project's wheel takes from outside its src, as if they stood there."""
+    form = tomllib.loads((source / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = form.get("tool", {}).get("hatch", {}).get("build", {}).get("targets", {}).get("wheel", {})
+    return [f"src/{place}" for place in wheel.get("force-include", {}).values()]
+
+
 def content_problem(wheel: Path, tracked: Sequence[str]) -> str:
-    """Return how the package in a wheel differs from the tracked files of its src; empty if it does not."""
+    """Return how the package in a wheel differs from the tracked files that it is made of; empty if it does not."""
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     wanted = {name.partition("src/")[2] for name in tracked}
@@ -107,7 +115,7 @@ def main() -> int:
         uv = setup_environment.find_uv(env)
         wheels = {name: build(uv, options.out.resolve(), env, source) for name, source in SOURCES.items()}
         for name, wheel in wheels.items():
-            tracked = call(["git", "ls-files", SOURCES[name] / "src" / name], env=env).split()
+            tracked = call(["git", "ls-files", SOURCES[name] / "src" / name], env=env).split() + added(SOURCES[name])
             problem = content_problem(wheel, tracked)
             if problem:
                 print(problem, file=sys.stderr)
