@@ -66,7 +66,8 @@ def diagnose_command(
         print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
     print_diagnosis(result)
-    print_standing(result.policy, standing_of(result))
+    if "world" not in folder.plan:  # the power matrix holds our own scenes alone
+        print_standing(result.policy, standing_of(result))
     if changes is not None and changes.any:
         print_changes(changes)
     if known is not None:
