@@ -41,7 +41,6 @@ def diagnose_command(
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.diagnosis import diagnosed, print_changes, print_diagnosis
-    from betterbench.cli.output.standing import print_standing
     from betterbench.diagnosis import stored
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
@@ -66,8 +65,7 @@ def diagnose_command(
         print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
     print_diagnosis(result)
-    if "world" not in folder.plan:  # the power matrix holds our own scenes alone
-        print_standing(result.policy, standing_of(result))
+    _print_standing(folder, result)
     if changes is not None and changes.any:
         print_changes(changes)
     if known is not None:
@@ -76,6 +74,15 @@ def diagnose_command(
         OUT.print()
         print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
+
+
+def _print_standing(folder: RunFolder, result: RunDiagnosis) -> None:
+    """Print where the policy stands among the pretenders; the power matrix holds our own scenes alone."""
+    from betterbench.cli.output.standing import print_standing
+    from betterbench.diagnosis.standing import standing_of
+
+    if "world" not in folder.plan:
+        print_standing(result.policy, standing_of(result))
 
 
 def _knowledge(
