@@ -60,7 +60,7 @@ def diagnose_command(
             say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
     if json:
-        standing = standing_of(result).to_json()
+        standing = None if "world" in folder.plan else standing_of(result).to_json()
         document = {**result.to_json(), "power": standing, "changes": None if changes is None else changes.to_json()}
         print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
