@@ -182,6 +182,33 @@ def test_detours_of_an_honest_policy_are_not_to_and_fro(stage):
     assert diagnose_record(s.end()).label is Label.TIMEOUT
 
 
+def zigzag(s, start, goal, *, seconds, swing=0.15, period=2.5):
+    """Goes from a point to another at an even pace, swinging to both sides all the way."""
+    start, goal = np.array(start), np.array(goal)
+    ahead = np.array([*(goal - start)[:2], 0.0])
+    side = np.array([-ahead[1], ahead[0], 0.0]) / max(np.linalg.norm(ahead), 1e-9)
+    s.go(*start)
+    for k in range(round(seconds * 20)):
+        share = k / (seconds * 20)
+        s.tool = start + share * (goal - start) + swing * (4 * abs(share * seconds / period % 1.0 - 0.5) - 1) * side
+        s.tick()
+    return s
+
+
+@pytest.mark.parametrize("way", ["there", "past it", "away", "about it"])
+def test_swings_that_come_nearer_to_the_right_thing_all_the_time_are_a_slow_way(stage, way):
+    s = stage("fast_food", "train1")
+    near = s.positions[s.of("burger")][:2].copy()
+    far = near + np.array([-0.1, 0.4])
+    if way == "past it":
+        far, near = near + np.array([0.0, 0.2]), near - np.array([0.0, 0.2])
+    if way == "about it":
+        far = near + np.array([-0.05, 0.0])
+    start, goal = (near, far) if way == "away" else (far, near)
+    found = diagnose_record(zigzag(s, (*start, 0.42), (*goal, 0.42), seconds=40).end())
+    assert found.label is (Label.TIMEOUT if way == "there" else Label.PHASE_CONFLICT)
+
+
 # -- pauses ---------------------------------------------------------------------------------------------------------
 
 
@@ -277,6 +304,35 @@ def test_what_slides_ahead_of_the_gripper_is_pushed(stage):
     found = diagnose_record(s.close().push(name, 0.0, 0.14).home().wait(4).end())
     assert found.label is Label.SEMANTIC_FEATURE_COLLAPSE
     assert "pushed" in found.evidence.text
+
+
+def shove(s, name, x, y):
+    """Pushes an object with a fist, and the object rolls off aside."""
+    s.push(name, x, y)
+    s.positions[name] = s.positions[name] + np.array([y, -x, 0.0])
+    return s.wait(0.3)
+
+
+@pytest.mark.parametrize("rolls", [False, True])
+def test_pushing_about_with_a_fist_is_no_mere_way_to_and_fro(stage, rolls):
+    """Whatever way the thing takes: it is come to again and again."""
+    for task, name, kind, label in (
+        ("fast_food", "O1", "round block", Label.SEMANTIC_FEATURE_COLLAPSE),
+        ("morning_coffee", "L3", "red mug", Label.EXECUTION_FAILURE),
+    ):
+        s = stage(task, name)
+        s.close()
+        for k in range(8):
+            (shove if rolls else type(s).push)(s, s.of(kind), 0.0, 0.10 if k % 2 else -0.10)
+        assert diagnose_record(s.end()).label is label
+
+
+def test_what_is_run_into_twice_was_not_gone_for(stage):
+    s = stage("fast_food", "O1")
+    s.close()
+    for k in range(2):
+        shove(s, s.at("first"), 0.0, 0.05 if k else -0.05)
+    assert diagnose_record(s.home().wait(8).end()).label is not Label.SEMANTIC_FEATURE_COLLAPSE
 
 
 def test_a_short_push_is_none(stage):
@@ -472,6 +528,54 @@ def test_a_fist_under_which_the_drawer_still_moves_at_the_limit_ran_out_of_time(
         s.tick()
     found = diagnose_record(s.end())
     assert found.label is (Label.TIMEOUT if moves else Label.EXECUTION_FAILURE)
+
+
+def shut(s, *, with_fist=True):
+    """Pushes the drawer shut that the first step is to fill, and returns its name."""
+    drawer = s.condition.instruction.subgoals[0].target
+    home, out = s.rails[drawer]
+    if with_fist:
+        s.close()
+    s.over(s.grip_point(drawer), 0.3).go(*(s.grip_point(drawer) + 0.03 * out))
+    s.pushing, way = drawer, (home - s.positions[drawer]) / 30
+    moved = [drawer, *(n for n in s.movable() if s.support(n)[1] == drawer)]
+    for _ in range(30):
+        for name in moved:
+            s.positions[name] = s.positions[name] + way
+        s.tool = s.tool + way
+        s.tick()
+    s.pushing = ""
+    return drawer
+
+
+@pytest.mark.parametrize("with_fist", [True, False])
+def test_a_drawer_that_is_shut_empty_for_good_is_a_skipped_step(stage, with_fist):
+    s = stage("office_drawer", "train2")
+    drawer = shut(s, with_fist=with_fist)
+    found = diagnose_record(s.home().wait(8).end())
+    assert (found.label, found.evidence.rule) == (Label.CAUSAL_CONFUSION, "required_step_skipped")
+    assert found.evidence.objects == (drawer,)
+    assert "shuts" in found.evidence.text
+
+
+@pytest.mark.parametrize("then", ["draws it out again", "takes the thing", "goes on"])
+def test_a_drawer_that_an_open_gripper_runs_into_is_no_skipped_step(stage, then):
+    s = stage("office_drawer", "train2")
+    drawer = shut(s, with_fist=False)
+    if then == "draws it out again":
+        s.home().draw(drawer, 0.15).home()
+    elif then == "takes the thing":
+        s.home().grasp(s.condition.resolve(s.condition.instruction.subgoals[0].reference)[0]).lift()
+    else:
+        s.go(0.4, -0.2, 0.4, speed=0.02)
+    assert diagnose_record(s.end()).label is not Label.CAUSAL_CONFUSION
+
+
+def test_a_drawer_that_is_shut_after_it_was_filled_is_no_skipped_step(stage):
+    s = stage("office_drawer", "train2")
+    s.serve(0)
+    shut(s)
+    assert diagnose_record(s.home().wait(8).end()).label is not Label.CAUSAL_CONFUSION
 
 
 # -- misses ---------------------------------------------------------------------------------------------------------

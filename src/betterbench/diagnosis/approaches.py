@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -77,6 +78,17 @@ TO_AND_FRO = threshold(
 TO_AND_FRO_TRAVEL = threshold(
     "to_and_fro_travel", 0.4, "m", "Least length of a way to and fro; servo jitter adds up to less in a minute."
 )
+
+COMES_NEARER = threshold(
+    "comes_nearer", 0.15, "1",
+    "Share of its distance to the right thing by which the middle of a way to and fro comes nearer from each quarter "
+    "to the next if it leads there, slowly; who goes to and fro and settles on nothing comes no nearer.",
+)  # fmt: skip
+PUSH_AGAIN = threshold(
+    "push_again", 3, "1",
+    "Times that a gripper comes down to a thing with shut fingers and moves it from which it goes for it, also where "
+    "the thing rolls off or falls over and takes another way than the gripper.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,6 +197,32 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     return None
 
 
+def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
+    """Tell whether a way leads to one of some things, however it swings: its middle comes nearer in each quarter.
+
+    A way whose middle is at a thing from the start leads nowhere.
+    """
+    first, last = rows
+    middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
+    gaps = (np.linalg.norm(middles - trace.positions[first, i, :2], axis=1) for i in things)
+    return any(gap[0] >= PASSING and bool((gap[:-1] - gap[1:] >= COMES_NEARER * gap[0]).all()) for gap in gaps)
+
+
+def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
+    """Return the rows from an empty gripper's touch to when an object is shut for good by it, or None.
+
+    Args:
+        trace: The episode.
+        i: Index of what can be shut.
+        shut: (T,) whether it is.
+    """
+    if shut.all() or not shut[-1]:
+        return None
+    row = int(np.flatnonzero(~shut)[-1]) + 1
+    spans = _spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
+    return (spans[-1][0], row) if spans and row - spans[-1][1] <= trace.steps(PUSH_GAP) else None
+
+
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the rows in which an empty gripper pushes an object, and the object, in time.
 
@@ -202,7 +240,9 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
             if g.object == i:
                 touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
         spans = [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
-        pushes += [Stay(a, b, i) for a, b in spans if _pushed(trace, i, a, b)]
+        shoved = [(a, b) for a, b in spans if _shoved(trace, i, a, b)]
+        again = len(shoved) >= PUSH_AGAIN
+        pushes += [Stay(a, b, i) for a, b in spans if _pushed(trace, i, a, b) or (again and (a, b) in shoved)]
     return tuple(sorted(pushes, key=lambda s: (s.start, s.object)))
 
 
@@ -278,10 +318,23 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
     """Tell whether an object that was touched went the same way as the gripper, which went half as far itself."""
-    before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
-    way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
-    tool: Floats = (trace.tool[end] - trace.tool[before])[:2]
+    way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
     if lengths[0] < PUSH_TRAVEL or lengths[1] < 0.5 * PUSH_TRAVEL:
         return False
     return float(way @ tool) >= PUSH_ALONG * lengths[0] * lengths[1]
+
+
+def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
+    """Tell whether an object that a gripper with shut fingers touched moved by half as far as if it was pushed."""
+    way, _ = _ways(trace, i, start, end)
+    shut = trace.closing[start : end + 1] & (trace.width[start : end + 1] <= THRESHOLDS.closed_width)
+    return bool(shut.all()) and float(np.linalg.norm(way)) >= 0.5 * PUSH_TRAVEL
+
+
+def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
+    """Return how far an object that was touched went, with how far the gripper went meanwhile, seen from above [m]."""
+    before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
+    way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
+    tool: Floats = (trace.tool[end] - trace.tool[before])[:2]
+    return way, tool

@@ -170,6 +170,10 @@ class EpisodeAnalysis:
         """Return the subgoals that are not reached at a row and for which an object is left on the table."""
         return _open_goals(self.trace, self.goals, row)
 
+    def fills(self, goal: int) -> tuple[int, ...]:
+        """Return the earlier subgoals that fill what a subgoal closes."""
+        return tuple(_before(self.trace, self.goals, goal))
+
     def wanted(self, row: int) -> tuple[int, ...]:
         """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
         due = self.open_goals(row)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.approaches import shuts
+from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
+from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks.labels import Label
 from betterbench.tasks.training_distribution import on_table
@@ -52,4 +54,23 @@ def _find(trial: TrialView) -> Evidence | None:
                 "which comes first and is there."
             )
             return episode.at_step("required_step_skipped", text, step)
+    return _shut_empty(episode)
+
+
+def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
+    """Return evidence if something is shut for good, and what belongs into it is left where it is."""
+    trace = episode.trace
+    pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
+    for goal, j in pairs:
+        i = trace.targets[j]
+        rows = shuts(trace, i, trace.serves[:, goal, i])
+        if rows is None or j not in episode.open_goals(rows[1]) or episode.attempted_after(j, rows[0]):
+            continue
+        if not trace.closing[rows[1]] and find_halt(episode) is None:
+            continue  # an open gripper that goes on may have run into it
+        text = (
+            f"It shuts the {episode.kind(i)} and never goes for {episode.asked_words(j)}, "
+            "which has to be in it first and is there."
+        )
+        return episode.evidence("required_step_skipped", text, rows=rows, objects=(i,))
     return None

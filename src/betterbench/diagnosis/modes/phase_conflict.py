@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import closes_in_part, comes_shut, find_stays, returns_to, to_and_fro
+from betterbench.diagnosis.approaches import (
+    closes_in_part,
+    comes_nearer,
+    comes_shut,
+    find_stays,
+    returns_to,
+    to_and_fro,
+)
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
@@ -23,7 +30,7 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper goes to and fro until the end and settles on nothing.",
+    "empty gripper goes to and fro until the end, pushes nothing, and comes no nearer to what is asked for.",
     conclusion="It cannot tell which step is due: it freezes in half-finished scenes, or goes to and fro.",
     sharper=sharper_by_rule(
         {
@@ -48,12 +55,18 @@ def _find(trial: TrialView) -> Evidence | None:
     if stay is not None:
         return _comes_and_goes(episode, stay)
     rows = to_and_fro(episode.trace, episode.idle_from)
-    if rows is None or not episode.open_goals(rows[1]):
+    if rows is None or not episode.open_goals(rows[1]) or _goes_somewhere(episode, rows):
         return None
     way = float(np.ptp(travel(episode.trace)[[*rows]]))
     where = "between " + " and ".join(names) if (names := _names(episode, rows)) else "over nothing in particular"
     text = f"The empty gripper goes to and fro {where} until the end, {way:.1f} m in all, without grasping."
     return episode.evidence("to_and_fro", text, rows=rows)
+
+
+def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
+    """Tell whether a way to and fro pushes something about, or leads to what is asked for."""
+    pushes = any(s.means is Means.PUSH and s.grasp.end >= rows[0] for s in episode.others)
+    return pushes or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
