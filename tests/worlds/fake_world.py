@@ -38,7 +38,7 @@ class FakeSimulator:
         moved = np.zeros((50, 2))
         moved[2, 1] = 0.05
         document = {"premises": ["on(cube_1, tray_1)"], "objects": ["cube_1", "plate_1"]}
-        return {**document, "engine": {"fake": "libero_object"}}, {"holds": holds[:, None], "moved": moved}
+        return {**document, "engine": {"fake": "1"}}, {"holds": holds[:, None], "moved": moved}
 
     def start(self, request):
         print("so is this")  # noqa: T201 - what simulators do
