@@ -46,3 +46,8 @@ def test_a_local_run_imports_no_ray_no_film_and_no_network():
     inner = {n.split(".")[2] for n in modules if n.startswith("betterbench.evaluation.")}
     assert not {"figures", "preflight", "integrations"} & inner
     assert "betterbench.evaluation.ray_engine.pool" not in modules
+
+
+def test_a_run_in_our_own_scenes_reads_nothing_of_calvin():
+    modules = imported("from betterbench.evaluation import evaluate, make_plan")
+    assert not [name for name in modules if name.startswith(("betterbench.calvin", "betterbench.worlds.calvin"))]

@@ -1,10 +1,17 @@
-"""Foreign worlds: simulators that live in environments of their own and answer over a local socket."""
+"""Foreign worlds: simulators that live in environments of their own and answer over a local socket.
 
-from betterbench.worlds.calvin import CHAIN_SUITES, ChainScene, ChainSettings, ChainTask, calvin_command
-from betterbench.worlds.libero import PROTOCOLS, SUITES, FieldProtocol, Suite, protocol_named, suite_named
-from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
-from betterbench.worlds.registry import WORLDS, ForeignWorld, world_named
-from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
+Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from betterbench.worlds.calvin import CHAIN_SUITES, ChainScene, ChainSettings, ChainTask, calvin_command
+    from betterbench.worlds.libero import PROTOCOLS, SUITES, FieldProtocol, Suite, protocol_named, suite_named
+    from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+    from betterbench.worlds.registry import WORLDS, ForeignWorld, world_named
+    from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
 
 __all__ = [
     "CHAIN_SUITES",
@@ -29,3 +36,19 @@ __all__ = [
     "suite_named",
     "world_named",
 ]
+
+_MODULES = {
+    "calvin": ("CHAIN_SUITES", "ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
+    "libero": ("PROTOCOLS", "SUITES", "FieldProtocol", "Suite", "protocol_named", "suite_named"),
+    "process": ("WorldError", "WorldProcess", "WorldProcesses"),
+    "registry": ("WORLDS", "ForeignWorld", "world_named"),
+    "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
