@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.collisions import count_collisions
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
-from betterbench.diagnosis.labels import LabelEvidence, decide, gather
+from betterbench.diagnosis.episode_analysis import analyze_episode
+from betterbench.diagnosis.labels import decide, gather
 from betterbench.diagnosis.modes.policy_error import without_record
 from betterbench.diagnosis.trace import Trace, Whereabout, touches
-from betterbench.diagnosis.trial import Reading, choice_of, reported_attempts
+from betterbench.diagnosis.trial import Reading, choice_of, trial_diagnosis
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.geometry import conjugate, rotate
@@ -81,7 +80,11 @@ class ForeignRun:
         episode = analyze_episode(trace, condition, _known_here(self.trained, here.metadata.scene))
         findings = gather(here, episode)
         label, evidence = decide(findings)
-        return Reading(_diagnosis(here, episode, LabelEvidence(label, evidence), path), findings, choice_of(episode))
+        diagnosis = trial_diagnosis(
+            here, episode, condition="base", axis=_axis(here.metadata.variation), expected=Expected.SUCCEED.value,
+            label=label, evidence=evidence, path=path,
+        )  # fmt: skip
+        return Reading(diagnosis, findings, choice_of(episode))
 
     def without_record(self, trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
         """Return the diagnosis of a planned trial that has no record."""
@@ -215,24 +218,6 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
             rows = over & (local[:, 2] >= 0.0) & (local[:, 2] <= top)
             found.append(Whereabout(i, goal, t, "", rows))
     return tuple(found)
-
-
-def _diagnosis(record: Record, episode: EpisodeAnalysis, found: LabelEvidence, path: str | None) -> TrialDiagnosis:
-    m, trace, first = record.metadata, episode.trace, episode.first_attempt
-    at = None if first is None else first.grasp.object
-    intended = episode.intended()
-    return TrialDiagnosis(
-        task=m.task, variation=m.variation, condition="base", axis=_axis(m.variation), seed=m.seed, policy=m.policy,
-        instruction=m.instruction, success=record.outcome.success, expected=Expected.SUCCEED.value, label=found.label,
-        first_attempt=None if at is None else episode.name(at),
-        first_attempt_kind=None if at is None else episode.kind(at),
-        first_slot=None if first is None else first.attempt.slot,
-        intended=episode.name(intended[0]) if intended else None,
-        intended_kind=episode.kind(intended[0]) if intended else None,
-        intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
-        progress=episode.progress(), attempts=reported_attempts(episode), evidence=found.evidence,
-        collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
-    )  # fmt: skip
 
 
 def _by_outcome(record: Record, path: str | None) -> TrialDiagnosis:

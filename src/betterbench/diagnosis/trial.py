@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
@@ -13,7 +13,7 @@ from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.trace import trace_of
-from betterbench.diagnosis.verdict import Attempt, TrialDiagnosis
+from betterbench.diagnosis.verdict import Attempt, Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
@@ -26,6 +26,7 @@ from betterbench.tasks import (
     get_task,
     training_distribution_of,
 )
+from betterbench.tasks.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,23 +113,42 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
     episode = analyze_episode(trace, condition, _trained(task.id), harm=harm)
     findings = gather(record, episode)
     label, evidence = decide(findings)
-    first = episode.first_attempt
+    diagnosis = replace(
+        trial_diagnosis(
+            record, episode, condition=resolved.base, axis=resolved.axis, expected=condition.expected.value,
+            label=label, evidence=evidence, path=path,
+        ),
+        harm=episode.harm_words(), needless=tuple(inertia_in(episode)) if record.outcome.success else (),
+    )  # fmt: skip
+    return Reading(diagnosis, findings, choice_of(episode))
+
+
+def trial_diagnosis(
+    record: Record,
+    episode: EpisodeAnalysis,
+    *,
+    condition: str,
+    axis: str | None,
+    expected: str,
+    label: Label,
+    evidence: Evidence,
+    path: str | None,
+) -> TrialDiagnosis:
+    """Return what the diagnosis says of an analyzed trial in any world, apart from harm and needless acts."""
+    m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
-    intended = episode.intended()
-    diagnosis = TrialDiagnosis(
-        task=m.task, variation=m.variation, condition=resolved.base, axis=resolved.axis, seed=m.seed, policy=m.policy,
-        instruction=m.instruction, success=record.outcome.success, expected=condition.expected.value, label=label,
+    return TrialDiagnosis(
+        task=m.task, variation=m.variation, condition=condition, axis=axis, seed=m.seed, policy=m.policy,
+        instruction=m.instruction, success=record.outcome.success, expected=expected, label=label,
         first_attempt=None if at is None else episode.name(at),
         first_attempt_kind=None if at is None else episode.kind(at),
         first_slot=None if first is None else first.attempt.slot,
         intended=episode.name(intended[0]) if intended else None,
         intended_kind=episode.kind(intended[0]) if intended else None,
         intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
-        progress=episode.progress(), attempts=reported_attempts(episode), evidence=evidence,
-        harm=episode.harm_words(), needless=tuple(inertia_in(episode)) if record.outcome.success else (),
+        progress=episode.progress(), attempts=_attempts(episode), evidence=evidence,
         collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
     )  # fmt: skip
-    return Reading(diagnosis, findings, choice_of(episode))
 
 
 def offline_truth(record: Record) -> list[Truth]:
@@ -149,7 +169,7 @@ def resolved_of(metadata: RecordMetadata) -> ResolvedCondition:
     return resolve_condition(metadata.task, metadata.variation or metadata.condition)
 
 
-def reported_attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
+def _attempts(episode: EpisodeAnalysis) -> tuple[Attempt, ...]:
     """Return the grasp attempts of an episode and its closings far from everything, in time."""
     time = episode.trace.time
     far = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
+from typing import Any
 
 import betterbench
 from betterbench.recording import Demonstrator, RecordMetadata
@@ -27,25 +28,11 @@ class TrialContext:
 
 def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> RecordMetadata:
     """Return the metadata of an episode's record; a pure function of the trial, free of clocks and machine names."""
-    condition = scene.condition
     return RecordMetadata(
-        task=scene.task.id,
+        **_of_trial(scene, context),
         task_version=scene.task.version,
         suite_version=SUITE_VERSION,
-        package_version=betterbench.__version__,
-        condition=condition.name,
-        variation=context.variation,
-        axis=context.axis,
-        base_condition=context.base_condition,
-        interventions=context.interventions,
-        seed=scene.seed,
-        policy=context.policy,
-        instruction=condition.instruction.text,
-        expected=condition.expected.value,
-        action_space=scene.action_space.name,
-        action_components=scene.action_space.components,
-        control_rate_hz=scene.control_rate_hz,
-        camera_preset=context.camera_preset,
+        instruction=scene.condition.instruction.text,
         render_quality=None if context.camera_preset is None else scene.quality.name,
         engine={
             "simulator": "mujoco",
@@ -53,8 +40,6 @@ def describe(scene: Scene, tracker: GoalTracker, context: TrialContext) -> Recor
             "machine": platform.machine(),
             "model": scene.compiled.content_hash,
         },
-        scene_hash=scene.compiled.content_hash,
-        scene=scene.info,
         looks=scene.looks,
         room=scene.room.name,
         view_jitter=scene.view_jitter,
@@ -70,27 +55,34 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
     if scene.broken_premises:
         engine["scene_broken_premises"] = ", ".join(scene.broken_premises)
     return RecordMetadata(
-        task=scene.task.id,
+        **_of_trial(scene, context),
         task_version=1,
         suite_version=scene.task.suite,
-        package_version=betterbench.__version__,
-        condition=scene.condition.name,
-        variation=context.variation,
-        axis=context.axis,
-        base_condition=context.base_condition,
-        interventions=context.interventions,
-        seed=scene.seed,
-        policy=context.policy,
         instruction=scene.whole_instruction,
-        expected=scene.condition.expected.value,
-        action_space=scene.action_space.name,
-        action_components=scene.action_space.components,
-        control_rate_hz=scene.control_rate_hz,
-        camera_preset=context.camera_preset,
         render_quality=None if context.camera_preset is None else scene.settings.world,
         engine=engine,
-        scene_hash=scene.content_hash,
-        scene=scene.info,
         predicate_names=scene.relation_names,
         subgoal_names=scene.subgoal_names,
     )
+
+
+def _of_trial(scene: Scene | ForeignScene, context: TrialContext) -> dict[str, Any]:
+    """Return what is said of a trial in every world."""
+    return {
+        "task": scene.task.id,
+        "package_version": betterbench.__version__,
+        "condition": scene.condition.name,
+        "variation": context.variation,
+        "axis": context.axis,
+        "base_condition": context.base_condition,
+        "interventions": context.interventions,
+        "seed": scene.seed,
+        "policy": context.policy,
+        "expected": scene.condition.expected.value,
+        "action_space": scene.action_space.name,
+        "action_components": scene.action_space.components,
+        "control_rate_hz": scene.control_rate_hz,
+        "camera_preset": context.camera_preset,
+        "scene_hash": scene.content_hash,
+        "scene": scene.info,
+    }
