@@ -11,6 +11,8 @@ from betterbench.cli.console import OUT, print_json, say
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
+    from betterbench.diagnosis.changes import DiagnosisChanges
+    from betterbench.diagnosis.standing import Standing
     from betterbench.recording import RunFolder
     from betterbench.vqa.knowing import Knowledge
 
@@ -40,12 +42,11 @@ def diagnose_command(
         questions: Folder of that set; the folder of the answers if not given.
         json: Print one JSON document instead of tables.
     """
-    from betterbench.cli.output.diagnosis import diagnosed, print_changes, print_diagnosis
+    from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.diagnosis import stored
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
-    from betterbench.report.headline import verdict_line
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
@@ -59,30 +60,36 @@ def diagnose_command(
         except OSError as error:
             say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
+    standing = None if "world" in folder.plan else standing_of(result)  # the power matrix holds our own scenes alone
     if json:
-        standing = None if "world" in folder.plan else standing_of(result).to_json()
-        document = {**result.to_json(), "power": standing, "changes": None if changes is None else changes.to_json()}
+        document = {
+            **result.to_json(),
+            "power": None if standing is None else standing.to_json(),
+            "changes": None if changes is None else changes.to_json(),
+        }
         print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
+    _print(result, standing, changes, known)
+
+
+def _print(
+    result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
+) -> None:
+    """Print the tables, and last the verdict in one line."""
+    from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
+    from betterbench.cli.output.standing import print_standing
+    from betterbench.cli.output.vqa import print_knowledge
+    from betterbench.report.headline import verdict_line
+
     print_diagnosis(result)
-    _print_standing(folder, result)
+    if standing is not None:
+        print_standing(result.policy, standing)
     if changes is not None and changes.any:
         print_changes(changes)
     if known is not None:
-        from betterbench.cli.output.vqa import print_knowledge
-
         OUT.print()
         print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
-
-
-def _print_standing(folder: RunFolder, result: RunDiagnosis) -> None:
-    """Print where the policy stands among the pretenders; the power matrix holds our own scenes alone."""
-    from betterbench.cli.output.standing import print_standing
-    from betterbench.diagnosis.standing import standing_of
-
-    if "world" not in folder.plan:
-        print_standing(result.policy, standing_of(result))
 
 
 def _knowledge(

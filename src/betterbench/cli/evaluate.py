@@ -219,17 +219,11 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
         raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address")
-    kept = TrialOptions(
-        suite=chosen.suite,
-        tasks=chosen.tasks,
-        trials=chosen.trials,
-        seed=chosen.seed,
-        observation=chosen.observation,
+    _refuse_changed(
+        replace(chosen, suite="better60", tasks=(), trials=None, seed=0, observation="default"),
+        f"{chosen.suite} has no such choice",
+        "Leave out {option}",
     )
-    for field in fields(chosen):
-        if getattr(chosen, field.name) != getattr(kept, field.name):
-            option = f"--{field.name.replace('_', '-')}"
-            raise InvalidInputError(option, f"{chosen.suite} has no such choice", f"Leave out {option}")
     return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
 
 

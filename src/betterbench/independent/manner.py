@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from betterbench.errors import find_named
-
 Profile = Literal["minimum_jerk", "even", "halting"]
 """How the speed goes along a way: bell-shaped, constant, or in bounds with short stops between them."""
 
@@ -55,8 +53,3 @@ OTHER_MANNERS = {
     )
 }
 """The manners in which every habit of the fourth part is run."""
-
-
-def manner_named(name: str) -> Manner:
-    """Return a manner by name; an unknown one raises an UnknownNameError."""
-    return find_named("manner", name, (MANNERS | OTHER_MANNERS).values())

@@ -38,7 +38,16 @@ from betterbench.tasks import Truth
 from betterbench.worlds.libero import FieldProtocol, Suite
 from betterbench.worlds.process import WorldError, WorldProcesses
 from betterbench.worlds.registry import world_named
-from betterbench.worlds.scene import ForeignScene, Instructed, WorldSettings, WorldTask, held_object
+from betterbench.worlds.scene import (
+    PANDA_OPENING_M,
+    ForeignScene,
+    Instructed,
+    WorldSettings,
+    WorldTask,
+    held_object,
+    require_finite,
+    vector_of,
+)
 
 CALVIN = "calvin"
 
@@ -69,7 +78,6 @@ RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
-_OPENING_M = 0.08
 _ROW = {"robot": (15,), "scene": (24,), "target": (6,)}
 _IMAGES = {"image_front": (200, 200, 3), "image_wrist": (84, 84, 3)}
 
@@ -103,29 +111,16 @@ class ChainSettings(WorldSettings):
         del task
         return self.protocol.steps[OFFICIAL]
 
-    def open_scene(
-        self,
-        processes: WorldProcesses,
-        *,
-        task: str,
-        condition: str,
-        seed: int,
-        action_space: ActionSpace,
-        images: bool,
-    ) -> ForeignScene:
-        """Return the scene of a trial, which is set up by its reset."""
-        return ChainScene(
-            self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
-        )
+    def _scene_class(self) -> type[ForeignScene]:
+        return ChainScene
 
     def conventions(self) -> dict[str, str]:
         """Return the conventions of the world in words."""
         return {
+            **WorldSettings.conventions(self),
             "controller": "calvin_env: relative actions are added to the last target, at 30 Hz",
             "images": "CALVIN's, as it draws them: upright; RGB, uint8",
-            "quaternions": "w x y z, w >= 0",
             "poses": "CALVIN's world frame [m]",
-            "units": "m, kg, s, rad",
         }
 
     def to_json(self) -> dict[str, Any]:
@@ -175,6 +170,10 @@ class ChainScene(ForeignScene):
         return "; ".join(subtask.instruction for subtask in self.chain.subtasks)
 
     @property
+    def _process_key(self) -> object:
+        return OFFICIAL
+
+    @property
     def relation_names(self) -> tuple[str, ...]:
         """What a record says of the table."""
         return RELATIONS
@@ -212,7 +211,7 @@ class ChainScene(ForeignScene):
             WorldError: If the simulator fails.
         """
         start = self.start()
-        self._process = self._processes.take(OFFICIAL)
+        self._process = self._processes.take(self._process_key)
         asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), "images": self._images}
         self._take(self._process.start(asked))
         self._fixed = self._document
@@ -272,8 +271,8 @@ class ChainScene(ForeignScene):
             quaternions=(*(block.rotation for block in blocks), *((1.0, 0.0, 0.0, 0.0) for _ in fixed)),
             linear_speeds=(*(math.hypot(*block.velocity[:3]) for block in blocks), *(0.0 for _ in fixed)),
             angular_speeds=(*(math.hypot(*block.velocity[3:]) for block in blocks), *(0.0 for _ in fixed)),
-            ee_pose=Pose(_vector(robot[:3]), from_euler(robot[3:6])),
-            commanded_pose=Pose(_vector(target[:3]), from_euler(target[3:])),
+            ee_pose=Pose(vector_of(robot[:3]), from_euler(robot[3:6])),
+            commanded_pose=Pose(vector_of(target[:3]), from_euler(target[3:])),
             finger_width_m=float(robot[6]),
             gripper_command=self._gripper_command,
             joint_positions=tuple(robot[7:14].tolist()),
@@ -314,14 +313,6 @@ class ChainScene(ForeignScene):
         parts = {"ee_position": robot[:3], "ee_rpy": robot[3:6], "gripper_width": robot[6:7]}
         return {"robot_obs": robot, **parts, "joint_positions": robot[7:14]}
 
-    def close(self, *, well: bool) -> None:
-        """Give the process back if the trial ended ``well``, or end it."""
-        process, self._process = self._process, None
-        if process is not None and well:
-            self._processes.give_back(OFFICIAL, process)
-        elif process is not None:
-            process.kill()
-
     def _instruct(self) -> None:
         """Let the policy be told the sentence of the subtask that is due."""
         sentence = self.chain.subtasks[min(self._done, CHAIN_LENGTH - 1)].instruction
@@ -330,14 +321,12 @@ class ChainScene(ForeignScene):
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep an answer; WorldError if an array is missing, of another shape, or holds what is no number."""
         document, arrays = answer
-        wanted = dict(_ROW)
-        for name, shape in (wanted | {n: s for n, s in _IMAGES.items() if n in arrays}).items():
+        for name, shape in (_ROW | {n: s for n, s in _IMAGES.items() if n in arrays}).items():
             found = arrays.get(name)
             if found is None or found.shape != shape:
                 shown = "nothing" if found is None else f"shape {found.shape}"
                 raise WorldError(f"the simulator sent {shown} as {name}; {shape} is agreed")
-            if found.dtype.kind == "f" and not np.isfinite(found).all():
-                raise WorldError(f"the simulator sent {name} with a number that is not finite")
+            require_finite(name, found)
         self._document, self._arrays = document, dict(arrays)
 
     def _read(self) -> PlayTable:
@@ -368,14 +357,14 @@ class ChainScene(ForeignScene):
                     role="fixture" if o["fixed"] else "item",
                     fixed=bool(o["fixed"]),
                     mass_kg=float(o["mass"]),
-                    size_m=_vector(np.array(o["size"], float)),
+                    size_m=vector_of(o["size"]),
                 )
                 for o in sorted(self._fixed["objects"], key=lambda o: bool(o["fixed"]))
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise WorldError(f"the simulator described its objects otherwise than agreed: {problem}") from problem
         self._sizes = {o.name: o.size_m for o in objects}
-        return SceneInfo(objects, (), _vector(self._arrays["robot"][:3]), _OPENING_M)
+        return SceneInfo(objects, (), vector_of(self._arrays["robot"][:3]), PANDA_OPENING_M)
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
         """Return what is not where the start has it, in words."""
@@ -453,8 +442,3 @@ def from_euler(angles: np.ndarray) -> Quaternion:
     turned = multiply(about_z, multiply(about_y, about_x))
     w, x, y, z = turned if turned[0] >= 0.0 else tuple(-v for v in turned)
     return (w, x, y, z)
-
-
-def _vector(values: np.ndarray) -> Vector:
-    x, y, z = values.tolist()
-    return (x, y, z)

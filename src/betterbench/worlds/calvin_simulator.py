@@ -36,7 +36,6 @@ OWN_CONFIG = "conf/ of the checkout, with the blocks and image sizes of the publ
 """What stands for the configuration of the published data where none is named."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
-_BLOCK_SIZE = 6
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
 _PACKAGES = ("pybullet", "numpy", "hydra-core")
 _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda_longer_finger"]

@@ -110,9 +110,12 @@ class WorldSettings:
         images: bool,
     ) -> ForeignScene:
         """Return the scene of a trial, which is set up by its reset."""
-        return ForeignScene(
+        return self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
+
+    def _scene_class(self) -> type[ForeignScene]:
+        return ForeignScene
 
     def conventions(self) -> dict[str, str]:
         """Return the conventions of the world in words."""
@@ -207,6 +210,11 @@ class ForeignScene:
         return False
 
     @property
+    def _process_key(self) -> object:
+        """What a process is kept for: the next trial of the same task."""
+        return (self.task.suite, self.task.number)
+
+    @property
     def relation_names(self) -> tuple[str, ...]:
         """The relations of the task's file: those of its start, then those of its goal."""
         return tuple(self._fixed["relations"])
@@ -246,8 +254,7 @@ class ForeignScene:
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
-        key = (self.task.suite, self.task.number)
-        self._process = self._processes.take(key)
+        self._process = self._processes.take(self._process_key)
         self._take(
             self._process.start(
                 {
@@ -306,12 +313,12 @@ class ForeignScene:
             info=self._info,
             step=self._step,
             time_s=self._step / self.control_rate_hz,
-            positions=tuple(map(_vector, arrays["positions"])),
+            positions=tuple(map(vector_of, arrays["positions"])),
             quaternions=tuple(_quaternion(q) for q in arrays["quaternions"]),
             linear_speeds=tuple(np.linalg.norm(velocities[:, 3:], axis=1).tolist()),
             angular_speeds=tuple(np.linalg.norm(velocities[:, :3], axis=1).tolist()),
-            ee_pose=Pose(_vector(arrays["ee_position"]), _from_matrix(arrays["ee_rotation"])),
-            commanded_pose=Pose(_vector(arrays["goal_position"]), _from_matrix(arrays["goal_rotation"])),
+            ee_pose=Pose(vector_of(arrays["ee_position"]), _from_matrix(arrays["ee_rotation"])),
+            commanded_pose=Pose(vector_of(arrays["goal_position"]), _from_matrix(arrays["goal_rotation"])),
             finger_width_m=float(self._document["width"]),
             gripper_command=self._gripper_command,
             joint_positions=tuple(arrays["joints"].tolist()),
@@ -355,7 +362,7 @@ class ForeignScene:
         if process is None:
             return
         if well:
-            self._processes.give_back((self.task.suite, self.task.number), process)
+            self._processes.give_back(self._process_key, process)
         else:
             process.kill()
 
@@ -363,8 +370,7 @@ class ForeignScene:
         """Keep an answer; WorldError if it holds something that is no number or has another size than the first."""
         document, arrays = answer
         for name, array in arrays.items():
-            if array.dtype.kind == "f" and not np.isfinite(array).all():
-                raise WorldError(f"the simulator sent {name} with a number that is not finite")
+            require_finite(name, array)
             there = self._arrays.get(name)
             if there is not None and name != "forces" and there.shape != array.shape:
                 raise WorldError(f"the simulator sent {name} of shape {array.shape}, and {there.shape} before")
@@ -386,16 +392,16 @@ class ForeignScene:
                 role=_role(o, goal),
                 fixed=bool(o["fixed"]),
                 mass_kg=float(o["mass"]),
-                size_m=_vector(o["size"]),
+                size_m=vector_of(o["size"]),
                 regions=tuple(
-                    Region(str(r["name"]), _vector(r["position"]), _vector(r["half_size"])) for r in o["regions"]
+                    Region(str(r["name"]), vector_of(r["position"]), vector_of(r["half_size"])) for r in o["regions"]
                 ),
                 slot=o["start"],
             )
             for o in self._fixed["objects"]
         )
-        slots = tuple(SlotInfo(str(name), _vector(place), 0.0) for name, place in self._fixed["places"])
-        return SceneInfo(objects, slots, _vector(self._arrays["ee_position"]), PANDA_OPENING_M)
+        slots = tuple(SlotInfo(str(name), vector_of(place), 0.0) for name, place in self._fixed["places"])
+        return SceneInfo(objects, slots, vector_of(self._arrays["ee_position"]), PANDA_OPENING_M)
 
 
 class ForeignTracker:
@@ -456,7 +462,14 @@ def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
     return None
 
 
-def _vector(values: np.ndarray | Sequence[float]) -> Vector:
+def require_finite(name: str, array: np.ndarray) -> None:
+    """Raise WorldError if an array that a simulator sent holds what is no number."""
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise WorldError(f"the simulator sent {name} with a number that is not finite")
+
+
+def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
+    """Return three numbers as a vector of floats."""
     x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
 
