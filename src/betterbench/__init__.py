@@ -4,7 +4,6 @@ Every task is known to Gymnasium once both are imported, in either order:
 ``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``.
 """
 
-import importlib.abc
 import importlib.machinery
 import importlib.util
 import sys
@@ -26,7 +25,7 @@ def register_environments() -> None:
             gymnasium.register(name, entry_point="betterbench.episodes.gymnasium_env:TaskEnv", kwargs={"task": task})
 
 
-class _AfterGymnasium(importlib.abc.MetaPathFinder):
+class _AfterGymnasium:
     """Registers the tasks right after Gymnasium has been imported; Gymnasium itself loads no entry points."""
 
     def find_spec(

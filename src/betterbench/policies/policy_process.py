@@ -34,8 +34,9 @@ from betterbench.errors import (
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.asked_process import ERRORS
 from betterbench.policies.leftovers import end_leftovers
-from betterbench.policies.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer, read_answer
+from betterbench.policies.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer
 from betterbench.policies.process_output import ProcessOutput
+from betterbench.policies.process_reader import read_answer
 
 logger = logging.getLogger(__name__)
 

@@ -1,24 +1,20 @@
 """What a run and the process of a policy send each other: frames on a socket, and answers that hold no objects.
 
 A question of the run is pickled. An answer is JSON and the bytes of arrays, because a policy can write to its socket
-what it likes.
+what it likes. The run reads answers in :mod:`betterbench.policies.process_reader`; what checks forms is not imported
+here, so that the process of a policy starts fast.
 """
 
 from __future__ import annotations
 
 import json
-import math
 import struct
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, TypeAdapter
 
-from betterbench.errors import PolicyError
 from betterbench.interface import Execution, PolicyInfo
-from betterbench.json_form import read_form, strict_form
 
 LENGTH = struct.Struct(">Q")
 """What stands before each frame: its length [byte]."""
@@ -32,15 +28,13 @@ MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
 MAX_HEAD_BYTES = 4 << 20
 """Largest part of a frame that is no array [byte]: errors, and what a policy declares."""
 
-MAX_OBJECTS = 1 << 20
+SIZES = struct.Struct(">QI")
+"""The length of a frame, and that of its head [byte]."""
 
-_SIZES = struct.Struct(">QI")
-_Size = Annotated[int, Field(ge=0, le=MAX_ANSWER_BYTES)]
-ArrayForm = tuple[Annotated[str, Field(max_length=40)], Annotated[tuple[_Size, ...], Field(max_length=32)]]
+ArrayForm = tuple[str, tuple[int, ...]]
 """The text of an array's type and its shape; what holds Python objects has no bytes."""
 
 
-@strict_form
 @dataclass(frozen=True, slots=True)
 class Declared:
     """What a policy says about itself when it is loaded.
@@ -74,7 +68,6 @@ class Declared:
         )
 
 
-@strict_form
 @dataclass(frozen=True, slots=True)
 class ProcessAnswer:
     """What a process sends.
@@ -87,17 +80,16 @@ class ProcessAnswer:
         declared: What the policy says about itself, once.
     """
 
-    number: Annotated[int, Field(ge=0)]
+    number: int
     arrays: tuple[ArrayForm, ...] = ()
     error: str | None = None
     texts: tuple[str, ...] = ()
     declared: Declared | None = None
 
 
-_ANSWER = TypeAdapter(ProcessAnswer)
 # Bound here, before a policy can put something else into the place of the function.
 _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
-_pack, _array = _SIZES.pack, np.asarray
+_pack, _array = SIZES.pack, np.asarray
 
 
 def text_of(value: object) -> str:
@@ -116,39 +108,7 @@ def plain_array(answer: object) -> tuple[ArrayForm, bytes]:
 def answer_frame(answer: ProcessAnswer, data: Sequence[bytes] = ()) -> bytes:
     """Return the frame of an answer and its arrays, with its length before it; ValueError if it is too large."""
     head = _encode(asdict(answer)).encode("ascii")
-    size = _SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
+    size = SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
     if size > MAX_LINK_BYTES or len(head) > MAX_HEAD_BYTES:
         raise ValueError(f"{size} bytes are no answer")
     return b"".join([_pack(size, len(head)), head, *data])
-
-
-def read_answer(frame: bytes) -> tuple[ProcessAnswer, list[np.ndarray]]:
-    """Return what a process has sent, and its arrays; raise PolicyError if it is no answer."""
-    begin = _SIZES.size - LENGTH.size
-    length = int.from_bytes(frame[:begin], "big")
-    at = begin + length
-    if len(frame) < begin or length > MAX_HEAD_BYTES or at > len(frame):
-        raise PolicyError("a frame that is cut off")
-    answer = read_form(_ANSWER, frame[begin:at], where="an answer", cure="Leave its socket alone", raises=PolicyError)
-    arrays = []
-    for kind, shape in answer.arrays:
-        array, at = _read_array(frame, at, kind, shape)
-        arrays.append(array)
-    if at != len(frame):
-        raise PolicyError("an answer with bytes too many")
-    return answer, arrays
-
-
-def _read_array(frame: bytes, at: int, kind: str, shape: tuple[int, ...]) -> tuple[np.ndarray, int]:
-    """Return the array that begins at a byte of a frame, and where the next one does."""
-    try:
-        dtype = np.dtype(kind)
-        count = math.prod(shape)
-        if dtype.hasobject:
-            return np.empty(shape if count <= MAX_OBJECTS else 0, object), at
-        if not count:
-            return np.zeros(shape, dtype), at
-        end = at + count * dtype.itemsize
-        return np.frombuffer(bytearray(frame[at:end]), dtype, count).reshape(shape), end
-    except (TypeError, ValueError, SyntaxError) as error:
-        raise PolicyError(f"an array that is none ({error})") from error
