@@ -8,7 +8,7 @@ import pytest
 from betterbench.worlds.registry import start_code
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def fake_command() -> tuple[str, ...]:
     folder = str(Path(__file__).parent)
     return (sys.executable, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('fake_world')}")

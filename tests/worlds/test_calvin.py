@@ -41,17 +41,19 @@ class Reads:
 """
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def command():
     folder = str(Path(__file__).parent)
     code = f"import sys; sys.path.append({folder!r})\n{start_code('fake_calvin')}"
     return (sys.executable, "-c", code, folder, "", "")
 
 
-@pytest.fixture
-def plan_of(command, tmp_path):
+@pytest.fixture(scope="module")
+def plan_of(command, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("policies")
+
     def plan(cannot=(), suite="calvin", **options):
-        file = tmp_path / f"reads{len(cannot)}.py"
+        file = folder / f"reads{len(cannot)}.py"
         file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
         options = {"trials": 3, **options}
         return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, command=command, **options)
@@ -59,13 +61,18 @@ def plan_of(command, tmp_path):
     return plan
 
 
+@pytest.fixture(scope="module")
+def undisturbed(plan_of, tmp_path_factory):
+    """A run of three chains, one after the other."""
+    return evaluate(plan_of(), tmp_path_factory.mktemp("undisturbed") / "run", workers=1, envs=1)
+
+
 def _bytes(run):
     return {p.relative_to(run.path): p.read_bytes() for p in sorted(run.path.glob("records/**/*.parquet"))}
 
 
-def test_a_chain_is_one_trial_whose_instruction_changes(plan_of, tmp_path):
-    run = evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)
-    for number, record in enumerate(run.records()):
+def test_a_chain_is_one_trial_whose_instruction_changes(undisturbed):
+    for number, record in enumerate(undisturbed.records()):
         chain = calvin_chains()[number]
         assert (record.metadata.task, record.metadata.condition, record.metadata.seed) == ("calvin", "base", number)
         assert record.metadata.subgoal_names == chain.names
@@ -89,7 +96,14 @@ def test_a_chain_ends_with_the_first_subtask_that_takes_too_long(plan_of, tmp_pa
     assert record.n_steps == 2 + 2 + 7
 
 
-@pytest.mark.parametrize("suite", ["calvin", pytest.param("calvin_resampled", marks=pytest.mark.slow)])
+def test_results_do_not_depend_on_environments_or_the_trials_before(plan_of, tmp_path, undisturbed):
+    assert _bytes(undisturbed) == _bytes(evaluate(plan_of(), tmp_path / "side by side", workers=1, envs=2))
+    alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone", workers=1, envs=1))
+    assert alone.items() <= _bytes(undisturbed).items()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suite", ["calvin", "calvin_resampled"])
 def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path, suite):
     together = _bytes(evaluate(plan_of(suite=suite), tmp_path / "together", workers=1, envs=1))
     assert together == _bytes(evaluate(plan_of(suite=suite), tmp_path / "side by side", workers=2, envs=2))
@@ -100,8 +114,7 @@ def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan
 @pytest.mark.parametrize(
     "fault", ["dies", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("hangs", "raises", "nan", "garbage"))]
 )
-def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, fault):
-    undisturbed = _bytes(evaluate(plan_of(), tmp_path / "undisturbed", workers=1, envs=1))
+def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, undisturbed, fault):
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     yaw = float(start_of(calvin_chains()[1].start).scene[11])
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:{yaw!r}:{tmp_path / 'it happened'}")
@@ -109,14 +122,13 @@ def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(plan_o
     broken = [e for e in run.entries() if e.status == "error"]
     assert [e.seed for e in broken] == [1]
     assert "simulator" in broken[0].message
-    assert _bytes(evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)) == undisturbed
+    assert _bytes(evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)) == _bytes(undisturbed)
 
 
-def test_blocks_are_placed_by_name_whatever_their_order(plan_of, tmp_path, monkeypatch):
+def test_blocks_are_placed_by_name_whatever_their_order(plan_of, tmp_path, monkeypatch, undisturbed):
     """calvin_env's own scene D lists pink, blue, red; ``scene_obs`` is red, blue, pink."""
-    usual = _bytes(evaluate(plan_of(), tmp_path / "usual", workers=1, envs=1))
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue,block_red")
-    assert _bytes(evaluate(plan_of(), tmp_path / "turned", workers=1, envs=1)) == usual
+    assert _bytes(evaluate(plan_of(), tmp_path / "turned", workers=1, envs=1)) == _bytes(undisturbed)
     monkeypatch.setenv("FAKE_ORDER", "block_pink,block_blue")
     with pytest.raises(Exception, match="the scene has the blocks block_pink, block_blue"):
         plan_of()

@@ -69,11 +69,19 @@ def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan
     assert alone.items() <= together.items()
 
 
+def short(plan):
+    return replace(plan, world=replace(plan.world, protocol=replace(PROTOCOLS["openpi"], steps={"libero_object": 12})))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(fake_command, tmp_path_factory):
+    plan = short(make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=3))
+    return _bytes(evaluate(plan, tmp_path_factory.mktemp("undisturbed") / "run"))
+
+
 @pytest.mark.parametrize("fault", ["dies", "hangs", "raises", "nan", "garbage"])
-def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, fault):
-    plan = plan_of(policy="noop", trials=3)
-    plan = replace(plan, world=replace(plan.world, protocol=replace(PROTOCOLS["openpi"], steps={"libero_object": 12})))
-    undisturbed = _bytes(evaluate(plan, tmp_path / "undisturbed"))
+def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, undisturbed, fault):
+    plan = short(plan_of(policy="noop", trials=3))
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
     run = evaluate(plan, tmp_path / "run")
