@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
-import numpy as np
 
 from betterbench.geometry import Vector
 from betterbench.scenes.builder import LABELS, CompiledScene
@@ -36,11 +35,9 @@ class ContactReader:
         labels = compiled.geom_labels.tolist()
         rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
         self._of_geoms = [rows[label + 1] for label in labels]
-        self._trees = self._model.body_treeid[compiled.bodies]
-        self._movable = self._trees >= 0
+        trees = self._model.body_treeid[compiled.bodies].tolist()
+        self._trees = tuple((i, tree) for i, tree in enumerate(trees) if tree >= 0)
         self._awake = mujoco.MjData(self._model)
-        self._sleep_state = b""
-        self._sleeping: tuple[int, ...] = ()
         self._kept_for: tuple[tuple[int, ...], list[Vector]] = ((), [])
         self._kept: dict[int, Contact] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
@@ -53,15 +50,11 @@ class ContactReader:
         those of the objects in these data.
         """
         total = self._touching(data)
-        sleep_state = data.tree_asleep.tobytes()
-        if sleep_state != self._sleep_state:
-            self._sleep_state = sleep_state
-            asleep = self._movable & (data.tree_asleep[self._trees] >= 0)
-            self._sleeping = tuple(np.flatnonzero(asleep).tolist())
-        names = self._pair_names
-        if not self._sleeping:
+        asleep, names = data.tree_asleep.tolist(), self._pair_names
+        sleeping = tuple([i for i, tree in self._trees if asleep[tree] >= 0])
+        if not sleeping:
             return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), self._held(total)
-        self._keep(data, positions)
+        self._keep(data, positions, sleeping)
         kept = self._kept_numbers
         found = {number: Contact(*names[number], force) for number, force in total.items() if number not in kept}
         if not found:
@@ -92,15 +85,15 @@ class ContactReader:
                 total[number] = total[number] + force if number in total else force
         return total
 
-    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
+    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector], sleeping: tuple[int, ...]) -> None:
         """Compute what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
-        state = (self._sleeping, [positions[i] for i in self._sleeping])
+        state = (sleeping, [positions[i] for i in sleeping])
         if state == self._kept_for:
             return
         self._kept_for = state
         self._awake.qpos[:] = data.qpos
         mujoco.mj_forward(self._model, self._awake)
-        self._kept_numbers = frozenset(number for i in self._sleeping for number in self._numbers[i] if number >= 0)
+        self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
         touching = self._touching(self._awake)
         self._kept = {
             number: Contact(*self._pair_names[number], touching[number])
@@ -118,8 +111,6 @@ class ContactReader:
 
 
 _KEPT_BETWEEN_READINGS = (
-    "_sleep_state",
-    "_sleeping",
     "_kept_for",
     "_kept",
     "_kept_contacts",
