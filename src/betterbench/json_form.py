@@ -118,6 +118,30 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
         raise _as(raises, wrong) from error
 
 
+def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+    """Return the value of a JSON text; raise ValueError if it is none, or nested too deep to be read."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+
+
+def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
+    """Return the JSON object that a file holds.
+
+    Raises:
+        InvalidInputError: If the file is missing or larger than ``max_bytes``, or holds anything else.
+    """
+    text = read_bounded(path, max_bytes=max_bytes, cure=cure)
+    try:
+        found = parse_json(text)
+    except ValueError as error:
+        raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
+    if not isinstance(found, dict):
+        raise InvalidInputError(str(path), "is no JSON object", cure)
+    return found
+
+
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
     """Return the content of a file that must not be larger than a limit. A pipe or a device is not waited for.
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import parse_json, read_bounded, read_form, read_object, strict_form
 
 
 @strict_form
@@ -88,3 +88,30 @@ def test_the_name_of_a_field_is_bounded_in_a_message():
     with pytest.raises(InvalidInputError) as raised:
         read_form(adapter, {"x" * 100_000: "no number"}, where="f.json", cure="Mend it")
     assert len(str(raised.value)) < 500
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (b"", "is not JSON (Expecting value: line 1 column 1 (char 0))"),
+        (b"[" * 100_000, "is not JSON (it is nested too deep)"),
+        (b"[1]", "is no JSON object"),
+        (b'{"a": "' + b"x" * 100 + b'"}', "is larger than 99 bytes"),
+        (b"\xff{}", "is not JSON ("),
+    ],
+)
+def test_a_file_that_holds_no_object_is_one_line(tmp_path, text, problem):
+    file = tmp_path / "f.json"
+    file.write_bytes(text)
+    with pytest.raises(InvalidInputError) as error:
+        read_object(file, max_bytes=99 if b"x" in text else 1 << 20, cure="Mend it")
+    assert str(error.value).startswith(f"{file}: {problem}")
+    assert str(error.value).endswith(". Mend it.")
+    file.write_bytes(b'{"a": [1]}')
+    assert read_object(file, max_bytes=99, cure="Mend it") == {"a": [1]}
+
+
+def test_a_text_that_is_nested_too_deep_is_an_error_like_any_other():
+    assert parse_json("[" * 50 + "]" * 50) is not None
+    with pytest.raises(ValueError, match="nested too deep"):
+        parse_json("[" * 100_000)

@@ -113,6 +113,9 @@ def test_what_cannot_be_read_is_one_clear_line(tmp_path):
     (path / "meta" / "info.json").write_text(json.dumps(info))
     with pytest.raises(InvalidInputError, match="no proprioception"):
         facts_of_lerobot(path)
+    (path / "meta" / "info.json").write_bytes(b"[" * 100_000)
+    with pytest.raises(InvalidInputError, match=r"info\.json: is not JSON \(it is nested too deep\)"):
+        facts_of_lerobot(path)
     assert main(["shortcuts", str(tmp_path / "nothing")]) == 2
 
 

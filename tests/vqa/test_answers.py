@@ -171,7 +171,7 @@ class Server:
                 outer.asked.append((self.path, self.headers.get("Authorization"), body))
                 status, text = outer.script.pop(0) if len(outer.script) > 1 else outer.script[0]
                 form = {"choices": [{"message": {"content": text}}]} if status == 200 else {"error": {"message": text}}
-                reply = json.dumps(form).encode() if text != "garbage" else b"<html>"
+                reply = {"garbage": b"<html>", "deep": b"[" * 3000}.get(text) or json.dumps(form).encode()
                 self.send_response(status)
                 self.send_header("Content-Length", str(len(reply)))
                 self.end_headers()
@@ -221,6 +221,8 @@ def test_an_endpoint_is_asked_in_its_protocol_and_again_if_it_is_busy(serve, mon
         (404, "no such model", ModelError, "the name of the model, 'tiny'"),
         (500, "broken", ModelError, "no answer after 2 tries"),
         (200, "garbage", ModelError, "Give the address of a chat endpoint"),
+        (200, "deep", ModelError, "Give the address of a chat endpoint"),
+        (400, "deep", RefusedError, "HTTP 400"),
     ],
 )
 def test_what_a_server_refuses_is_one_clear_line(serve, status, text, kind, says):

@@ -114,7 +114,9 @@ def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan
 @pytest.mark.parametrize(
     "fault", ["dies", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("hangs", "raises", "nan", "garbage"))]
 )
-def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, undisturbed, fault):
+def test_a_failing_simulator_costs_one_chain_and_the_same_command_resumes(
+    plan_of, tmp_path, monkeypatch, undisturbed, fault
+):
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     yaw = float(start_of(calvin_chains()[1].start).scene[11])
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:{yaw!r}:{tmp_path / 'it happened'}")

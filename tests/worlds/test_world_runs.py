@@ -80,7 +80,9 @@ def undisturbed(fake_command, tmp_path_factory):
 
 
 @pytest.mark.parametrize("fault", ["dies", "hangs", "raises", "nan", "garbage"])
-def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(plan_of, tmp_path, monkeypatch, undisturbed, fault):
+def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
+    plan_of, tmp_path, monkeypatch, undisturbed, fault
+):
     plan = short(plan_of(policy="noop", trials=3))
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")

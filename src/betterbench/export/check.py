@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import observation_name, open_hdf5, read_origin
 from betterbench.export.selection import digest_of
 from betterbench.export.video import read_pictures
+from betterbench.json_form import parse_json
 from betterbench.recording import Record, RunFolder
 from betterbench.tasks import TrialId
 
@@ -106,7 +106,7 @@ def check_export(
 def _source(path: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     try:
-        source = read_origin(path) if path.is_file() else json.loads((path / SOURCE_FILE).read_bytes())
+        source = read_origin(path) if path.is_file() else parse_json((path / SOURCE_FILE).read_bytes())
         layout = source["layout"]
         named = [layout["adapter"]["name"], layout["observation"]["name"], source["quality"], source["images"]]
         named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]
@@ -158,7 +158,7 @@ def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
 def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
     """Yield the episodes of a folder of version 2.1 or 3.0."""
     with _intact(str(path / "meta/info.json")):
-        version = json.loads(_read(path / "meta/info.json"))["codebase_version"]
+        version = parse_json(_read(path / "meta/info.json"))["codebase_version"]
     places: list[Mapping[str, Any] | None] = [None] * len(episodes)
     if version == "v3.0":
         places = _parquet(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()

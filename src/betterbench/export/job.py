@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +28,7 @@ from betterbench.export.questions import question_set, questions_of
 from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
+from betterbench.json_form import parse_json
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
@@ -211,7 +211,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
         from betterbench.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
         return read_origin(out)
-    form: dict[str, Any] = json.loads((out / SOURCE_FILE).read_bytes())
+    form: dict[str, Any] = parse_json((out / SOURCE_FILE).read_bytes())
     return form
 
 

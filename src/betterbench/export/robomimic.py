@@ -21,6 +21,7 @@ from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
 from betterbench.export.part import Part
+from betterbench.json_form import parse_json
 
 GYM_TYPE = 2
 """robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
@@ -80,7 +81,7 @@ def require_h5py() -> None:
 def read_origin(path: Path) -> dict[str, Any]:
     """Return what a file says about its origin; raise OSError, ValueError or KeyError if it is none of ours."""
     with open_hdf5(path, "r") as file:
-        form: dict[str, Any] = json.loads(file[_SOURCE][()])
+        form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form
 
 

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from betterbench.errors import InvalidInputError, ModelError, one_line
+from betterbench.json_form import parse_json
 
 Message = Mapping[str, Any]
 """One message of a conversation: its role and its content."""
@@ -128,7 +129,7 @@ class ChatEndpoint:
 
     def _text(self, reply: bytes) -> str:
         try:
-            text = json.loads(reply)["choices"][0]["message"]["content"]
+            text = parse_json(reply)["choices"][0]["message"]["content"]
         except (ValueError, LookupError, TypeError) as error:
             raise ModelError(
                 f"{self._where}: its answer has no choices[0].message.content. Give the address of a chat endpoint."
@@ -167,7 +168,7 @@ def _told(reply: bytes) -> str:
     """Return what a server says about an error."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
-        said = json.loads(text)
+        said = parse_json(text)
         error = said.get("error", said) if isinstance(said, dict) else said
         text = str(error.get("message", error)) if isinstance(error, dict) else str(error)
     except ValueError:

@@ -20,7 +20,7 @@ import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import read_bounded, read_form, read_object, strict_form
 from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30
@@ -153,15 +153,7 @@ def _require_for_training(folder: Path) -> None:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    cure = "Export the data set again"
-    text = read_bounded(path, max_bytes=_MAX_META_BYTES, cure=cure)
-    try:
-        found = json.loads(text)
-    except ValueError as error:
-        raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
-    if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "is no JSON object", cure)
-    return found
+    return read_object(path, max_bytes=_MAX_META_BYTES, cure="Export the data set again")
 
 
 def _lerobot(path: Path) -> LeRobotSource:

@@ -6,7 +6,6 @@ import contextlib
 import copy
 import hashlib
 import importlib
-import json
 import re
 import sys
 import threading
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
+from betterbench.json_form import parse_json
 from betterbench.policies.address import PolicyAddress
 
 _PREPROCESSOR = "policy_preprocessor.json"
@@ -250,8 +250,8 @@ def _located(target: str, where: str) -> str:
 
 def _check_form(file: Path, where: str) -> None:
     try:
-        form = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        form = parse_json(file.read_bytes())
+    except (OSError, ValueError) as error:
         raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
     if not isinstance(form, dict) or not isinstance(form.get("type"), str):
         raise InvalidInputError(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.resources
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,9 +12,11 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError, require_between
 from betterbench.export.card import STILL
+from betterbench.json_form import read_object
 from betterbench.recipes.recipe import Recipe, Setting
 
 SOURCE_FILE = Path("meta/betterbench.json")
+_MAX_META_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,10 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     source, info = _json(folder / SOURCE_FILE), _json(folder / "meta/info.json")
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
     cure = f"Make it with better export RUN --to {to} --preset {preset} --out {place}"
-    found = source.get("layout", {}).get("adapter", {}).get("name")
+    try:
+        found = source["layout"]["adapter"]["name"]
+    except (KeyError, TypeError):
+        found = "unknown"
     if found != preset:
         raise InvalidInputError(place, f"its layout is {found}, and this trainer needs {preset}", cure)
     if info.get("codebase_version") != version:
@@ -151,13 +155,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
 
 def _json(path: Path) -> dict[str, Any]:
     cure = "Name a folder that better export wrote, or one that is not here yet"
-    try:
-        found = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise InvalidInputError(str(path), f"cannot be read ({error})", cure) from error
-    if not isinstance(found, dict):
-        raise InvalidInputError(str(path), "is no JSON object", cure)
-    return found
+    return read_object(path, max_bytes=_MAX_META_BYTES, cure=cure)
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:

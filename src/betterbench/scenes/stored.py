@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import RecordError
+from betterbench.json_form import parse_json
 from betterbench.scenes.cameras import ViewPlacement, camera_matrices
 from betterbench.scenes.rendering import Images, Renderer
 from betterbench.scenes.stage import Quality
@@ -31,7 +32,7 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
     Raises RecordError if a file is missing or malformed, or another version of MuJoCo wrote it.
     """
     try:
-        index = json.loads(files[INDEX_FILE])
+        index = parse_json(files[INDEX_FILE])
         binary = files[MODEL_FILE]
         wrote = index["mujoco"]
     except (KeyError, TypeError, ValueError) as error:

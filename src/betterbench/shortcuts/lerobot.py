@@ -7,7 +7,6 @@ cut at the gaps between the places that are found. Files are laid out as hugging
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
-from betterbench.json_form import read_bounded
+from betterbench.json_form import parse_json, read_bounded, read_object
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
 
 GAP_SHARE = 0.08
@@ -112,12 +111,8 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
 
 def _info(path: Path) -> Mapping[str, Any]:
     file = path / "meta" / "info.json"
-    data = read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
-    try:
-        info = json.loads(data)
-    except ValueError as error:
-        raise RecordError(f"{file}: it is no JSON ({one_line(error)}). Write the file again.") from error
-    if not isinstance(info, dict) or not isinstance(info.get("features"), dict):
+    info = read_object(file, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
+    if not isinstance(info.get("features"), dict):
         raise InvalidInputError(str(file), "it lists no features", _CURE)
     return info
 
@@ -178,7 +173,7 @@ def _tasks(path: Path) -> dict[int, str]:
             texts = next(values for name, values in found.items() if name != "task_index")
             return {int(i): str(text) for i, text in zip(found["task_index"], texts, strict=True)}
         data = read_bounded(lines, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
-        forms = [json.loads(line) for line in data.decode().splitlines() if line.strip()]
+        forms = [parse_json(line) for line in data.decode().splitlines() if line.strip()]
         return {int(form["task_index"]): str(form["task"]) for form in forms}
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, StopIteration) as error:
         where = table if table.is_file() else lines

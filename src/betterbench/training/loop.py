@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from betterbench.errors import InvalidInputError, RunConflictError, TrainingError
-from betterbench.json_form import read_bounded
+from betterbench.json_form import read_object
 from betterbench.learned.checkpoint import (
     FILE_NAME,
     Trained,
@@ -320,10 +320,7 @@ def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: s
     path = out / _RECIPE_NAME
     if path.exists():
         cure = "Choose another folder"
-        try:
-            there = json.loads(read_bounded(path, max_bytes=_MAX_RECIPE, cure=cure))
-        except (ValueError, RecursionError) as error:
-            raise InvalidInputError(str(path), f"is not JSON ({error})", cure) from error
+        there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
         found = first_difference(there, form, "training")
         if found is not None:
             raise RunConflictError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import parse_json
 from betterbench.worlds.libero import SEED, SETTLING_STEPS
 from betterbench.worlds.process import WorldError, WorldProcess
 
@@ -97,7 +98,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     lines = path.read_bytes().splitlines() if path.exists() else []
     for number, line in enumerate(lines, start=1):
         try:
-            entries.append(PremiseEntry(**json.loads(line)))
+            entries.append(PremiseEntry(**parse_json(line)))
         except (ValueError, TypeError) as error:
             problem = f"line {number} is no entry of premises"
             raise InvalidInputError(str(path), problem, "Remove the file, or name another one with --out") from error

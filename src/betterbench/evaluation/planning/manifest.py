@@ -24,6 +24,7 @@ from betterbench.evaluation.planning.machine import describe_machine, describe_r
 from betterbench.evaluation.planning.plan import Plan
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.json_form import parse_json
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
 from betterbench.robots import robot as robot_named
@@ -170,8 +171,8 @@ def _document(text: str) -> object:
     """Return the JSON object or list that a text holds, or the text."""
     if text[:1] in ("{", "["):
         try:
-            return json.loads(text)
-        except (ValueError, RecursionError):
+            return parse_json(text)
+        except ValueError:
             return text
     return text
 
