@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
+from betterbench.interventions import resolve_condition, vary
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.framing import (
@@ -23,6 +23,7 @@ from betterbench.scenes.framing import (
 )
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Task, get_task, suite_tasks
+from betterbench.tasks.balanced import balanced_conditions, slots_aside
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 
@@ -57,6 +58,14 @@ def test_every_condition_is_framed_as_promised():
     """One seed per condition, under its own jitter; margins count all jitters at once."""
     found = [f for task in suite_tasks("better60") for s in scenes(get_task(task), 0) for f in faults(s, (None,))]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("task_id", [name for name in suite_tasks("better60") if slots_aside(name)])
+def test_what_stands_aside_is_in_the_picture(task_id):
+    aside = {slot.name for slot in slots_aside(task_id)}
+    shown = [c for c in balanced_conditions(task_id) if aside & set(c.layout.values())]
+    found = resolve_condition(task_id, shown[0].name)
+    assert not faults(Scene(found.task, found.condition, seed=0, action_space=EE_DELTA), (None,))
 
 
 @pytest.mark.slow

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.interventions import resolve_condition
 from betterbench.interventions.regimes import conditions_of
 from betterbench.shortcuts.association import association, strongest_of
 from betterbench.shortcuts.examine import audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep, facts_of_condition
 from betterbench.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign
 from betterbench.tasks import get_task, suite_tasks, training_distribution_of
-from betterbench.tasks.balanced import balanced_conditions, crossed
+from betterbench.tasks.balanced import balanced_conditions, crossed, slots_aside
 from betterbench.tasks.training_distribution import pairing
 
 TASKS = suite_tasks("better60")
@@ -91,6 +92,59 @@ def test_the_balanced_recipe_holds_no_test_and_says_what_it_crosses():
         said = {c.instruction.text for c in conditions_of(task, "covered")} - {t for t, _ in trained}
         assert crossed(name)
         assert not said & {c.instruction.text for c in balanced_conditions(name)}
+
+
+def meant(condition, instruction, kinds):
+    """Return what an instruction asks for in the start of a condition, or None if what it names is not there."""
+    steps, taken = [], set()
+    for goal in instruction.subgoals:
+        loose = [n for n in condition.resolve(goal.reference) if n not in condition.preplaced and n not in taken]
+        names = [n for n in loose if condition.object(n).kind in kinds]
+        if not names or goal.target not in {o.name for o in condition.objects}:
+            return None
+        taken.add(names[0])
+        steps.append((names[0], goal.target, goal.region))
+    return tuple(steps)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_words_decide_in_balanced_scenes(task):
+    conditions = balanced_conditions(task)
+    kinds = {c.object(n).kind for c in conditions for g in c.instruction.subgoals for n in c.resolve(g.reference)}
+    deciding = [
+        c
+        for c in conditions
+        if any(meant(c, d.instruction, kinds) not in (None, meant(c, c.instruction, kinds)) for d in conditions)
+    ]
+    assert 4 * len(deciding) >= len(conditions)
+
+
+def test_every_word_for_a_mug_is_said_of_both_scenes_with_two_mugs():
+    said = {}
+    for c in balanced_conditions("morning_coffee"):
+        if {"red_mug", "blue_mug"} <= c.layout.keys():
+            (goal,) = c.instruction.subgoals
+            (mug,) = c.resolve(goal.reference)
+            said.setdefault(goal.word, set()).add((mug, c.layout[mug]))
+    mugs = ("red_mug", "blue_mug")
+    assert said["red"] == {("red_mug", "near"), ("red_mug", "far")}
+    assert said["blue"] == {("blue_mug", "near"), ("blue_mug", "far")}
+    assert said["top"] == {(mug, "far") for mug in mugs}
+    assert said["bottom"] == {(mug, "near") for mug in mugs}
+
+
+def test_a_slot_aside_belongs_to_the_conditions_that_use_it_alone():
+    for name in TASKS:
+        task, aside = get_task(name), {slot.name for slot in slots_aside(name)}
+        assert not aside & {slot.name for slot in task.slots}
+        for condition in balanced_conditions(name):
+            used = {slot.name for slot in resolve_condition(name, condition.name).task.slots}
+            assert used - {slot.name for slot in task.slots} == aside & set(condition.layout.values())
+            asked = {n for g in condition.instruction.subgoals for n in condition.resolve(g.reference)}
+            assert not aside & {condition.layout.get(n) for n in asked}
+        for condition in (*task.training, *conditions_of(task, "covered")):
+            assert resolve_condition(name, condition.name).task is task
+    assert slots_aside("morning_coffee")
 
 
 def test_what_breaks_a_rule_is_a_variation_that_was_made_to(training):

@@ -63,8 +63,8 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
         """Check all names; scenes are compiled at reset."""
         if render_mode not in (None, "rgb_array"):
             raise InvalidInputError("render_mode", f"{render_mode!r} is not offered", "Use 'rgb_array' or None")
-        self._task = get_task(task)
-        self._condition = self._task.training[0] if variation is None else resolve_condition(task, variation).condition
+        found = resolve_condition(task, get_task(task).training[0].name if variation is None else variation)
+        self._task, self._condition = found.task, found.condition
         self._spec: ObservationSpec = observation_spec(observation)
         self._actions = action_space_named(action_space)
         self._quality, self._looks = quality_preset(quality), looks_named(looks)

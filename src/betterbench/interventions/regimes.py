@@ -8,7 +8,7 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 from betterbench.interventions.apply import vary
 from betterbench.tasks import Condition, Task
-from betterbench.tasks.balanced import balanced_conditions
+from betterbench.tasks.balanced import balanced_conditions, slots_aside
 
 Regime = Literal["training", "balanced", "covered"]
 """The conditions of the task with their confounds; others of the same skills without them; the test conditions."""
@@ -28,5 +28,8 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
 
 
 def in_regime(task: Task, regime: Regime) -> Task:
-    """Return a task with the conditions of a regime in place of its training conditions; raises the same."""
-    return task if regime == "training" else replace(task, training=conditions_of(task, regime))
+    """Return a task with conditions and slots of a regime in place of those of training; raises the same."""
+    if regime == "training":
+        return task
+    slots = (*task.slots, *slots_aside(task.id)) if regime == "balanced" else task.slots
+    return replace(task, training=conditions_of(task, regime), slots=slots)

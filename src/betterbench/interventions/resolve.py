@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from betterbench.errors import UnknownNameError
 from betterbench.interventions.apply import vary
 from betterbench.tasks import Changes, Condition, Task, Variation, get_task
-from betterbench.tasks.balanced import balanced_conditions
+from betterbench.tasks.balanced import balanced_conditions, with_slots_of
 
 NO_CHANGES = Changes()
 
@@ -18,7 +18,7 @@ class ResolvedCondition:
     """A condition of a task, and where it comes from.
 
     Attributes:
-        task: The task.
+        task: The task, with the slots of the condition.
         condition: The condition itself.
         variation: The variation that makes it, or None for a condition of training or of the balanced regime.
         changes: What its interventions declare to change; nothing without a variation.
@@ -55,7 +55,7 @@ def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
     task = get_task(task_id)
     for condition in (*task.training, *balanced_conditions(task.id)):
         if condition.name == name:
-            return ResolvedCondition(task, condition)
+            return ResolvedCondition(with_slots_of(task, condition), condition)
     for variation in task.variations:
         if variation.name == name:
             condition, changes = vary(task, variation)

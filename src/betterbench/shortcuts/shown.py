@@ -13,7 +13,7 @@ from betterbench.recording import Record, RunFolder
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_record
 from betterbench.state import WorldState
 from betterbench.tasks import Condition, Task, TrialId, get_task
-from betterbench.tasks.balanced import balanced_conditions
+from betterbench.tasks.balanced import balanced_conditions, with_slots_of
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
@@ -39,7 +39,7 @@ def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[C
     if not said:
         return ()
     state = record.state(0)
-    return tuple(condition for condition in said if _is_start(state, task, condition))
+    return tuple(condition for condition in said if _is_start(state, with_slots_of(task, condition), condition))
 
 
 def _is_start(state: WorldState, task: Task, condition: Condition) -> bool:

@@ -1,6 +1,7 @@
-"""Morning coffee, balanced: the mug that is meant in either slot, alone or beside a white mug or a can.
+"""Morning coffee, balanced: words and places are crossed where both mugs stand, and where one stands alone.
 
-The complete cross of words and layouts is what the variations L1 to L4 test, so it is made with other objects.
+Both mugs in the two slots and nothing else are the scenes of training and of the variations L1 to L4, so here a can
+stands aside: what is asked for follows from the words alone, and the scene is that of no test.
 """
 
 from betterbench.tasks import authoring as a
@@ -10,6 +11,8 @@ from betterbench.tasks.suite.morning_coffee import (
     BLUE_MUG,
     BOTTOM,
     FAR,
+    LAYOUT_1,
+    LAYOUT_2,
     MACHINE,
     NEAR,
     RED,
@@ -20,21 +23,25 @@ from betterbench.tasks.suite.morning_coffee import (
 )
 
 CROSSED = (
-    "the mug that a color names stands near or far equally often",
+    "both mugs are there, either way round, and each of the four words is said of each such scene",
+    "the mug that a color names stands near or far equally often, and so does the one beside it",
     "the mug that a position names is red or blue equally often",
-    "words of color and of position occur in the same scenes",
-    "one thing or two at the start",
+    "one thing, two or three at the start",
 )
-WHITE_MUG = a.distractor("white_mug", category="mug", color="white")
 BLUE_CAN = a.distractor("blue_can", category="can", color="blue")
+IN_FRONT = a.Slot("in_front", 0.71, 0.0, yaw=-1.5708)
+ASIDE = (IN_FRONT,)
 
 
 def balanced_morning_coffee() -> list[Condition]:
-    """Return either mug in either slot, alone or with another thing, with the color and with the position."""
+    """Return both mugs with a can aside and each word, then either mug alone or with a can in the other slot."""
     found = []
+    for layout in (LAYOUT_1, LAYOUT_2):
+        for can in (RED_CAN, BLUE_CAN):
+            found += [a.condition({**layout, can: IN_FRONT}, asked) for asked in (RED, BLUE, TOP, BOTTOM)]
     for mug, color, can in ((RED_MUG, RED, BLUE_CAN), (BLUE_MUG, BLUE, RED_CAN)):
         for at, position, elsewhere in ((NEAR, BOTTOM, FAR), (FAR, TOP, NEAR)):
-            for others in ({}, {WHITE_MUG: elsewhere}, {can: elsewhere}):
-                layout = {mug: at, **others, MACHINE: STAND}
-                found += [a.condition(layout, color), a.condition(layout, position)]
+            for others in ({}, {can: elsewhere}):
+                alone = {mug: at, **others, MACHINE: STAND}
+                found += [a.condition(alone, color), a.condition(alone, position)]
     return found
