@@ -84,6 +84,7 @@ VERBS: dict[str, Verb] = {
     "amplify": Verb("amplify:amplify_command", "Carry demonstrations over to new starts, many from few."),
     "dataset": Verb("dataset:dataset_command", "Make the training set of a regime, its card and its audit."),
     "train": Verb("train:train_command", "Train a small learner on demonstrations by a recipe."),
+    "study": Verb("study:study_command", "Train learners on every arm and compare what they learned."),
     "shortcuts": Verb("shortcuts:shortcuts_command", "Find what a learner of a dataset could go by."),
     "diagnose": Verb("diagnose:diagnose_command", "Say why each trial of a run succeeded or failed."),
     "compare": Verb("compare:compare_command", "Compare policies on the trials that their runs share."),
@@ -103,7 +104,7 @@ VERBS: dict[str, Verb] = {
 }
 RESUMING = frozenset(
     ("eval", "certify", "calibrate", "collect", "teleop", "amplify", "dataset", "export", "mixture", "materialize")
-) | {"vqa", "demo", "train"}
+) | {"vqa", "demo", "train", "study"}
 """Verbs whose command, given again, goes on where it was interrupted."""
 
 EXIT_BAD_INPUT = 2

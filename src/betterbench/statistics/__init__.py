@@ -14,6 +14,7 @@ from betterbench.statistics.difference import (
     newcombe_difference,
     newcombe_paired_difference,
 )
+from betterbench.statistics.flips import sign_flip_p
 from betterbench.statistics.interval import Interval, IntervalMethod, clopper_pearson_interval, wilson_interval
 from betterbench.statistics.letters import compact_letters
 from betterbench.statistics.multiplicity import e_benjamini_hochberg, holm
@@ -25,7 +26,9 @@ from betterbench.statistics.power import (
     smallest_unpaired_difference,
     unpaired_power,
 )
+from betterbench.statistics.ranking import RankingArea, ranking_area
 from betterbench.statistics.rate import Rate
+from betterbench.statistics.ratio import difference_of, ratio_of
 from betterbench.statistics.rounding import percent, round_half_up
 from betterbench.statistics.sequential import EProcess, discordant_e_process, two_rate_e_process
 from betterbench.statistics.unpaired import barnard_p, barnard_p_values, boschloo_p, fisher_p
@@ -50,6 +53,7 @@ __all__ = [
     "Outcomes",
     "PairedTable",
     "Question",
+    "RankingArea",
     "Rate",
     "StoppingRule",
     "Verdict",
@@ -62,6 +66,7 @@ __all__ = [
     "compact_letters",
     "decide",
     "delta_success_rate",
+    "difference_of",
     "discordant_e_process",
     "e_benjamini_hochberg",
     "evidence_above",
@@ -75,7 +80,10 @@ __all__ = [
     "paired_bootstrap",
     "paired_power",
     "percent",
+    "ranking_area",
+    "ratio_of",
     "round_half_up",
+    "sign_flip_p",
     "smallest_paired_difference",
     "smallest_unpaired_difference",
     "two_rate_e_process",

@@ -1,0 +1,68 @@
+"""How well a score ranks: the area under its curve of hits against false alarms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics.interval import DEFAULT_CONFIDENCE, normal_quantile
+
+_HALVINGS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class RankingArea:
+    """The chance that something that happened had a higher score than something that did not.
+
+    Attributes:
+        value: 0.5 for a score that says nothing, or None if everything or nothing happened.
+        low: Lower end of the interval, in [0, 1].
+        high: Upper end.
+        positives: How many things happened.
+        negatives: How many did not.
+    """
+
+    value: float | None
+    low: float
+    high: float
+    positives: int
+    negatives: int
+
+
+def ranking_area(
+    scores: Sequence[float], happened: Sequence[bool], *, confidence: float = DEFAULT_CONFIDENCE
+) -> RankingArea:
+    """Return the area under the receiver operating characteristic (AUROC); equal scores count half.
+
+    The interval is the score interval of Newcombe (Statistics in Medicine 25, 2006, 559-573, method 5): all areas from
+    which the found one is not too far, by Hanley and McNeil's variance at that area. It has a width where every hit has
+    the higher score, and is wide where there are few of either.
+    """
+    if len(scores) != len(happened):
+        problem = f"{len(scores)} scores for {len(happened)} outcomes"
+        raise InvalidInputError("scores, happened", problem, "Give one of each")
+    quantile = normal_quantile(confidence)
+    values, truth = np.asarray(scores, dtype=np.float64), np.asarray(happened, dtype=bool)
+    yes, no = values[truth], values[~truth]
+    if not len(yes) or not len(no):
+        return RankingArea(None, 0.0, 1.0, len(yes), len(no))
+    apart = yes[:, None] - no[None, :]
+    area = float((apart > 0.0).mean() + 0.5 * (apart == 0.0).mean())
+    low, high = (_end(area, end, quantile, len(yes), len(no)) for end in (0.0, 1.0))
+    return RankingArea(area, low, high, len(yes), len(no))
+
+
+def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
+    """Return the farthest area toward an end from which the found one is not too far."""
+    inside, outside = area, end
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        more = 0.5 * (m + n) - 1.0
+        spread = middle * (1.0 - middle) * (1.0 + more * ((1.0 - middle) / (2.0 - middle) + middle / (1.0 + middle)))
+        near = abs(area - middle) <= quantile * math.sqrt(spread / (m * n))
+        inside, outside = (middle, outside) if near else (inside, middle)
+    return inside

@@ -1,0 +1,59 @@
+"""Two differences of other trials against each other: what is left of a gap, as a ratio and as a difference."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from betterbench.statistics.difference import Difference
+
+_FARTHEST = 1e6
+_HALVINGS = 200
+
+
+def ratio_of(first: Difference, second: Difference) -> Difference | None:
+    """Return ``first / second`` of two independent differences; None unless the second is surely above zero.
+
+    The interval holds each ratio ``r`` for which the interval of ``first - r * second`` holds zero. That interval adds
+    the distances to the ends of both in quadrature, as Donner and Zou do (Statistical Methods in Medical Research 21,
+    2012, 347-359).
+    """
+    if first.value is None or second.value is None or second.low <= 0.0:
+        return None
+    a, b = first.value, second.value
+    ratio = a / b
+
+    def held_above(r: float) -> bool:
+        """Return whether the interval of ``first - r * second`` reaches up to zero."""
+        up = b - second.low if r > 0.0 else second.high - b
+        return a - r * b + math.hypot(first.high - a, r * up) >= 0.0
+
+    def held_below(r: float) -> bool:
+        down = second.high - b if r > 0.0 else b - second.low
+        return a - r * b - math.hypot(a - first.low, r * down) <= 0.0
+
+    low, high = _last(held_below, ratio, -_FARTHEST), _last(held_above, ratio, _FARTHEST)
+    return Difference(ratio, low, high, "ratio, wilson in quadrature", first.confidence)
+
+
+def difference_of(first: Difference, second: Difference) -> Difference:
+    """Return ``first - second`` of two independent differences, with their intervals added in quadrature.
+
+    Returns:
+        The difference, in [-2, 2]; if one of the two has no trials the value is None and the interval is all of it.
+    """
+    method = "wilson in quadrature"
+    if first.value is None or second.value is None:
+        return Difference(None, -2.0, 2.0, method, first.confidence)
+    value = first.value - second.value
+    down = math.hypot(first.value - first.low, second.high - second.value)
+    up = math.hypot(first.high - first.value, second.value - second.low)
+    return Difference(value, max(-2.0, value - down), min(2.0, value + up), method, first.confidence)
+
+
+def _last(held: Callable[[float], bool], inside: float, outside: float) -> float:
+    """Return where a condition ends between a place at which it holds and one at which it does not."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if held(middle) else (inside, middle)
+    return inside

@@ -1,0 +1,410 @@
+"""What a study found: rates, gaps, construct validity, the audit's prediction scored, and what words do."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.interventions import resolve_condition
+from betterbench.report.wording import Figure
+from betterbench.shortcuts.facts import facts_of_condition
+from betterbench.shortcuts.prediction import Prediction
+from betterbench.statistics import (
+    Difference,
+    Rate,
+    difference_of,
+    paired_bootstrap,
+    ranking_area,
+    ratio_of,
+    sign_flip_p,
+    wider_paired_difference,
+)
+from betterbench.study.outcomes import LearnerOutcome, TrialOutcome
+from betterbench.study.plan import ROLES, StudyPlan
+from betterbench.tasks import Expected, get_task, stream
+from betterbench.tasks.training_distribution import pairing
+
+SOLVED = 0.5
+"""Success from which a variation counts as solved, once its interval leaves this rate out."""
+DROPPED = 0.5
+"""Share of the success in training below which a variation counts as failed, for the score of the prediction."""
+
+GapVerdict = Literal[
+    "no gap", "decorrelation is enough", "needs more than decorrelation", "hard for another reason", "open"
+]
+"""What a variation turned out to measure; see :func:`verdict_of`."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmFinding:
+    """What the learners of one arm did on one task, or on all ("").
+
+    Attributes:
+        training: Success on training conditions.
+        variations: Success on all variations.
+        gap: Success of the twin minus success of the variation.
+        intention: Share of variation trials whose first attempt was right.
+    """
+
+    task: str
+    arm: str
+    lever: str
+    training: Figure
+    variations: Figure
+    gap: Figure
+    intention: Figure
+
+
+@dataclass(frozen=True, slots=True)
+class VariationFinding:
+    """What one variation showed.
+
+    Attributes:
+        risk: Predicted by the audit of the confounded set; None without one.
+        predicted: The label that was predicted, "" for none.
+        success: Success by arm.
+        gaps: Illusion gap by arm.
+        validity: Share of the confounded learners' gap that balancing removes; None where there is no sure gap.
+        labels: Labels of the confounded learners' failures with their counts, the most frequent first.
+    """
+
+    task: str
+    variation: str
+    axis: str
+    title: str
+    risk: float | None
+    predicted: str
+    success: Mapping[str, Figure]
+    gaps: Mapping[str, Figure]
+    validity: Figure | None
+    verdict: GapVerdict
+    labels: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmContrast:
+    """Two groups of learners on the same trials; the second is the one that is compared with.
+
+    Attributes:
+        success: Success on variations, first minus second, over pairs of trials.
+        gap: Illusion gap, first minus second. Its interval is the wider one of those over trials and over pairs of
+            learners of one task and seed; its p-value is that of the sign-flip test over these pairs.
+        learners: How many pairs of learners there are.
+    """
+
+    name: str
+    task: str
+    success: Figure
+    gap: Figure
+    learners: int
+
+
+@dataclass(frozen=True, slots=True)
+class WordFinding:
+    """How often the target changes where nothing but the words does."""
+
+    arm: str
+    changed: Figure
+    right: Figure
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionFinding:
+    """How the audit's prediction, made before training, fared with the confounded learners.
+
+    Attributes:
+        area: Chance that a variation that was failed had the higher risk (AUROC); ``n`` counts variations.
+        failed: How many variations were failed.
+        label: Share of failed trials that have the label that was predicted for their variation.
+        exposed: Share of failed trials with a label that their variation's card names.
+    """
+
+    area: Figure
+    failed: int
+    label: Figure
+    exposed: Figure
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFindings:
+    """Everything that a page of a study shows.
+
+    Attributes:
+        roles: Per role the arm that plays it.
+        doses: Arms by the share of their demonstrations that holds the confound, with success on the variations that
+            the audit says it breaks.
+    """
+
+    roles: Mapping[str, str]
+    arms: tuple[ArmFinding, ...]
+    variations: tuple[VariationFinding, ...]
+    contrasts: tuple[ArmContrast, ...]
+    levers: tuple[ArmContrast, ...]
+    words: tuple[WordFinding, ...]
+    prediction: PredictionFinding | None
+    doses: tuple[tuple[float, str, Figure, Figure], ...]
+
+
+def findings_of(
+    plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
+) -> StudyFindings:
+    """Return what a study found; a function of its arguments alone.
+
+    Args:
+        plan: The plan.
+        learners: The trials of all learners.
+        predictions: The prediction of each task's confounded set.
+    """
+    roles = {role: arm for role in ROLES if (arm := plan.arm_in(role)) is not None}
+    plain = [f for f in learners if not f.learner.lever]
+    variations = tuple(_variations(plan, plain, roles, predictions))
+    contrasts = []
+    if "confounded" in roles and "balanced" in roles:
+        first, second = (_of_arm(plain, roles[role]) for role in ("balanced", "confounded"))
+        contrasts = [contrast_of("balanced against confounded", task, first, second) for task in ("", *plan.tasks)]
+    confounded = _of_arm(plain, roles["confounded"]) if "confounded" in roles else []
+    return StudyFindings(
+        roles,
+        tuple(_arms(plan, learners)),
+        variations,
+        tuple(contrasts),
+        tuple(_levers(plan, learners)),
+        tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
+        score_of(confounded, predictions) if confounded and predictions else None,
+        tuple(_doses(plan, plain, predictions)),
+    )
+
+
+def _of_arm(learners: Iterable[LearnerOutcome], arm: str, task: str = "") -> list[LearnerOutcome]:
+    return [f for f in learners if f.learner.arm == arm and task in ("", f.learner.task)]
+
+
+def success_of(trials: Iterable[TrialOutcome]) -> Figure:
+    """Return the success rate of trials."""
+    ended = [trial.success for trial in trials]
+    return Figure.of_rate(Rate(sum(ended), len(ended)))
+
+
+def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
+    """Return the illusion gap over pairs of twin and trial; several variations share a twin, which is a cluster."""
+    pairs = [(f.learner, twin, trial) for f in learners for twin, trial in f.pairs(variation)]
+    return wider_paired_difference(
+        [(twin.success, trial.success) for _, twin, trial in pairs],
+        generator=stream("study", 0, f"gap:{variation}"),
+        strata=[learner.task for learner, _, _ in pairs],
+        clusters=[f"{learner.name}/{twin.condition}/{twin.seed}" for learner, twin, _ in pairs],
+    )
+
+
+def _figure(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
+    low, high = (found.low, found.high) if found.value is not None else (None, None)
+    return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
+
+
+def _arms(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[ArmFinding]:
+    for lever in ("", *(v.name for v in plan.levers)):
+        mine = [f for f in learners if f.learner.lever == lever]
+        for task in ("", *plan.tasks):
+            for arm in plan.arms:
+                chosen = _of_arm(mine, arm, task)
+                if chosen:
+                    yield _arm(task, arm, lever, chosen)
+
+
+def _arm(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
+    varied = [trial for f in chosen for trial in f.varied]
+    known = [trial.intention for trial in varied if trial.intention is not None]
+    pairs = sum(len(f.pairs()) for f in chosen)
+    training = success_of(trial for f in chosen for trial in f.of(None))
+    gap = _figure(gap_of(chosen), pairs)
+    return ArmFinding(
+        task, arm, lever, training, success_of(varied), gap, Figure.of_rate(Rate(sum(known), len(varied)))
+    )
+
+
+def _variations(
+    plan: StudyPlan,
+    learners: Sequence[LearnerOutcome],
+    roles: Mapping[str, str],
+    predictions: Mapping[str, Prediction],
+) -> Iterator[VariationFinding]:
+    for task in plan.tasks:
+        for variation in get_task(task).variations:
+            name = variation.name
+            by_arm = {arm: _of_arm(learners, arm, task) for arm in plan.arms}
+            success = {arm: success_of(t for f in found for t in f.of(name)) for arm, found in by_arm.items()}
+            gaps = {arm: gap_of(found, name) for arm, found in by_arm.items()}
+            counts = {arm: sum(len(f.pairs(name)) for f in found) for arm, found in by_arm.items()}
+            forecast = predictions[task].of(task, name) if task in predictions else None
+            failed = [t.label for f in by_arm.get(roles.get("confounded", ""), ()) for t in f.of(name) if not t.success]
+            labels = sorted(Counter(failed).items(), key=lambda item: (-item[1], item[0]))
+            yield VariationFinding(
+                task,
+                name,
+                variation.axis.value,
+                variation.title,
+                None if forecast is None else forecast.risk,
+                "" if forecast is None else forecast.label,
+                success,
+                {arm: _figure(gaps[arm], counts[arm]) for arm in gaps},
+                _validity(roles, gaps, counts),
+                verdict_of({role: success[arm] for role, arm in roles.items()}),
+                tuple(labels),
+            )
+
+
+def _validity(roles: Mapping[str, str], gaps: Mapping[str, Difference], counts: Mapping[str, int]) -> Figure | None:
+    """Return the share of the confounded learners' gap that balancing removes."""
+    if not {"confounded", "balanced"} <= roles.keys():
+        return None
+    left = ratio_of(gaps[roles["balanced"]], gaps[roles["confounded"]])
+    if left is None or left.value is None:
+        return None
+    n = min(counts[roles["balanced"]], counts[roles["confounded"]])
+    return Figure(1.0 - left.value, 1.0 - left.high, 1.0 - left.low, None, n, noun="pairs")
+
+
+def solves(figure: Figure | None) -> bool | None:
+    """Return whether learners solve something; None where too few trials leave that open."""
+    if figure is None or figure.low is None or figure.high is None:
+        return None
+    return True if figure.low > SOLVED else False if figure.high < SOLVED else None
+
+
+def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
+    """Return what a variation turned out to measure, from the success of the roles that were trained."""
+    confounded, balanced, covered = (solves(success.get(role)) for role in ("confounded", "balanced", "covered"))
+    if confounded:
+        return "no gap"
+    if confounded is None or balanced is None:
+        return "open"
+    if balanced:
+        return "decorrelation is enough"
+    return "open" if covered is None else "needs more than decorrelation" if covered else "hard for another reason"
+
+
+def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
+    """Return how two groups of learners differ, over pairs of one task and training seed and of the same trials."""
+    others = {(f.learner.task, f.learner.seed): f for f in second}
+    pairs = [
+        (f, others[key])
+        for f in first
+        if (key := (f.learner.task, f.learner.seed)) in others and task in ("", f.learner.task)
+    ]
+    trials = [(a.learner, x, y) for a, b in pairs for x, y in _same_trials(a, b)]
+    success = wider_paired_difference(
+        [(x.success, y.success) for _, x, y in trials],
+        generator=stream("study", 0, f"contrast:{name}:{task}"),
+        strata=[learner.task for learner, _, _ in trials],
+        clusters=[learner.name for learner, _, _ in trials],
+    )
+    gaps = [(gap_of([a]).value, gap_of([b]).value) for a, b in pairs]
+    known = [(x, y) for x, y in gaps if x is not None and y is not None]
+    p = sign_flip_p([x - y for x, y in known], generator=stream("study", 1, f"contrast:{name}:{task}"))
+    drawn = paired_bootstrap(
+        [0.5 + 0.5 * x for x, _ in known],
+        [0.5 + 0.5 * y for _, y in known],
+        generator=stream("study", 2, f"contrast:{name}:{task}"),
+        strata=[a.learner.task for a, _ in pairs],
+    )
+    gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
+    wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
+    tested = p if len(known) > 1 else None  # of one pair nothing is known about others
+    found = _figure(wider, len(known), noun="pairs of learners", p_value=tested)
+    return ArmContrast(name, task, _figure(success, len(trials)), found, len(known))
+
+
+def _same_trials(a: LearnerOutcome, b: LearnerOutcome) -> Iterator[tuple[TrialOutcome, TrialOutcome]]:
+    there = {(t.variation, t.seed): t for t in b.varied}
+    for trial in a.varied:
+        if (trial.variation, trial.seed) in there:
+            yield trial, there[trial.variation, trial.seed]
+
+
+def _levers(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[ArmContrast]:
+    for lever in plan.levers:
+        for arm in lever.arms or tuple(plan.arms):
+            first = [f for f in learners if f.learner.lever == lever.name and f.learner.arm == arm]
+            second = [f for f in learners if not f.learner.lever and f.learner.arm == arm]
+            yield contrast_of(f"{lever.name} on {arm}", "", first, second)
+
+
+def reworded(task: str) -> tuple[str, ...]:
+    """Return the variations whose scene is that of their twin and whose words ask for another first object."""
+    found = []
+    for variation in get_task(task).variations:
+        twin = resolve_condition(task, variation.base).condition
+        test = resolve_condition(task, variation.name).condition
+        first, second = (facts_of_condition(c).steps[:1] for c in (twin, test))
+        acts = test.expected is Expected.SUCCEED and first and second
+        if not acts or pairing(twin)[1] != pairing(test)[1]:
+            continue
+        if (first[0].thing, first[0].origin) != (second[0].thing, second[0].origin):
+            found.append(variation.name)
+    return tuple(found)
+
+
+def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
+    """Return how often the first target of learners changes between twins that differ by their words alone.
+
+    A trial without an attempt has no target, so that nothing changes to it or from it.
+    """
+    pairs = [p for f in learners for name in reworded(f.learner.task) for p in f.pairs(name)]
+    changed = sum(
+        twin.target is not None and trial.target is not None and twin.target != trial.target for twin, trial in pairs
+    )
+    right = sum(bool(trial.intention) for _, trial in pairs)
+    return WordFinding(arm, Figure.of_rate(Rate(changed, len(pairs))), Figure.of_rate(Rate(right, len(pairs))))
+
+
+def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
+    """Return how the prediction fared: its ranking of the variations, and its labels of the failed trials."""
+    risks, failed, named, exposed, count = [], [], 0, 0, 0
+    for task, prediction in sorted(predictions.items()):
+        mine = [f for f in learners if f.learner.task == task]
+        trained = success_of(t for f in mine for t in f.of(None)).value
+        for variation in get_task(task).variations:
+            trials = [t for f in mine for t in f.of(variation.name)]
+            reached = success_of(trials).value
+            if trained is None or reached is None:
+                continue
+            forecast = prediction.of(task, variation.name)
+            risks.append(forecast.risk)
+            failed.append(reached < DROPPED * trained)
+            known = {label.value for label in exposed_labels(task, variation.name)}
+            lost = [t.label for t in trials if not t.success]
+            count += len(lost)
+            named += sum(label == forecast.label for label in lost)
+            exposed += sum(label in known for label in lost)
+    area = ranking_area(risks, failed)
+    low, high = (None, None) if area.value is None else (area.low, area.high)
+    return PredictionFinding(
+        Figure(area.value, low, high, None, len(risks), noun="variations"),
+        sum(failed),
+        Figure.of_rate(Rate(named, count)),
+        Figure.of_rate(Rate(exposed, count)),
+    )
+
+
+def _doses(
+    plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
+) -> Iterator[tuple[float, str, Figure, Figure]]:
+    """Yield dose, arm, failure on the variations that the confound breaks, and its labels; nothing without mixtures."""
+    if all(len(shares) == 1 for shares in plan.arms.values()):
+        return
+    for arm, shares in sorted(plan.arms.items(), key=lambda item: (item[1].get("training", 0.0), item[0])):
+        if "covered" in shares:
+            continue
+        lost, named, n = 0, 0, 0
+        for f in _of_arm(learners, arm):
+            prediction = predictions.get(f.learner.task)
+            broken = [] if prediction is None else [v for v in prediction.variations if v.risk > 0.0]
+            for forecast in broken:
+                trials = f.of(forecast.variation)
+                n += len(trials)
+                lost += sum(not t.success for t in trials)
+                named += sum(not t.success and t.label == forecast.label for t in trials)
+        yield shares.get("training", 0.0), arm, Figure.of_rate(Rate(lost, n)), Figure.of_rate(Rate(named, lost))

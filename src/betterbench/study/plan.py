@@ -1,0 +1,191 @@
+"""The plan of a study: which tasks, on which arms, with which seeds, and what is changed in the recipe."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from importlib import resources
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, require_between
+from betterbench.interventions.regimes import Regime, conditions_of
+from betterbench.json_form import read_form, strict_form
+from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
+from betterbench.tasks import get_task
+
+CURE = "Correct the plan; docs/learned.md shows one"
+PRESETS = ("small", "full")
+OWN_FIELDS = ("data", "tasks", "seed", "variations", "start", "frozen")
+"""Fields of a recipe that the study itself decides, or that need a checkpoint."""
+MOST_LEARNERS = 1000
+_SUM_SLACK = 1e-6
+
+_Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
+_Share = Annotated[float, Field(gt=0.0, le=1.0)]
+RegimeShares = Annotated[dict[Regime, _Share], Field(min_length=1)]
+"""What part of the demonstrations of an arm shows which regime."""
+
+ROLES: Mapping[str, Mapping[str, float]] = {
+    "confounded": {"training": 1.0},
+    "balanced": {"balanced": 1.0},
+    "covered": {"covered": 1.0},
+}
+"""The arms that findings are about: whoever is trained on one regime alone, whatever the arm is called."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Lever:
+    """Something that is changed in the recipe, against the same learners without the change.
+
+    Attributes:
+        name: Its name in files and tables.
+        changes: Fields of the recipe.
+        arms: Arms on which it is tried; all if empty.
+        tasks: Tasks on which it is tried; all if empty.
+    """
+
+    name: _Name
+    changes: dict[str, Any]
+    arms: tuple[_Name, ...] = ("confounded",)
+    tasks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class PlannedLearner:
+    """One learner of a study; ``lever`` is "" for the recipe as it is."""
+
+    task: str
+    arm: str
+    seed: int
+    lever: str = ""
+
+    @property
+    def name(self) -> str:
+        """Its name in files."""
+        return "-".join(part for part in (self.task, self.arm, self.lever, f"seed{self.seed}") if part)
+
+
+def _usual_arms() -> dict[str, dict[Regime, float]]:
+    return {"confounded": {"training": 1.0}, "balanced": {"balanced": 1.0}, "covered": {"covered": 1.0}}
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class StudyPlan:
+    """What a study does.
+
+    Attributes:
+        arms: Per arm what its demonstrations show. An arm of two regimes holds a planted confound at that dose.
+        seeds: Seeds of training; each task and arm is trained with each of them.
+        demos: Demonstrations per training condition; other regimes share as many out over theirs.
+        sources: How many of them the expert gives, from which the others are carried over; 0 if all.
+        noise: Noise on the executed actions of those that are carried over, in action units.
+        trials: Trials per variation of each learner; the training conditions have as many in all.
+        recipe: Fields of the training recipe other than its defaults.
+        levers: What is changed in the recipe, one at a time.
+    """
+
+    tasks: Annotated[tuple[str, ...], Field(min_length=1)]
+    arms: Annotated[dict[_Name, RegimeShares], Field(min_length=1)] = field(default_factory=_usual_arms)
+    seeds: Annotated[tuple[Annotated[int, Field(ge=0, le=2**31 - 1)], ...], Field(min_length=1)] = (0, 1, 2)
+    demos: int = 50
+    sources: int = 10
+    noise: float = 0.02
+    trials: int = 10
+    recipe: dict[str, Any] = field(default_factory=dict)
+    levers: tuple[Lever, ...] = ()
+    version: Literal[1] = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be done."""
+        for name, least, most in (("demos", 1, 10_000), ("sources", 0, 10_000), ("trials", 1, 10_000)):
+            require_between(name, getattr(self, name), least, most)
+        require_between("noise", self.noise, 0.0, 0.5)
+        for name, listed in (("tasks", self.tasks), ("seeds", self.seeds), ("levers", [v.name for v in self.levers])):
+            if len(set(listed)) < len(listed):
+                raise InvalidInputError(name, "one of them stands there twice", "Give each once")
+        for task in map(get_task, self.tasks):
+            for regime in {regime for shares in self.arms.values() for regime in shares}:
+                conditions_of(task, regime)
+        for arm, shares in self.arms.items():
+            if abs(sum(shares.values()) - 1.0) > _SUM_SLACK:
+                raise InvalidInputError(f"arms.{arm}", "its shares do not sum up to 1", "Give shares that do")
+        self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0]), ("data",))
+        for i, lever in enumerate(self.levers):
+            _require_known(f"levers[{i}].arms", lever.arms, self.arms)
+            _require_known(f"levers[{i}].tasks", lever.tasks, self.tasks)
+            self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name), ("data",))
+        count = sum(1 for _ in self.learners())
+        if count > MOST_LEARNERS:
+            raise InvalidInputError("seeds", f"they make {count} learners", f"Give at most {MOST_LEARNERS}")
+
+    def learners(self) -> Iterator[PlannedLearner]:
+        """Yield all learners: those of the first seed first, so that a part of the study already says something."""
+        for seed in self.seeds:
+            yield from (PlannedLearner(task, arm, seed) for task in self.tasks for arm in self.arms)
+        for lever in self.levers:
+            for seed in self.seeds:
+                for task in lever.tasks or self.tasks:
+                    yield from (PlannedLearner(task, arm, seed, lever.name) for arm in lever.arms or self.arms)
+
+    def sets_of(self, arm: str) -> dict[Regime, int]:
+        """Return the demonstrations of an arm per training condition, by the regime that they show."""
+        return {regime: max(1, round(share * self.demos)) for regime, share in self.arms[arm].items()}
+
+    def arm_in(self, role: str) -> str | None:
+        """Return the first arm that is trained on one regime alone, by the name of its role; None if there is none."""
+        return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
+
+    def recipe_of(self, learner: PlannedLearner, data: tuple[str, ...]) -> TrainingRecipe:
+        """Return the recipe of a learner for the folders of its demonstrations.
+
+        Raises InvalidInputError if a field is unknown or out of range; the text names it.
+        """
+        lever = next((v for v in self.levers if v.name == learner.lever), None)
+        given = {**self.recipe, **({} if lever is None else lever.changes)}
+        where = "recipe" if lever is None else f"lever {lever.name}"
+        for name in OWN_FIELDS:
+            if name in given:
+                raise InvalidInputError(f"{where}.{name}", "the study decides it", "Leave it out")
+        fixed = {
+            "data": data,
+            "tasks": (learner.task,),
+            "seed": learner.seed,
+            "variations": "covered" in self.arms[learner.arm],
+        }
+        return read_training_recipe({**given, **fixed}, where=where)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with every value that the file left out."""
+        form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return form
+
+
+def _require_known(where: str, names: tuple[str, ...], known: Any) -> None:  # noqa: ANN401 - any container
+    for name in names:
+        if name not in known:
+            raise InvalidInputError(where, f"{name!r} is not in the study", f"Give {', '.join(known)}")
+
+
+_FORM = TypeAdapter(StudyPlan)
+
+
+def read_study_plan(form: object, *, where: str = "plan") -> StudyPlan:
+    """Return the plan that a JSON form stands for.
+
+    Raises:
+        InvalidInputError: If a field is missing, unknown or out of range; the text names it.
+        UnknownNameError: If there is no such task.
+    """
+    return read_form(_FORM, form, where=where, cure=CURE)
+
+
+def preset_text(name: str) -> str:
+    """Return the YAML of a preset; InvalidInputError if there is none of that name."""
+    if name not in PRESETS:
+        raise InvalidInputError("--preset", f"{name!r} is no preset", f"Give {' or '.join(PRESETS)}")
+    return resources.files("betterbench.study").joinpath("presets", f"{name}.yaml").read_text(encoding="utf-8")

@@ -1,0 +1,219 @@
+"""The stages of a study, one after the other: sets, learners, runs. What is done is never done again.
+
+``OUT/stages/NAME.json`` says that a stage is complete, what went into it and what came out. A stage that was
+interrupted is resumed by the package whose work it is, to the same bytes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.certification import packaged_coverage
+from betterbench.certification.refusal import require_coverage
+from betterbench.datasets.recipe import SetRecipe
+from betterbench.errors import RecordError
+from betterbench.evaluation import make_plan
+from betterbench.interventions.regimes import Regime
+from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.recording import write_durably
+from betterbench.recording.durable import on_disk, remove_parts
+from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.lock import RunLock
+from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
+from betterbench.study.plan import PlannedLearner, StudyPlan
+from betterbench.study.work import OnWork, TrainedPolicy, Workshop
+
+STAGES = "stages"
+_MAX_BYTES = 64 << 20
+_HERE = "{study}"
+"""Stands for the folder of the study, which may be moved."""
+_CURE = "Delete the file, and the stage is looked at again"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyProgress:
+    """How far a study is.
+
+    Attributes:
+        number: The stage under way, from 1.
+        stages: How many there are.
+        name: Its name.
+        done: How much of it is done.
+        planned: Of how much; 0 if nobody knows.
+        note: What is being done.
+    """
+
+    number: int
+    stages: int
+    name: str
+    done: int = 0
+    planned: int = 0
+    note: str = ""
+
+
+OnStudy = Callable[[StudyProgress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOutcome:
+    """Everything that was measured.
+
+    Attributes:
+        plan: What was to be done.
+        learners: The trials of each learner.
+        predictions: Folder of the confounded set of each task, whose prediction.json says what would fail.
+        seconds: What the stages took, by their kind; sittings that were interrupted are not counted [s].
+    """
+
+    plan: StudyPlan
+    learners: tuple[LearnerOutcome, ...]
+    predictions: Mapping[str, Path]
+    seconds: Mapping[str, float]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """What a complete stage leaves."""
+
+    inputs: str
+    output: dict[str, Any]
+    seconds: float
+
+
+_DONE = TypeAdapter(_Done)
+
+
+def run_study(plan: StudyPlan, out: Path, workshop: Workshop, *, on_progress: OnStudy | None = None) -> StudyOutcome:
+    """Do everything that a plan asks for and that is not done yet, and return what was measured.
+
+    A larger plan goes on in the same folder.
+
+    Raises:
+        RunConflictError: If another process works in the folder, or a stage was made by another plan.
+        InvalidInputError: If a trial is not certified.
+        BetterError: Whatever stops a stage; what was done before stays.
+    """
+    out = out.absolute()
+    _require_certified(plan)
+    with ExitStack() as stack:
+        with on_disk(out):
+            stack.enter_context(RunLock(out / LOCK_NAME))
+            remove_parts(out / STAGES)
+        return _Study(plan, out, workshop, on_progress).run()
+
+
+def _require_certified(plan: StudyPlan) -> None:
+    """Refuse trials that no certificate covers before anything is begun."""
+    trials = [t.id for t in make_plan("expert", tasks=plan.tasks, trials=plan.trials).trials]
+    require_coverage(packaged_coverage(), trials, seed=0, trials_per_variation=plan.trials)
+
+
+class _Study:
+    """A study while it goes on."""
+
+    def __init__(self, plan: StudyPlan, out: Path, workshop: Workshop, on_progress: OnStudy | None) -> None:
+        self._plan, self._out, self._workshop, self._tell = plan, out, workshop, on_progress
+        self._learners = tuple(plan.learners())
+        self._sets = dict(self._all_sets())
+        self._stages = len(self._sets) + 2 * len(self._learners)
+        self._number = 0
+        self._seconds: dict[str, float] = {}
+
+    def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
+        """Yield name and recipe of each set that some learner needs; the same one serves several."""
+        for learner in self._learners:
+            for regime, demos in self._plan.sets_of(learner.arm).items():
+                yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
+
+    def _set_name(self, task: str, regime: Regime, demos: int) -> str:
+        return f"{task}-{regime}" + ("" if demos == self._plan.demos else f"-{demos}")
+
+    def _set_recipe(self, task: str, regime: Regime, demos: int) -> SetRecipe:
+        plan = self._plan
+        return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
+
+    def run(self) -> StudyOutcome:
+        """Do all stages: the sets, then learner by learner."""
+        hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
+        found = tuple(self._learn(learner, hashes) for learner in self._learners)
+        confounded = (self._set_name(task, "training", self._plan.demos) for task in self._plan.tasks)
+        folders = {n.rpartition("-")[0]: self._out / "sets" / n for n in confounded if n in hashes}
+        return StudyOutcome(self._plan, found, folders, dict(self._seconds))
+
+    def _make_set(self, name: str, recipe: SetRecipe) -> str:
+        form = asdict(recipe)
+        found = self._stage(
+            "sets",
+            name,
+            form,
+            lambda tell: {"sha256": self._workshop.make_set(recipe, self._out / "sets" / name, tell)},
+        )
+        return str(found["sha256"])
+
+    def _learn(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> LearnerOutcome:
+        """Train and evaluate one learner."""
+        names = [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
+        recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names))
+        inputs: dict[str, Any] = {
+            "recipe": {**recipe.to_json(), "data": names},
+            "sets": [hashes[name] for name in names],
+        }
+        out = self._out / "learners" / learner.name
+
+        def train(tell: OnWork) -> dict[str, Any]:
+            made = self._workshop.train(recipe, out, tell)
+            return {"address": made.address.replace(str(self._out), _HERE), "digest": made.digest}
+
+        made = self._stage("learners", learner.name, inputs, train)
+        policy = TrainedPolicy(str(made["address"]).replace(_HERE, str(self._out)), str(made["digest"]))
+        run = self._out / "runs" / learner.name
+
+        def evaluate(tell: OnWork) -> dict[str, Any]:
+            found = self._workshop.evaluate(policy, learner.task, self._plan.trials, run, tell)
+            return {"trials": trials_form(found)}
+
+        inputs = {"policy": policy.digest, "trials": self._plan.trials}
+        found = self._stage("runs", learner.name, inputs, evaluate)
+        where = str(self._marker("runs", learner.name))
+        return LearnerOutcome(learner, read_trials(found.get("trials"), where))
+
+    def _marker(self, kind: str, name: str) -> Path:
+        return self._out / STAGES / f"{kind}-{name}.json"
+
+    def _stage(
+        self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Return what a stage gave: of its file, if that is complete with the same inputs, else of its work."""
+        self._number += 1
+        hashed = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        path = self._marker(kind, name)
+        there = _read(path) if path.exists() else None
+        if there is None or there.inputs != hashed:
+            began = time.perf_counter()
+            label = f"{kind.removesuffix('s')} {name}"
+
+            def tell(done: int, planned: int, note: str) -> None:
+                if self._tell is not None:
+                    self._tell(StudyProgress(self._number, self._stages, label, done, planned, note))
+
+            tell(0, 0, "")
+            there = _Done(hashed, work(tell), round(time.perf_counter() - began, 1))
+            with on_disk(path):
+                write_durably(path, (json.dumps(asdict(there), indent=1) + "\n").encode())
+        self._seconds[kind] = round(self._seconds.get(kind, 0.0) + there.seconds, 1)
+        return there.output
+
+
+def _read(path: Path) -> _Done:
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    return read_form(_DONE, data, where=str(path), cure=_CURE, raises=RecordError)

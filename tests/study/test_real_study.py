@@ -1,0 +1,92 @@
+"""A study in miniature with real demonstrations, real training and real trials, killed on its way."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from betterbench.recording import RunFolder
+from betterbench.study.page import FILES
+
+pytest.importorskip("torch")
+pytest.importorskip("safetensors")
+
+pytestmark = [pytest.mark.slow, pytest.mark.physics]
+
+PLAN = """
+tasks: [fruit_lunch]
+arms: {confounded: {training: 1.0}, balanced: {balanced: 1.0}}
+seeds: [0]
+demos: 4
+sources: 1
+trials: 1
+recipe:
+  capacity: {width: 16, layers: 1, heads: 2}
+  steps: 20
+  batch: 8
+  save_every: 5
+  rollouts: 0
+  warmup: 5
+"""
+PAUSE_S = 0.05
+PATIENCE_S = 600.0
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "plan.yaml"
+    path.write_text(PLAN)
+    return path
+
+
+def begin(plan: Path, out: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "betterbench.cli", "study", plan, "--out", out, "--workers", "1"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def kill_once_there(plan: Path, out: Path, sign: str) -> None:
+    """Begin or resume a study, and kill it as soon as some file is there."""
+    process, began = begin(plan, out), time.monotonic()
+    while not any(out.glob(sign)):
+        assert process.poll() is None, process.stderr and process.stderr.read().decode()
+        assert time.monotonic() - began < PATIENCE_S
+        time.sleep(PAUSE_S)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def finish(plan: Path, out: Path) -> None:
+    process = begin(plan, out)
+    _, said = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 0, said.decode()
+
+
+def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, tmp_path):
+    out = tmp_path / "study"
+    for sign in (
+        "sets/*-balanced/sources/records/**/*.parquet",
+        "learners/*-confounded-seed0/state.safetensors",
+        "runs/*-confounded-seed0/records/**/*.parquet",
+        "stages/learners-*-balanced-seed0.json",
+    ):
+        kill_once_there(plan, out, sign)
+        assert not (out / "study.html").exists()
+    finish(plan, out)
+    killed = {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
+    out.rename(tmp_path / "killed")
+    finish(plan, out)
+    assert killed == {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
+    found = json.loads((out / "study.json").read_text())
+    assert found["learners"] == 2
+    assert found["trials"] == 2 * 12
+    assert found["prediction"]["area"]["n"] == 6
+    run = RunFolder.open(out / "runs" / "fruit_lunch-balanced-seed0")
+    assert {entry.status for entry in run.entries()} == {"done"}
+    assert (run.path / "diagnosis.json").is_file()

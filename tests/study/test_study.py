@@ -1,0 +1,219 @@
+"""A study goes from its plan to its page, in any number of sittings to the same numbers."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import yaml
+from workshop import made_up_workshop
+
+from betterbench.errors import BetterError, InvalidInputError, RecordError, UnknownNameError
+from betterbench.study.findings import findings_of
+from betterbench.study.page import FILES, expectations, write_page
+from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
+from betterbench.study.stages import run_study
+
+TASK = "morning_coffee"
+KEPT = [name for name in FILES if name != "study.html"]
+
+
+def small(**changes):
+    return read_study_plan({"tasks": [TASK], "seeds": [0, 1], "trials": 4, "recipe": {"steps": 10}, **changes})
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    out = tmp_path_factory.mktemp("study") / "whole"
+    workshop, calls = made_up_workshop()
+    told = []
+    outcome = run_study(small(), out, workshop, on_progress=told.append)
+    return out, outcome, write_page(outcome, out), calls, told
+
+
+def contents(out):
+    return {name: (out / name).read_bytes() for name in KEPT}
+
+
+def test_every_learner_is_trained_and_evaluated_once(undisturbed):
+    out, outcome, _, calls, told = undisturbed
+    names = [f"{TASK}-{arm}-seed{seed}" for seed in (0, 1) for arm in ("confounded", "balanced", "covered")]
+    assert calls[:3] == [f"set {TASK}-{regime}" for regime in ("training", "balanced", "covered")]
+    assert calls[3:] == [f"{what} {name}" for name in names for what in ("train", "evaluate")]
+    assert [f.learner.name for f in outcome.learners] == names
+    assert all(p.stages == 15 and 1 <= p.number <= 15 for p in told)
+    assert [p.number for p in told] == sorted(p.number for p in told)
+    with (out / "trials.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert (
+        len(rows)
+        == sum(len(f.trials) for f in outcome.learners)
+        == json.loads((out / "study.json").read_text())["trials"]
+    )
+
+
+def test_a_study_that_is_killed_anywhere_ends_with_the_same_numbers(undisturbed, tmp_path):
+    whole, _, _, calls, _ = undisturbed
+    for stop_at in range(len(calls)):
+        child = os.fork()
+        if not child:
+            workshop, _ = made_up_workshop(stop_at, lambda: os.kill(os.getpid(), signal.SIGKILL))
+            run_study(small(), tmp_path / str(stop_at), workshop)
+            os._exit(1)
+        assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+        workshop, again = made_up_workshop()
+        write_page(run_study(small(), tmp_path / str(stop_at), workshop), tmp_path / str(stop_at))
+        assert again == calls[stop_at:]
+        assert contents(tmp_path / str(stop_at)) == contents(whole)
+
+
+def test_ctrl_c_keeps_what_is_done_and_a_larger_plan_goes_on(undisturbed, tmp_path):
+    calls = undisturbed[3]
+
+    def interrupt():
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(small(seeds=[0]), tmp_path, made_up_workshop(5, interrupt)[0])
+    workshop, again = made_up_workshop()
+    run_study(small(seeds=[0]), tmp_path, workshop)
+    assert again == calls[5:9]
+    workshop, more = made_up_workshop()
+    write_page(run_study(small(), tmp_path, workshop), tmp_path)
+    assert more == calls[9:]
+    assert contents(tmp_path) == contents(undisturbed[0])
+    workshop, more = made_up_workshop()
+    run_study(small(trials=5), tmp_path, workshop)
+    assert more == [call for call in calls if call.startswith("evaluate")]  # more trials need no other learners
+
+
+def test_a_stage_file_that_is_damaged_is_named(undisturbed, tmp_path):
+    run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
+    file = tmp_path / "stages" / f"runs-{TASK}-balanced-seed0.json"
+    file.write_bytes(file.read_bytes()[:50])
+    with pytest.raises(RecordError, match=rf"{file.name}.*Delete the file"):
+        run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
+
+
+def test_what_is_found_is_what_the_learners_did(undisturbed):
+    _, _, found, _, _ = undisturbed
+    assert found.roles == {"confounded": "confounded", "balanced": "balanced", "covered": "covered"}
+    by_name = {v.variation: v for v in found.variations}
+    assert {n: v.verdict for n, v in by_name.items()} == {
+        "L1": "no gap",
+        "L2": "no gap",
+        "L3": "decorrelation is enough",
+        "L4": "decorrelation is enough",
+        "O1": "decorrelation is enough",
+        "T1": "open",  # the balanced learners solve half of it
+    }
+    risky = [v for v in found.variations if v.risk]
+    for v in risky:
+        assert v.labels[0] == (v.predicted, 8)
+        assert v.gaps["confounded"].value == pytest.approx(1.0)
+        if v.variation != "T1":
+            assert v.validity is not None
+            assert v.validity.value == pytest.approx(1.0)
+            assert 0.5 < v.validity.low < 1.0 < v.validity.high
+    assert by_name["T1"].validity.value == pytest.approx(0.5)
+    contrast = found.contrasts[0]
+    assert contrast.learners == 2
+    assert contrast.gap.value == pytest.approx(0.5 / 6 - 4 / 6)
+    assert contrast.gap.low < contrast.gap.value < contrast.gap.high < 0.0
+    assert contrast.gap.p_value == pytest.approx(0.5)  # two pairs of learners cannot show more
+    assert contrast.success.low > 0.0
+    assert found.prediction.area.value == pytest.approx(1.0)
+    assert found.prediction.area.low < 0.9
+    assert found.prediction.label.value == pytest.approx(1.0)
+    words = {w.arm: w.changed.value for w in found.words}
+    assert words["confounded"] < words["balanced"] == 1.0
+    assert expectations(found)[0].held is True
+
+
+def test_the_page_needs_nothing_else_and_says_what_one_seed_cannot(undisturbed, tmp_path):
+    page = (undisturbed[0] / "study.html").read_text()
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org/2000/svg", "")
+    assert "Construct validity" in page
+    assert "fewer than three training seeds" in page
+    outcome = run_study(small(seeds=[0, 1, 2]), tmp_path, made_up_workshop()[0])
+    write_page(outcome, tmp_path)
+    assert "fewer than three" not in (tmp_path / "study.html").read_text()
+
+
+def test_nothing_is_concluded_from_learners_that_learned_nothing(undisturbed):
+    _, outcome, _, _, _ = undisturbed
+    failed = [
+        replace(f, trials=tuple(replace(t, success=False, label="timeout") for t in f.trials)) for f in outcome.learners
+    ]
+    lines = expectations(findings_of(outcome.plan, failed, {}))
+    assert len(lines) == 3
+    assert all(line.held is None and "0\u202f% of the training conditions only" in line.found for line in lines)
+
+
+def test_levers_and_doses_have_tables_of_their_own(tmp_path):
+    arms = {"confounded": {"training": 1.0}, "half": {"training": 0.5, "balanced": 0.5}, "free": {"balanced": 1.0}}
+    levers = [{"name": "large", "changes": {"capacity": "large"}}]
+    plan = small(seeds=[0], arms=arms, levers=levers, demos=40)
+    workshop, calls = made_up_workshop()
+    found = write_page(run_study(plan, tmp_path, workshop), tmp_path)
+    assert {f"set {TASK}-training", f"set {TASK}-training-20", f"set {TASK}-balanced-20"} <= set(calls)
+    assert [(dose, arm) for dose, arm, _, _ in found.doses] == [(0.0, "free"), (0.5, "half"), (1.0, "confounded")]
+    assert [c.name for c in found.levers] == ["large on confounded"]
+    assert found.levers[0].gap.value == pytest.approx(0.0)
+    assert "Failure by dose" in (tmp_path / "study.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not sum up to 1"),
+        ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
+        ({"recipe": {"steps": 0}}, "steps"),
+        ({"recipe": {"seed": 3}}, "recipe.seed.*the study decides it"),
+        ({"recipe": {"colour": 3}}, "colour.*unknown"),
+        ({"levers": [{"name": "x", "changes": {"capacity": "huge"}}]}, "lever x: capacity"),
+        ({"levers": [{"name": "x", "changes": {}, "arms": ["none"]}]}, "levers\\[0\\].arms.*'none'"),
+        ({"seeds": [0, 0]}, "seeds.*twice"),
+        ({"trials": 0}, "trials"),
+        ({"demo": 3}, "demo.*unknown"),
+    ],
+)
+def test_a_wrong_plan_is_one_clear_line(changes, said):
+    with pytest.raises(InvalidInputError, match=said):
+        small(**changes)
+
+
+def test_unknown_tasks_and_trials_without_a_certificate_are_refused(tmp_path):
+    with pytest.raises((UnknownNameError, InvalidInputError), match="morning_tea"):
+        small(tasks=["morning_tea"])
+    workshop, calls = made_up_workshop()
+    with pytest.raises(BetterError, match="not certified"):
+        run_study(small(trials=5000), tmp_path, workshop)
+    assert calls == []
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_are_plans(name):
+    plan = read_study_plan(yaml.safe_load(preset_text(name)))
+    assert isinstance(plan, StudyPlan)
+    assert all(plan.arm_in(role) for role in ("confounded", "balanced", "covered"))
+    if name == "full":
+        assert len(plan.tasks) >= 4
+        assert len(plan.seeds) >= 3
+    with pytest.raises(InvalidInputError, match="no preset"):
+        preset_text("huge")
+
+
+def test_a_learner_of_tests_takes_variations_and_no_other_does():
+    plan = small()
+    taken = {arm: plan.recipe_of(PlannedLearner(TASK, arm, 0), ("x",)).variations for arm in plan.arms}
+    assert taken == {"confounded": False, "balanced": False, "covered": True}
