@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from betterbench.study.findings import StudyFindings
     from betterbench.study.plan import StudyPlan
     from betterbench.study.stages import StudyOutcome, StudyProgress
+    from betterbench.study.work import Workshop
 
 
 def study_command(
@@ -24,6 +25,7 @@ def study_command(
     preset: str | None = None,
     workers: int | None = None,
     device: str = "cpu",
+    certificate: Path | None = None,
     json: bool = False,
 ) -> None:
     """Train learners on confounded, balanced and covered demonstrations, evaluate them and compare them on one page.
@@ -41,14 +43,17 @@ def study_command(
         preset: small (an hour on two cores) or full (days), in place of a file.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
+        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
         json: Print one JSON document instead of tables.
     """
     chosen = _plan(plan, preset)
     count = sum(1 for _ in chosen.learners())
     say(f"{count} learners: {', '.join(chosen.tasks)}; {', '.join(chosen.arms)}; {len(chosen.seeds)} seeds")
     from betterbench.study.page import document_of, write_page
+    from betterbench.study.work import usual_workshop
 
-    outcome = _run(chosen, out, workers=workers or os.cpu_count() or 1, device=device)
+    workshop = usual_workshop(workers=workers or os.cpu_count() or 1, device=device)
+    outcome = _run(chosen, out, workshop, certificate)
     found = write_page(outcome, out)
     if json:
         print_json(document_of(outcome, found))
@@ -70,12 +75,10 @@ def _plan(file: Path | None, preset: str | None) -> StudyPlan:
     return read_study_plan(form, where=f"preset {preset}")
 
 
-def _run(plan: StudyPlan, out: Path, *, workers: int, device: str) -> StudyOutcome:
+def _run(plan: StudyPlan, out: Path, workshop: Workshop, certificate: Path | None) -> StudyOutcome:
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.study.stages import run_study
-    from betterbench.study.work import usual_workshop
 
-    workshop = usual_workshop(workers=workers, device=device)
     prepare_robot("panda")
     with progress_bar("study", 0) as (bar, row):
         shown = ("", "")
@@ -90,7 +93,7 @@ def _run(plan: StudyPlan, out: Path, *, workers: int, device: str) -> StudyOutco
                 row, description=what, total=progress.planned or None, completed=progress.done, note=progress.note
             )
 
-        return run_study(plan, out, workshop, on_progress=on_progress)
+        return run_study(plan, out, workshop, certificate=certificate, on_progress=on_progress)
 
 
 def _print(found: StudyFindings, out: Path) -> None:

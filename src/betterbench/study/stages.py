@@ -17,7 +17,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from betterbench.certification import packaged_coverage
+from betterbench.certification import load_coverage, packaged_coverage
 from betterbench.certification.refusal import require_coverage
 from betterbench.datasets.recipe import SetRecipe
 from betterbench.errors import RecordError
@@ -93,10 +93,24 @@ class _Done:
 _DONE = TypeAdapter(_Done)
 
 
-def run_study(plan: StudyPlan, out: Path, workshop: Workshop, *, on_progress: OnStudy | None = None) -> StudyOutcome:
+def run_study(
+    plan: StudyPlan,
+    out: Path,
+    workshop: Workshop,
+    *,
+    certificate: Path | None = None,
+    on_progress: OnStudy | None = None,
+) -> StudyOutcome:
     """Do everything that a plan asks for and that is not done yet, and return what was measured.
 
     A larger plan goes on in the same folder.
+
+    Args:
+        plan: What is to be done.
+        out: Folder of the study.
+        workshop: Who does the work.
+        certificate: Certificate of the trials, or its folder; the one that ships with the suite if not given.
+        on_progress: Called as the stages go on.
 
     Raises:
         RunConflictError: If another process works in the folder, or a stage was made by another plan.
@@ -104,7 +118,7 @@ def run_study(plan: StudyPlan, out: Path, workshop: Workshop, *, on_progress: On
         BetterError: Whatever stops a stage; what was done before stays.
     """
     out = out.absolute()
-    _require_certified(plan)
+    _require_certified(plan, certificate)
     with ExitStack() as stack:
         with on_disk(out):
             stack.enter_context(RunLock(out / LOCK_NAME))
@@ -112,10 +126,11 @@ def run_study(plan: StudyPlan, out: Path, workshop: Workshop, *, on_progress: On
         return _Study(plan, out, workshop, on_progress).run()
 
 
-def _require_certified(plan: StudyPlan) -> None:
+def _require_certified(plan: StudyPlan, certificate: Path | None) -> None:
     """Refuse trials that no certificate covers before anything is begun."""
     trials = [t.id for t in make_plan("expert", tasks=plan.tasks, trials=plan.trials).trials]
-    require_coverage(packaged_coverage(), trials, seed=0, trials_per_variation=plan.trials)
+    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    require_coverage(coverage, trials, seed=0, trials_per_variation=plan.trials)
 
 
 class _Study:
