@@ -10,7 +10,7 @@ from tests.diagnosis.conftest import Stage
 
 from betterbench.diagnosis import Label, diagnose_records
 from betterbench.diagnosis.ruling import Ruling
-from betterbench.diagnosis.second_pass import judge_policy, judge_rules
+from betterbench.diagnosis.second_pass import judge_policy, judge_rules, rule_of_all_tasks
 from betterbench.diagnosis.trial import Choice, read_trial
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import get_task, training_distribution_of
@@ -320,6 +320,27 @@ def test_the_rule_that_explains_all_tasks_decides_where_another_would_do():
 def test_a_habit_in_all_tasks_stays_one():
     found = judge_policy({"food": coffee_habit(), "lunch": coffee_habit()})
     assert all(rules.rulings["food/R0/0"].place == "rejected" for rules in found.values())
+
+
+def one_wrong(task: str, *, word: bool) -> dict[str, Choice]:
+    """Makes a task with one wrong first attempt, at a place to which the word may lead too, and two right ones."""
+    things, nothing = frozenset({"far": "burger", "near": "fries", "left": "drink"}.items()), frozenset()
+    led = (("near", "far", "far" if word else "near"), ("near", "near", "near"), ("left", "left", "left"))
+    return {
+        f"{task}/L{n}/0": Choice(
+            things, frozenset((asked,)), went, asked == went, frozenset((by_word,)), nothing, nothing, 3, "burger"
+        )
+        for n, (asked, went, by_word) in enumerate(led)
+    }
+
+
+def test_a_rule_that_leaves_attempts_unexplained_is_not_that_of_the_policy():
+    """The word has no places to choose from and is cheaper in all; the place alone explains every attempt."""
+    choices = {f"task{n}": one_wrong(f"task{n}", word=n < 6) for n in range(8)}
+    alone = {task: judge_rules(mine) for task, mine in choices.items()}
+    assert rule_of_all_tasks(choices, alone) is None
+    every = {f"task{n}": one_wrong(f"task{n}", word=True) for n in range(8)}
+    assert rule_of_all_tasks(every, {task: judge_rules(mine) for task, mine in every.items()}) == "word"
 
 
 def test_one_other_task_is_not_enough_to_do_without_a_pair():

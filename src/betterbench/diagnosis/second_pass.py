@@ -134,12 +134,23 @@ def judge_policy(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, TaskR
 
 
 def rule_of_all_tasks(choices: Mapping[str, Mapping[str, Choice]], alone: Mapping[str, TaskRules]) -> str | None:
-    """Return the kind of rule that explains a policy in all its tasks clearly better than any other, or None."""
+    """Return the kind of rule that explains a policy in all its tasks clearly better than any other, or None.
+
+    A kind that leaves wrong attempts unexplained which another one explains is not that of the policy, even if it costs
+    less because it has fewer rules to choose from.
+    """
     mine = _with_errors(choices)
     totals = sorted((_total(family, mine, alone), family) for family in FAMILIES)
-    if len(mine) < 2 or totals[0][1] == CONFUSION or totals[1][0] - totals[0][0] < CLEARLY:
+    best = totals[0][1]
+    if len(mine) < 2 or best == CONFUSION or totals[1][0] - totals[0][0] < CLEARLY:
         return None
-    return totals[0][1]
+    explained = {family: _explained(family, mine, alone) for family in FAMILIES}
+    return best if explained[best] == max(explained.values()) else None
+
+
+def _explained(family: str, tasks: Iterable[str], alone: Mapping[str, TaskRules]) -> int:
+    """Return how many wrong first attempts the rules of a kind explain, the best of them in each task."""
+    return sum(max((r.explained for r in alone[t].rules if r.family == family), default=0) for t in tasks)
 
 
 def _with_errors(choices: Mapping[str, Mapping[str, Choice]]) -> dict[str, list[Choice]]:
