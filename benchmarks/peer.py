@@ -28,6 +28,9 @@ from typing import Any, Self
 
 import platformdirs
 
+from betterbench.errors import MissingDependencyError
+from betterbench.worlds import world_named
+
 LOCKS = Path(__file__).resolve().parents[1] / "requirements"
 
 INSTALL_LIMIT_S = 1800.0
@@ -95,6 +98,12 @@ def installed(package: PeerPackage) -> Path:
     Raises:
         PeerUnavailableError: If it cannot be built.
     """
+    if package is LIBERO:
+        # Its environment is that of the world, so only one of them makes it.
+        try:
+            return world_named("libero").install() / "bin" / "python"
+        except MissingDependencyError as error:
+            raise PeerUnavailableError(str(error)) from error
     folder = package.folder
     python = folder / "bin" / "python"
     if (folder / _COMPLETE).exists():

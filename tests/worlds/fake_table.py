@@ -1,8 +1,11 @@
 """A simulator with LIBERO's interface: two things, a basket, and a gripper that carries what it closes around.
 
 The base suite has the cube on the left and the ball on the right; under "swap" they stand at each other's places.
+``FAKE_LAYOUT=basket`` lets the ball and the basket change places instead, and as many grasps as ``FAKE_MISSES`` says
+get hold of nothing.
 """
 
+import os
 import sys
 
 import numpy as np
@@ -12,8 +15,15 @@ from betterbench.worlds.simulator_loop import answer_requests
 PLACES = {"x -12 y -24": (-0.12, -0.24), "x 5 y -10": (0.05, -0.10), "x 0 y 26": (0.0, 0.26)}
 BASE = {"cube_1": "x -12 y -24", "ball_1": "x 5 y -10", "basket_1": "x 0 y 26"}
 SWAPPED = {"cube_1": "x 5 y -10", "ball_1": "x -12 y -24", "basket_1": "x 0 y 26"}
+BASKET_MOVED = {"cube_1": "x -12 y -24", "ball_1": "x 0 y 26", "basket_1": "x 5 y -10"}
 SIDE, TALL = 0.04, 0.05
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def layout_of(suite):
+    if "swap" not in suite:
+        return BASE
+    return BASKET_MOVED if os.environ.get("FAKE_LAYOUT") == "basket" else SWAPPED
 
 
 class FakeTable:
@@ -24,7 +34,7 @@ class FakeTable:
         self.wanted, self.steps = "cube_1", 0
 
     def suite(self, name):
-        starts = {thing: [thing[:-2], place] for thing, place in (SWAPPED if "swap" in name else BASE).items()}
+        starts = {thing: [thing[:-2], place] for thing, place in layout_of(name).items()}
         tasks = []
         for i in range(10):
             kind = ("cube", "ball")[i % 2]
@@ -43,7 +53,8 @@ class FakeTable:
         return {"tasks": tasks, "versions": {"fake": "1"}}
 
     def start(self, request):
-        layout = SWAPPED if "swap" in request["suite"] else BASE
+        layout = layout_of(request["suite"])
+        self.misses = int(os.environ.get("FAKE_MISSES") or 0)
         self.wanted = ("cube_1", "ball_1")[request["task"] % 2]
         shift = 0.001 * request["state"]
         self.at = {n: np.array([PLACES[place][0] + shift, PLACES[place][1], 0.0]) for n, place in layout.items()}
@@ -77,12 +88,15 @@ class FakeTable:
             within = [
                 n
                 for n in ("cube_1", "ball_1")
-                if np.abs(self.tool[:2] - self.at[n][:2]).max() < 0.018 and 0.0 < self.tool[2] - self.at[n][2] < TALL
+                if not self.misses
+                and np.abs(self.tool[:2] - self.at[n][:2]).max() < 0.018
+                and 0.0 < self.tool[2] - self.at[n][2] < TALL
             ]
             self.width = max(SIDE if within else 0.0, self.width - 0.02)
             if within and self.width <= SIDE:
                 self.held = within[0]
         else:
+            self.misses -= int(self.misses > 0 and self.width == 0.0)
             self.width = min(0.08, self.width + 0.04)
             if self.held is not None:
                 over = np.abs(self.at[self.held][:2] - self.at["basket_1"][:2]).max() < 0.06

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from betterbench.calibration.truth import true_label
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.evaluation import evaluate
@@ -22,9 +23,9 @@ def plan_of():
     folder = str(Path(__file__).parent)
     command = (sys.executable, "-c", f"import sys; sys.path.append({folder!r})\n{start_code('fake_table')}")
 
-    def plan(policy, suite="libero_object_swap", **options):
+    def plan(policy, suite="libero_object_swap", steps=STEPS, **options):
         plan = make_world_plan(policy, suite=suite, command=command, **{"tasks": ["0", "1"], "trials": 3, **options})
-        protocol = replace(plan.world.protocol, steps={"libero_object": STEPS})
+        protocol = replace(plan.world.protocol, steps={"libero_object": steps})
         return replace(plan, world=replace(plan.world, protocol=protocol))
 
     return plan
@@ -67,6 +68,18 @@ def test_a_policy_with_one_fault_gets_its_label(run_of, policy, label, failures)
         evidence = found["libero_object-00/swap/0"].evidence
         assert "'cube' was picked in training: it is at the ball" in evidence.text
         assert not found["libero_object-00/swap/0"].intention_correct
+
+
+@pytest.mark.parametrize(
+    ("misses", "label"), [("0", "behavioral_inertia"), ("1", "behavioral_inertia"), ("9", "execution_failure")]
+)
+def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypatch, misses, label):
+    monkeypatch.setenv("FAKE_LAYOUT", "basket")
+    monkeypatch.setenv("FAKE_MISSES", misses)
+    run = run_of("zoo:habit-place", trials=1, tasks=["0"], steps=2 * STEPS)
+    (entry,) = run.entries()
+    assert true_label(entry.ground_truth, expected="succeed", success=False) == label
+    assert [t.label for t in diagnose_run(run).trials] == [label]
 
 
 def test_what_is_not_diagnosed_is_said(run_of):

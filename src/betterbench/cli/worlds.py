@@ -34,7 +34,7 @@ def worlds_command(
             raise InvalidInputError("worlds install", "no world is named", f"Name one of {', '.join(WORLDS)}")
         world = world_named(name)
         say(f"{name}: {'is installed' if world.is_installed else f'is being installed, {world.size}'}")
-        folder = world.install()
+        folder = world.install(waits=lambda: say(f"{name}: another installation is under way; waiting for its end"))
         if json:
             print_json({"world": name, "folder": str(folder)})
         else:

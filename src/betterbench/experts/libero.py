@@ -48,11 +48,14 @@ POLICIES = {
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """What is to be brought where: an object, and the middle of the bottom of its place [m]."""
+    """What is to be brought where: an object, and the middle of the bottom of its place [m].
+
+    ``fault`` is what is wrong with the place. Nothing shows it until the object is carried.
+    """
 
     object: str
     place: Vector
-    inside: bool
+    fault: Fault | None = None
 
 
 class LiberoAgent:
@@ -125,9 +128,9 @@ class LiberoAgent:
             state = yield _still(state, OPEN)
 
     def _decide(self, state: WorldState, step: CarriedStep, number: int) -> _Aim:
-        """Return what is brought where, and note the first wrong decision."""
+        """Return what is brought where, and note the first wrong decision about what is taken."""
         target = state.pose(step.target)
-        right = _Aim(step.object, _place_of(state, step), step.relation == "in")
+        right = _Aim(step.object, _place_of(state, step))
         if not self._applies or self._rule == "expert":
             return right
         if self._rule == "zoo:clumsy":
@@ -139,9 +142,10 @@ class LiberoAgent:
             for slot in state.info.slots:
                 gap = horizontal_distance(slot.position, target.position)
                 if kind in slots.get(slot.name, ()) and gap > _STANDS_WITHIN_M:
-                    self._note(Label.BEHAVIORAL_INERTIA, number, f"brings {step.object} to {slot.name}")
                     x, y, _ = slot.position
-                    return _Aim(step.object, (x, y, right.place[2]), right.inside)
+                    text = f"brings {step.object} to {slot.name}"
+                    fault = Fault(Label.BEHAVIORAL_INERTIA, number, text)
+                    return _Aim(step.object, (x, y, right.place[2]), fault)
             return right
         label, slots_asked = self._slots_of_rule(state, step)
         for name in slots_asked:
@@ -150,7 +154,7 @@ class LiberoAgent:
                 continue
             if taken != step.object:
                 self._note(label, number, f"takes {taken} at {name}")
-            return _Aim(taken, right.place, right.inside)
+            return _Aim(taken, right.place)
         return right
 
     def _slots_of_rule(self, state: WorldState, step: CarriedStep) -> tuple[Label, tuple[str, ...]]:
@@ -187,6 +191,7 @@ class LiberoAgent:
                 self._mishap = self._mishap or f"the gripper did not get hold of {aim.object}"
             state = yield from _move(state, above, OPEN, limit=25)
             return state
+        self._fault = self._fault or aim.fault
         hung = tuple(a - b for a, b in zip(state.ee_pose.position, state.pose(aim.object).position, strict=True))
         over = (aim.place[0] + hung[0], aim.place[1] + hung[1])
         high = max(clear + hung[2] - thing.size_m[2], state.ee_pose.position[2])

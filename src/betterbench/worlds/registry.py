@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import hashlib
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,36 +79,67 @@ class ForeignWorld:
             )
         return (str(self.folder / "bin" / "python"), "-c", start_code(self.module))
 
-    def install(self) -> Path:
+    def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
         """Make the environment, and return its folder; a complete one is left as it is.
 
-        It is marked as complete at its end: an interrupted installation begins anew.
+        It is marked as complete at its end: an interrupted installation begins anew. One that begins while another is
+        under way, of whichever process, calls ``waits`` and waits for its end.
 
         Raises:
             MissingDependencyError: If a step fails; the text is what it said last.
         """
         if self.is_installed:
             return self.folder
+        with self._alone(waits) as lock:
+            if not self.is_installed:
+                self._make(lock)
+        return self.folder
+
+    @contextlib.contextmanager
+    def _alone(self, waits: Callable[[], None]) -> Iterator[int]:
+        """Hold the lock of the folder, and yield its descriptor; it is free when all who have that have ended."""
+        path = self.folder.with_name(f".{self.folder.name}.lock")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                waits()
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            yield handle
+        finally:
+            os.close(handle)
+
+    def _make(self, lock: int) -> None:
         target = self.folder
-        target.parent.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(target, ignore_errors=True)
         python = target / "bin" / "python"
         install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(self.lock_path)]
         uv = shutil.which("uv")
         if uv is not None:
-            self._run([uv, "venv", "--quiet", "--python", sys.executable, str(target)])
-            self._run([uv, "pip", *install, "--python", str(python)])
+            self._run([uv, "venv", "--quiet", "--python", sys.executable, str(target)], lock)
+            self._run([uv, "pip", *install, "--python", str(python)], lock)
         else:
-            self._run([sys.executable, "-m", "venv", str(target)])
-            self._run([str(python), "-m", "pip", *install])
+            self._run([sys.executable, "-m", "venv", str(target)], lock)
+            self._run([str(python), "-m", "pip", *install], lock)
         (target / _COMPLETE).touch()
-        return target
 
-    def _run(self, command: list[str]) -> None:
+    def _run(self, command: list[str], lock: int) -> None:
+        """Run a step, which keeps the lock: it goes on where this process is killed."""
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
-                command, capture_output=True, text=True, timeout=INSTALL_LIMIT_S, check=False, env=environment
+                command,
+                capture_output=True,
+                text=True,
+                timeout=INSTALL_LIMIT_S,
+                check=False,
+                env=environment,
+                pass_fds=(lock,),
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error

@@ -77,7 +77,7 @@ def _exposed(x: Exposure) -> bool:
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first evidence of inertia, or of one that was begun where something was to be left alone."""
-    found = [e for step in trial.episode.steps if (e := _memorized_spot(trial, step)) is not None]
+    found = [e for step in trial.episode.steps if (e := memorized_spot(trial, step)) is not None]
     found += itertools.islice(inertia_in(trial.episode), 1)
     return min(found, key=lambda e: e.start_s, default=None) or _approach(trial.episode)
 
@@ -152,7 +152,7 @@ def _memorized_place(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
     return episode.evidence("memorized_place", text, rows=(gone, rest), objects=(step.at, place.target))
 
 
-def _memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
+def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
     """Return evidence if the right object is put where it would be right if its target stood where training had it."""
     episode, i = trial.episode, step.grasp.object
     if i is None or step.goal is None or step.target is not AttemptTarget.ASKED or not step.grasp.secured:

@@ -11,6 +11,7 @@ from betterbench.diagnosis.approaches import closes_in_part, comes_shut
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
+from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
 from betterbench.statistics.wording import listed
@@ -66,7 +67,7 @@ def _find(trial: TrialView) -> Evidence | None:
     episode = trial.episode
     if trial.unexplained:
         return None if trial.out_of_time else _goal_not_held(episode)
-    found = [e for step in episode.steps if (e := _of_step(episode, step)) is not None]
+    found = [e for step in episode.steps if (e := _of_step(trial, step)) is not None]
     others = (_knocked, _undone, _forbidden_touch, _harm, _pushed, _around_it, _not_shut, _far_off)
     found += [e for find in others if (e := find(episode)) is not None]
     return min(found, key=lambda e: e.start_s, default=None)
@@ -89,13 +90,14 @@ def _goal_not_held(episode: EpisodeAnalysis) -> Evidence:
     return episode.evidence("goal_not_held", text, rows=(last, last), objects=things)
 
 
-def _of_step(episode: EpisodeAnalysis, step: Step) -> Evidence | None:
+def _of_step(trial: TrialView, step: Step) -> Evidence | None:
     """Return what went wrong after one right decision, or None."""
+    episode = trial.episode
     if step.target is not AttemptTarget.ASKED or step.goal is None:
         return None
     if episode.completed_after(step.goal, step.grasp.end):
         return None
-    if _brought_later(episode, step) or _held_later(episode, step, step.goal):
+    if _brought_later(trial, step) or _held_later(episode, step, step.goal):
         return None
     i = step.grasp.object
     if i is None:
@@ -200,14 +202,19 @@ def _far_off(episode: EpisodeAnalysis) -> Evidence | None:
     return None
 
 
-def _brought_later(episode: EpisodeAnalysis, step: Step) -> bool:
+def _brought_later(trial: TrialView, step: Step) -> bool:
     """Tell whether a later try for the same subgoal worked, so that only the target region was wrong.
 
     What was let go high above the place may have landed there by chance, unless the place is a container.
     """
+    episode = trial.episode
     for later in episode.steps:
+        if later.at is None or later.grasp.start <= step.grasp.start or later.goal != step.goal:
+            continue
+        if memorized_spot(trial, later) is not None:
+            return True
         found = episode.wrong_place(later)
-        if found is None or later.at is None or later.grasp.start <= step.grasp.start or later.goal != step.goal:
+        if found is None:
             continue
         gone, rest, place = found
         heights = episode.trace.positions[[gone, rest], later.at, 2]
