@@ -4,7 +4,7 @@ Everything of that process is the real one but for ``make_environment``. The env
 ``PlayTableSimEnv``, and a scene in which an action names a subtask, as in tests/calvin/fake_world.py: 100 times its
 first component is the number of the subtask, a negative one does nothing. It runs where betterbench is not installed.
 
-``FAKE_FAULT`` holds "KIND:YAW OF THE RED BLOCK:FILE" as in fake_world.py, ``FAKE_ORDER`` the order of the blocks, and
+``FAKE_FAULT`` (fake_faults.py) names the yaw of the red block, ``FAKE_ORDER`` the order of the blocks, and
 ``FAKE_SHIFT`` how far beside their places blocks come to stand.
 """
 
@@ -12,11 +12,11 @@ import json
 import math
 import os
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from fake_faults import fail, fault_due
 
 import betterbench
 from betterbench.worlds.calvin_simulator import CalvinSimulator
@@ -181,20 +181,10 @@ class FakeEnv:
             self.place[rule["block"]][0] += 1.2 * rule["along_x_m"]
 
     def fail(self):
-        kind, yaw, file = (os.environ.get("FAKE_FAULT") or "none:0:none").split(":")
-        if kind == "none" or Path(file).exists() or abs(float(yaw) - self.yaw["block_red"]) > 1e-9:
-            return
-        Path(file).touch()
-        if kind == "dies":
-            os._exit(9)
-        if kind == "hangs":
-            time.sleep(1000.0)
-        if kind == "raises":
-            raise RuntimeError("the block is gone")
+        kind = fault_due(lambda yaw: abs(float(yaw) - self.yaw["block_red"]) <= 1e-9)
         if kind == "nan":
             self.robot_obs = self.robot_obs * np.nan
-        if kind == "garbage":
-            os.write(int(sys.argv[-1]), b"pybullet says hello, and more than that\n" * 10)
+        fail(kind)
 
 
 class FakeCalvin(CalvinSimulator):

@@ -1,15 +1,13 @@
 """A simulator with LIBERO's interface and none of its physics: a cube that moves as it is told.
 
-It runs where betterbench is not installed, as LIBERO's process does. The environment variable ``FAKE_FAULT`` holds
-"KIND:STATE:FILE": what goes wrong in the first trial of an initial state, and the file that says that it has.
+It runs where betterbench is not installed, as LIBERO's process does. ``FAKE_FAULT`` (fake_faults.py) names an initial
+state.
 """
 
-import os
 import sys
-import time
-from pathlib import Path
 
 import numpy as np
+from fake_faults import fail, fault_due
 
 from betterbench.worlds.simulator_loop import answer_requests
 
@@ -68,20 +66,10 @@ class FakeSimulator:
         return self.row(look=look)
 
     def fail(self):
-        kind, state, file = (os.environ.get("FAKE_FAULT") or "none:0:none").split(":")
-        if kind == "none" or int(state) != self.state or Path(file).exists():
-            return
-        Path(file).touch()
-        if kind == "dies":
-            os._exit(9)
-        if kind == "hangs":
-            time.sleep(1000.0)
-        if kind == "raises":
-            raise RuntimeError("the cube is gone")
+        kind = fault_due(lambda state: int(state) == self.state)
         if kind == "nan":
             self.at = self.at * np.nan
-        if kind == "garbage":
-            os.write(int(sys.argv[1]), b"mujoco says hello, and more than that\n" * 10)
+        fail(kind)
 
     def row(self, *, look):
         there = bool(self.at[0] > 0.2)
