@@ -1,5 +1,6 @@
 """The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
 
+import html
 import json
 import sys
 from dataclasses import replace
@@ -8,10 +9,13 @@ from pathlib import Path
 import pytest
 
 from betterbench.calibration.truth import true_label
+from betterbench.cli.output.page import build_report
 from betterbench.diagnosis import diagnose_run
-from betterbench.errors import RecordError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.report.page import write_report
+from betterbench.report.trust import trust_of
 from betterbench.worlds.regime import trained_in, word_of_sentence
 from betterbench.worlds.registry import start_code
 
@@ -80,6 +84,28 @@ def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypa
     (entry,) = run.entries()
     assert true_label(entry.ground_truth, expected="succeed", success=False) == label
     assert [t.label for t in diagnose_run(run).trials] == [label]
+
+
+def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path):
+    swap = evaluate(plan_of("zoo:lexical", trials=1), tmp_path / "swap", workers=1, envs=1)
+    assert any("name that run with --twins" in note for note in diagnose_run(swap).notes)
+    base = evaluate(plan_of("zoo:lexical", suite="libero_object", trials=2), tmp_path / "base", workers=1, envs=1)
+    found = diagnose_run(swap, twins_in=base)
+    assert [t.key for t in found.trials if t.variation is None] == [
+        "libero_object-00/base/0",
+        "libero_object-01/base/0",
+    ]
+    gap = found.metric("illusion_gap", "overall")
+    assert (gap.n, gap.value) == (2, 1.0)
+    with pytest.raises(InvalidInputError, match=r"no twin of these trials.*base suite"):
+        diagnose_run(swap, twins_in=swap)
+    page = write_report([found], tmp_path / "report", trust=trust_of([found])).read_text()
+    assert ">pick up the cube and place it in the basket</a>" in page
+    assert "objects stand at each other's places" in html.unescape(page)
+    for ours in ("power matrix", "Pretenders", "fills a cell", "certificate"):
+        assert ours not in page
+    pair = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=0)
+    assert "not measured" not in pair.page.read_text()
 
 
 def test_what_is_not_diagnosed_is_said(run_of):

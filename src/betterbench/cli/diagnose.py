@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 def diagnose_command(
     run: Annotated[Path, tyro.conf.Positional],
     *,
+    twins: Path | None = None,
     keep: bool = False,
     answers: Path | None = None,
     questions: Path | None = None,
@@ -37,6 +38,8 @@ def diagnose_command(
 
     Args:
         run: Folder of the run.
+        twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
+            states are the counterfactual twins. Nothing is stored then.
         keep: Leave the stored diagnosis and the stored knowledge as they are.
         answers: File of answers to the set of better vqa --run.
         questions: Folder of that set; the folder of the answers if not given.
@@ -50,11 +53,15 @@ def diagnose_command(
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
-    result = diagnosed(folder)
-    changes = None if before is None or result.pending else find_changes(before, stored.StoredDiagnosis.of(result))
+    result = diagnosed(folder, twins_in=None if twins is None else RunFolder.open(twins))
+    changes = (
+        None
+        if before is None or result.pending or twins is not None
+        else find_changes(before, stored.StoredDiagnosis.of(result))
+    )
     if result.pending:
         say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
-    elif not keep:
+    elif not keep and twins is None:
         try:
             stored.store_diagnosis(folder, result)
         except OSError as error:

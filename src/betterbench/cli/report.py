@@ -15,6 +15,7 @@ def report_command(
     run: Annotated[tuple[Path, ...], tyro.conf.Positional],
     *,
     name: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    twins: tyro.conf.UseAppendAction[tuple[Path, ...]] = (),
     out: Path | None = None,
     latex: bool = True,
     films: int = 40,
@@ -28,6 +29,7 @@ def report_command(
     Args:
         run: Folder of a run; several are put side by side.
         name: Name of a run on the page, once per run and in their order; that of its policy if not given.
+        twins: For runs in LIBERO-PRO: run of the base suite by the same policy, once per run and in their order.
         out: Folder of the report; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
@@ -38,6 +40,6 @@ def report_command(
     if not run:
         raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
     runs = [RunFolder.open(path) for path in run]
-    page, verdicts = build_report(runs, out or runs[0].report_path, names=name, latex=latex, films=films)
+    page, verdicts = build_report(runs, out or runs[0].report_path, names=name, twins=twins, latex=latex, films=films)
     OUT.print(str(page), markup=False, soft_wrap=True)
     print_verdicts(verdicts)

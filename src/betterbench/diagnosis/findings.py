@@ -45,10 +45,12 @@ def find_notes(
     *,
     pending: int = 0,
     even_pairs: int | None = None,
+    cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
     """Return what the run cannot show, one sentence each.
 
-    ``even_pairs`` are those that no outcome has chosen, where that is not all of them.
+    ``even_pairs`` are those that no outcome has chosen, where that is not all of them. ``cure`` says how trials get
+    their twins.
     """
     notes = []
     if pending:
@@ -72,8 +74,7 @@ def find_notes(
         notes.append(f"{wait} counterfactual twin, so far left out of the illusion gap.")
     elif lonely:
         notes.append(
-            f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; run their "
-            "training conditions with the same seeds."
+            f"{lonely} trials have no counterfactual twin in the run and are left out of the illusion gap; {cure}."
         )
     pairs = pairs if even_pairs is None else even_pairs
     if pairs:

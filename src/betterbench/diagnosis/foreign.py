@@ -35,6 +35,7 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.labels import Label
 from betterbench.tasks.motion import closing_of, graspable
+from betterbench.worlds.libero import SUITES
 from betterbench.worlds.regime import CARRIED, TrainedTask, trained_in, word_of_sentence
 
 AXES = {
@@ -50,6 +51,12 @@ NOTE = (
     "not judged."
 )
 """What is said beside every diagnosis of a run in LIBERO."""
+
+
+TWINS_CURE = "run the base suite with the same initial states, and name that run with --twins"
+
+BASE = "base"
+"""Name of the one training condition of a task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +103,11 @@ class ForeignRun:
             first_slot=None, intended=None, intended_kind=None, intended_any=(), intention_correct=None, progress=0.0,
             attempts=(), evidence=without_record(reason), collisions=None, steps=0, duration_s=0.0, record=None,
         )  # fmt: skip
+
+
+def is_foreign(task: str) -> bool:
+    """Tell whether a task is one of LIBERO and not of our own."""
+    return suite_of(task) in SUITES
 
 
 def suite_of(task: str) -> str:

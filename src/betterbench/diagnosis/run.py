@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.foreign import NOTE, ForeignRun, suite_of
+from betterbench.diagnosis.foreign import BASE, NOTE, TWINS_CURE, ForeignRun, suite_of
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -20,7 +20,7 @@ from betterbench.diagnosis.trial import Choice, Reading, read_trial
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
-from betterbench.errors import RecordError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
@@ -58,6 +58,7 @@ def diagnose_run(
     *,
     allow_mixed: bool = False,
     whole: bool = False,
+    twins_in: RunFolder | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> RunDiagnosis:
     """Return what all records of a run prove. Every planned trial appears, finished or not.
@@ -70,11 +71,14 @@ def diagnose_run(
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
         whole: True to count the trials that a running run has not reached as trials without a record, too.
+        twins_in: A run of the base suite by the same policy, for a run in LIBERO-PRO: its finished trials from the same
+            initial states are the counterfactual twins, and count as training.
         on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
 
     Raises:
         RecordError: If the plan or a record cannot be read.
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
+        InvalidInputError: If ``twins_in`` holds no twin of a planned trial.
         UnknownNameError: If the plan names an unknown task, variation or training condition.
     """
     run = folder if isinstance(folder, RunFolder) else RunFolder.open(folder)
@@ -109,9 +113,29 @@ def diagnose_run(
         trials.plan.append(trial)
         if trial not in trials.readings:
             trials.missing[trial] = None if entry is None else entry.message or "its record is not there"
+    if twins_in is not None:
+        _take_in_twins(twins_in, trials, versions, foreign)
     found = _diagnose(policy, trials, versions.found, foreign)
     said = () if foreign is None else (NOTE,)
     return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
+
+
+def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None) -> None:
+    """Read the twins of planned trials from the run of a base suite; their records are not in the run itself."""
+    wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
+    found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
+    shared = [trial for trial in found if trial in wanted and trial not in trials.plan]
+    if foreign is None or not shared:
+        raise InvalidInputError(
+            str(run.path),
+            "it holds no twin of these trials",
+            "Name a run of their base suite in LIBERO, with the same --seed",
+        )
+    for trial in shared:
+        record = run.read_record(trial.task, trial.condition, trial.seed)
+        versions.add(record.metadata, but="suite_version")
+        trials.plan.append(trial)
+        trials.readings[trial] = foreign.read(record)
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
@@ -246,7 +270,9 @@ def _diagnose(
     )
     missing, decided = sorted(map(str, trials.missing)), trials.until_decided
     even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
-    notes = find_notes(found, judged, missing, len(twins(found)), pending=len(trials.pending), even_pairs=even)
+    more = {} if foreign is None else {"cure": TWINS_CURE}
+    pending = len(trials.pending)
+    notes = find_notes(found, judged, missing, len(twins(found)), pending=pending, even_pairs=even, **more)
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),

@@ -29,14 +29,16 @@ class RecordVersions:
             if name != "policy" or len(values) > 1
         }
 
-    def add(self, metadata: RecordMetadata) -> None:
-        """Take in the versions of one record.
+    def add(self, metadata: RecordMetadata, *, but: str = "") -> None:
+        """Take in the versions of one record, all but the one that is named.
 
         Raises:
             RunConflictError: If one differs from those before and mixing is not allowed.
         """
         trial = f"{metadata.task}/{metadata.condition} seed {metadata.seed}"
         for name, value in _versions(metadata):
+            if name == but:
+                continue
             known = self._seen.setdefault(name, {})
             if known and value not in known and not self._allow_mixed:
                 other, at = next(iter(known.items()))

@@ -50,7 +50,7 @@ POLICIES = {
 class _Aim:
     """What is to be brought where: an object, and the middle of the bottom of its place [m].
 
-    ``fault`` is what is wrong with the place. Nothing shows it until the object is carried.
+    ``fault`` is what is wrong with the place. Nothing shows it until the object is let go there.
     """
 
     object: str
@@ -191,7 +191,6 @@ class LiberoAgent:
                 self._mishap = self._mishap or f"the gripper did not get hold of {aim.object}"
             state = yield from _move(state, above, OPEN, limit=25)
             return state
-        self._fault = self._fault or aim.fault
         hung = tuple(a - b for a, b in zip(state.ee_pose.position, state.pose(aim.object).position, strict=True))
         over = (aim.place[0] + hung[0], aim.place[1] + hung[1])
         high = max(clear + hung[2] - thing.size_m[2], state.ee_pose.position[2])
@@ -206,6 +205,8 @@ class LiberoAgent:
         state = yield from _move(state, carried, CLOSE, limit=80, speed=0.8)
         low = aim.place[2] + hung[2] + 0.005
         state = yield from _move(state, Pose((over[0], over[1], low), grasp.quaternion), CLOSE, limit=80, speed=0.5)
+        if state.held == aim.object:
+            self._fault = self._fault or aim.fault
         for _ in range(8):
             state = yield _still(state, OPEN)
         state = yield from _move(state, carried, OPEN, limit=30)

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from betterbench.diagnosis.foreign import is_foreign
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
@@ -122,14 +123,15 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
 
     Conditions are found by what they are and not by their names. The cell in which everything stands on the table
     belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
-    so.
+    so. Trials in LIBERO are in no cell.
 
     Raises:
         UnknownNameError: If a trial's task, variation or training condition is unknown.
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.even_trials:
-        trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
+        if not is_foreign(trial.task):
+            trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():
         setting = resolve_condition(*name.split("/"))

@@ -6,12 +6,14 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 from betterbench.diagnosis.failure_mode import FailureMode
+from betterbench.diagnosis.foreign import is_foreign
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, anytime_interval
 from betterbench.tasks import Task, Variation, get_task
+from betterbench.worlds.libero import CHANGES
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,11 @@ def task_of(name: str) -> Task | None:
         return get_task(name)
     except UnknownNameError:
         return None
+
+
+def is_abroad(diagnosis: RunDiagnosis) -> bool:
+    """Tell whether a run is in LIBERO, of which the suite's matrices, pretenders and certificates say nothing."""
+    return bool(diagnosis.trials) and all(is_foreign(trial.task) for trial in diagnosis.trials)
 
 
 def task_title(name: str) -> str:
@@ -129,7 +136,7 @@ def _variation_row(
         task,
         name,
         trials[0].axis,
-        known.title if known is not None else "",
+        known.title if known is not None else CHANGES.get(name, "") if is_foreign(task) else "",
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,

@@ -24,6 +24,7 @@ from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.media import NO_MEDIA, Media
+from betterbench.report.outcomes import is_abroad
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
 from betterbench.report.pretenders import pretender_views
 from betterbench.report.task_views import task_views
@@ -160,7 +161,7 @@ def render_page(
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
         unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
-        pretenders=pretender_views(diagnoses),
+        pretenders=pretender_views([d for d in diagnoses if not is_abroad(d)]),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
         charts=charts,
@@ -205,7 +206,12 @@ def _style_and_script() -> dict[str, str]:
 
 
 def _matrices(diagnoses: Sequence[RunDiagnosis]) -> tuple[list[Matrix], list[str]]:
-    """Return the diagnostic matrices that the runs fill, the short ones first, and a sentence about each other one."""
+    """Return the diagnostic matrices that the runs fill, the short ones first, and a sentence about each other one.
+
+    They are about tasks of ours: runs in LIBERO alone have none.
+    """
+    if all(map(is_abroad, diagnoses)):
+        return [], []
     made = [matrices_of(diagnosis) for diagnosis in diagnoses]
     every = (*(short for short, _ in made), *(long for _, long in made))
     empty: dict[str, list[str]] = {}

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from betterbench.diagnosis.foreign import is_foreign
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.charts import twin_figure
 from betterbench.report.headline import Failure, leading_failure
@@ -69,13 +70,18 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
     return tuple(
         TaskView(
             task,
-            task_title(task),
+            _title(task, groups),
             _lines(diagnoses, task),
             next((group for group in groups if group.first.variation is None), None),
             tuple(group for group in groups if group.first.variation is not None),
         )
         for task, groups in sorted(tasks.items())
     )
+
+
+def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
+    """Return the title of a task; in LIBERO, a task is known by its sentence."""
+    return groups[0].first.twin_instruction if is_foreign(task) else task_title(task)
 
 
 def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:

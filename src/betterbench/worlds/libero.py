@@ -26,12 +26,13 @@ STATES = 50
 """Initial states of every task."""
 
 _STEPS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_10": 520, "libero_90": 400}
-_CHANGES = {
+CHANGES: Mapping[str, str] = {
     "swap": "objects stand at each other's places",
     "object": "objects are replaced by others of their kind",
     "lan": "the sentence is said in other words",
     "task": "the sentence asks for another task",
 }
+"""What LIBERO-PRO changes of a suite, by name, in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ SUITES: Mapping[str, Suite] = {
             Suite(f"{base.name}_{change}", base.name, change, base.tasks, f"{base.name}: {said}")
             for base in _BASES
             if base.name != "libero_90"
-            for change, said in _CHANGES.items()
+            for change, said in CHANGES.items()
         ),
     )
 }

@@ -17,10 +17,10 @@ SHOWN_CHANGES = 20
 """Largest number of trials and of metrics whose change is printed; ``--json`` lists all."""
 
 
-def diagnosed(run: RunFolder) -> RunDiagnosis:
+def diagnosed(run: RunFolder, *, twins_in: RunFolder | None = None) -> RunDiagnosis:
     """Diagnose a run while a bar shows how far that is."""
     with passing_bar(f"diagnosing {run.path.name}") as told:
-        return diagnose_run(run, on_progress=told)
+        return diagnose_run(run, twins_in=twins_in, on_progress=told)
 
 
 def print_diagnosis(result: RunDiagnosis) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from betterbench.cli.console import ERR, progress_bar, say
 from betterbench.cli.output.diagnosis import diagnosed
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
-from betterbench.errors import MissingDependencyError, RecordError
+from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
@@ -39,14 +39,25 @@ class BuiltReport(NamedTuple):
 
 
 def build_report(
-    runs: Sequence[RunFolder], out: Path, *, names: Sequence[str] = (), latex: bool, films: int
+    runs: Sequence[RunFolder],
+    out: Path,
+    *,
+    names: Sequence[str] = (),
+    twins: Sequence[Path] = (),
+    latex: bool,
+    films: int,
 ) -> BuiltReport:
     """Diagnose runs, render the moments that show their failures, and return the page with the verdicts.
 
     The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
+    ``twins`` are the runs of the base suite, one for each run in LIBERO-PRO, or none.
     """
+    if twins and len(twins) != len(runs):
+        problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
+        raise InvalidInputError("--twins", problem, "Give it once per run, in the same order")
     called = run_names(runs, names)
-    diagnoses = [diagnosed(run).named(name) for run, name in zip(runs, called, strict=True)]
+    bases = [RunFolder.open(path) for path in twins] or [None] * len(runs)
+    diagnoses = [diagnosed(run, twins_in=base).named(name) for run, base, name in zip(runs, bases, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
             say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
