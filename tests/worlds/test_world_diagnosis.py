@@ -16,6 +16,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
+from betterbench.worlds import ForeignWorld
 from betterbench.worlds.regime import trained_in, word_of_sentence
 from betterbench.worlds.registry import start_code
 
@@ -86,10 +87,11 @@ def test_a_habit_of_place_shows_when_something_is_carried_there(run_of, monkeypa
     assert [t.label for t in diagnose_run(run).trials] == [label]
 
 
-def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path):
+def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch):
     swap = evaluate(plan_of("zoo:lexical", trials=1), tmp_path / "swap", workers=1, envs=1)
     assert any("name that run with --twins" in note for note in diagnose_run(swap).notes)
-    base = evaluate(plan_of("zoo:lexical", suite="libero_object", trials=2), tmp_path / "base", workers=1, envs=1)
+    base_plan = plan_of("zoo:lexical", suite="libero_object", trials=2)
+    base = evaluate(base_plan, tmp_path / "base", workers=1, envs=1)
     found = diagnose_run(swap, twins_in=base)
     assert [t.key for t in found.trials if t.variation is None] == [
         "libero_object-00/base/0",
@@ -104,8 +106,11 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path):
     assert "objects stand at each other's places" in html.unescape(page)
     for ours in ("power matrix", "Pretenders", "fills a cell", "certificate"):
         assert ours not in page
-    pair = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=0)
-    assert "not measured" not in pair.page.read_text()
+    command = base_plan.world.command
+    monkeypatch.setattr(ForeignWorld, "command", lambda _: command)
+    shown = build_report([swap], tmp_path / "pair", twins=[base.path], latex=False, films=2).page.read_text()
+    assert "not measured" not in shown
+    assert shown.count("data:image/jpeg") >= 6
 
 
 def test_what_is_not_diagnosed_is_said(run_of):

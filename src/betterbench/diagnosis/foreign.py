@@ -105,7 +105,7 @@ class ForeignRun:
         )  # fmt: skip
 
 
-def is_foreign(task: str) -> bool:
+def is_of_libero(task: str) -> bool:
     """Tell whether a task is one of LIBERO and not of our own."""
     return suite_of(task) in SUITES
 

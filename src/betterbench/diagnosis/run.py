@@ -71,8 +71,7 @@ def diagnose_run(
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
         whole: True to count the trials that a running run has not reached as trials without a record, too.
-        twins_in: A run of the base suite by the same policy, for a run in LIBERO-PRO: its finished trials from the same
-            initial states are the counterfactual twins, and count as training.
+        twins_in: For a run in LIBERO-PRO, one of its base suite: the twins are its trials from the same initial states.
         on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
 
     Raises:
@@ -93,12 +92,7 @@ def diagnose_run(
         entry = entries.get(trial)
         if entry is None or entry.status != "done":
             continue
-        path = run.record_path(trial.task, trial.condition, trial.seed)
-        if path.exists():
-            record = run.read_record(trial.task, trial.condition, trial.seed)
-            versions.add(record.metadata)
-            at = path.relative_to(run.path).as_posix()
-            trials.readings[trial] = read_trial(record, path=at) if foreign is None else foreign.read(record, path=at)
+        _read_one(run, trial, trials, versions, foreign)
     expected = frozenset(plan)
     if rule is not None:
         trials.until_decided = decided_of(rule, plan, trials.outcome)
@@ -118,6 +112,18 @@ def diagnose_run(
     found = _diagnose(policy, trials, versions.found, foreign)
     said = () if foreign is None else (NOTE,)
     return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
+
+
+def _read_one(
+    run: RunFolder, trial: TrialId, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None
+) -> None:
+    """Read the record of a finished trial, if it is there."""
+    path = run.record_path(trial.task, trial.condition, trial.seed)
+    if path.exists():
+        record = run.read_record(trial.task, trial.condition, trial.seed)
+        versions.add(record.metadata)
+        at = path.relative_to(run.path).as_posix()
+        trials.readings[trial] = read_trial(record, path=at) if foreign is None else foreign.read(record, path=at)
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None) -> None:

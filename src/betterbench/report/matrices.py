@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_foreign
+from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
@@ -130,7 +130,7 @@ def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """
     trials: dict[str, list[TrialDiagnosis]] = {}
     for trial in diagnosis.even_trials:
-        if not is_foreign(trial.task):
+        if not is_of_libero(trial.task):
             trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
     groups: dict[CellPosition, list[MatrixSource]] = {}
     for name, members in trials.items():

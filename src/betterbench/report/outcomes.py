@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 
 from betterbench.diagnosis.failure_mode import FailureMode
-from betterbench.diagnosis.foreign import is_foreign
+from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
@@ -72,7 +72,7 @@ def task_of(name: str) -> Task | None:
 
 def is_abroad(diagnosis: RunDiagnosis) -> bool:
     """Tell whether a run is in LIBERO, of which the suite's matrices, pretenders and certificates say nothing."""
-    return bool(diagnosis.trials) and all(is_foreign(trial.task) for trial in diagnosis.trials)
+    return bool(diagnosis.trials) and all(is_of_libero(trial.task) for trial in diagnosis.trials)
 
 
 def task_title(name: str) -> str:
@@ -136,7 +136,7 @@ def _variation_row(
         task,
         name,
         trials[0].axis,
-        known.title if known is not None else CHANGES.get(name, "") if is_foreign(task) else "",
+        known.title if known is not None else CHANGES.get(name, "") if is_of_libero(task) else "",
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from betterbench.diagnosis.foreign import is_foreign
+from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.charts import twin_figure
 from betterbench.report.headline import Failure, leading_failure
@@ -81,7 +81,7 @@ def task_views(diagnoses: Sequence[RunDiagnosis]) -> tuple[TaskView, ...]:
 
 def _title(task: str, groups: Sequence[ConditionGroup]) -> str:
     """Return the title of a task; in LIBERO, a task is known by its sentence."""
-    return groups[0].first.twin_instruction if is_foreign(task) else task_title(task)
+    return groups[0].first.twin_instruction if is_of_libero(task) else task_title(task)
 
 
 def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]:

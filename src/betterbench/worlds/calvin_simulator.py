@@ -68,6 +68,10 @@ class CalvinSimulator:
         """Refuse: CALVIN has no stored initial states; each chain's premises are checked when it begins."""
         raise ValueError(f"CALVIN has no stored initial states: {request.get('suite')}")
 
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
+        """Refuse: chains get no labels, and so no films."""
+        raise ValueError(f"chains are not drawn again: {request.get('suite')}, {len(qpos)} states")
+
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin a chain: set robot and scene. With "next", begin its next instruction where things stand now."""
         self._make()

@@ -86,6 +86,14 @@ class WorldProcess:
         """Take one control step; WorldError if the simulator fails."""
         return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
 
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
+        """Return images (n, size, size, 3) of a task's scene at n states; WorldError if the simulator fails."""
+        images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
+        size = int(request["size"])
+        if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
+            raise WorldError("the simulator did not draw the images that it was asked for")
+        return images
+
     def close(self) -> None:
         """End the process; harmless when it has ended."""
         self._link.close()

@@ -38,6 +38,9 @@ class Simulator(Protocol):
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after it; with images if ``look``."""
 
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
+        """Return "images" (n, size, size, 3) of the front camera at n states of a task's scene."""
+
 
 def answer_requests(simulator: Simulator, descriptor: int) -> None:
     """Answer the requests that come over a socket, until it is closed.
@@ -64,6 +67,8 @@ def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[
         return simulator.suite(request["suite"]), {}
     if request["do"] == "premises":
         return simulator.premises(request)
+    if request["do"] == "draw":
+        return simulator.draw(request, np.array(arrays["qpos"]))
     if request["do"] == "start":
         return simulator.start(request)
     return simulator.step(np.array(arrays["action"]), look=bool(request["look"]))

@@ -18,11 +18,13 @@ from betterbench.report.film import Film, Frame, Showing, failures_in_question, 
 from betterbench.report.headline import verdict_line
 from betterbench.report.legend import LEGEND
 from betterbench.report.media import Media, Thumbnails
+from betterbench.report.outcomes import is_abroad
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.statistics.wording import plural
 from betterbench.tasks.user_files import options_for
 from betterbench.vqa.knowing import read_knowledge
+from betterbench.worlds import WorldError
 
 THUMBNAIL_PX = 200
 """Side of the images on the cards of variations [px]."""
@@ -56,7 +58,7 @@ def build_report(
         problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
         raise InvalidInputError("--twins", problem, "Give it once per run, in the same order")
     called = run_names(runs, names)
-    bases = [RunFolder.open(path) for path in twins] or [None] * len(runs)
+    bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)
     diagnoses = [diagnosed(run, twins_in=base).named(name) for run, base, name in zip(runs, bases, called, strict=True)]
     for run, diagnosis in zip(runs, diagnoses, strict=True):
         if diagnosis.pending:
@@ -65,9 +67,10 @@ def build_report(
     if films > 0:
         try:
             media = _media(runs, diagnoses, films)
-        except (MissingDependencyError, RecordError) as error:
+        except (MissingDependencyError, RecordError, WorldError) as error:
             say(f"no films: {error}")
-    media = replace(media, folders={d.policy: str(run.path) for d, run in zip(diagnoses, runs, strict=True)})
+    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # what replay knows
+    media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
     stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
     knowledge = [replace(known, policy=name) for known, name in stored if known is not None]
@@ -92,10 +95,13 @@ def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
 
 
 def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int) -> Media:
-    """Render films of at most so many trials, shared by the runs, and one image of each other failure."""
+    """Render films of at most so many trials, shared by the runs, and one image of each other failure.
+
+    In LIBERO no path is drawn: where its camera stands is not recorded.
+    """
     one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
     chosen = [showing for turn in one_each for showing in turn if showing is not None][:films]
-    failed = {d.policy: failures_in_question(d) for d in diagnoses}
+    failed = {d.policy: [] if is_abroad(d) else failures_in_question(d) for d in diagnoses}
     filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
     more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
     if not chosen and not more:
@@ -123,6 +129,8 @@ def _films(run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing])
     trials = {t.key: t for t in diagnosis.trials}
     with progress_bar(f"film strips of {diagnosis.policy}", len(wanted)) as (bar, task):
         images = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
+    if is_abroad(diagnosis):
+        return {s.key: _film(s, images) for s in showings}
     with progress_bar(f"films of {diagnosis.policy}", len(showings)) as (bar, task):
         clips = render_twin_films(
             run,

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import av
 import numpy as np
+from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
 from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
+from betterbench.worlds import WorldProcess, world_named
+
+WORLD = "world"
+"""Key of a plan that says in which world it was run; a run in our own scenes has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +30,36 @@ class Shot:
     condition: str
     seed: int
     time_s: float
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _DrawnTask:
+    """What a film needs of a task of LIBERO."""
+
+    suite: str
+    number: int
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _DrawnProtocol:
+    """What a film needs of a protocol."""
+
+    seed: int
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """What a film needs of the world of a run."""
+
+    name: str
+    tasks: dict[str, _DrawnTask]
+    protocol: _DrawnProtocol
+
+
+_DRAWN = TypeAdapter(_Drawn)
 
 
 def render_shots(
@@ -37,14 +73,19 @@ def render_shots(
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot, of ``size`` pixels on each side; shots of one scene share its model.
 
+    A run in LIBERO is drawn by LIBERO, with its front camera.
+
     ``on_progress`` is called with the number of images done and planned.
 
     Raises:
         RecordError: If a record or a scene is missing or unreadable.
-        MissingDependencyError: If no off-screen OpenGL works here.
+        MissingDependencyError: If no off-screen OpenGL works here, or LIBERO is not installed.
+        WorldError: If LIBERO fails.
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
+    if WORLD in run.plan:
+        return _world_shots(run, records, shots, size, on_progress)
     images: dict[Shot, bytes] = {}
     if not records:
         return images
@@ -58,6 +99,35 @@ def render_shots(
                 images[shot] = jpeg_bytes(_image(view, record, camera, shot.time_s), quality=82)
                 if on_progress is not None:
                     on_progress(len(images), len(shots))
+    return images
+
+
+def _world_shots(
+    run: RunFolder,
+    records: Mapping[tuple[str, str, int], Record],
+    shots: Sequence[Shot],
+    size: int,
+    on_progress: Callable[[int, int], None] | None,
+) -> dict[Shot, bytes]:
+    """Return one JPEG per shot of a run in LIBERO."""
+    where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
+    form = read_form(_DRAWN, run.plan[WORLD], where=where, cure=cure, raises=RecordError)
+    scenes: dict[str, list[Shot]] = {}
+    for shot in shots:
+        scenes.setdefault(f"{shot.task}/{shot.condition}", []).append(shot)
+    images: dict[Shot, bytes] = {}
+    if not scenes:
+        return images
+    with WorldProcess(world_named(form.name).command()) as process:
+        for name, wanted in scenes.items():
+            rows = [records[s.task, s.condition, s.seed] for s in wanted]
+            qpos = np.array([r.qpos[_row(r, s.time_s)] for r, s in zip(rows, wanted, strict=True)])
+            task = form.tasks[name]
+            asked = {"suite": task.suite, "task": task.number, "seed": form.protocol.seed, "size": size}
+            for shot, image in zip(wanted, process.draw(asked, qpos), strict=True):
+                images[shot] = jpeg_bytes(image, quality=82)
+            if on_progress is not None:
+                on_progress(len(images), len(shots))
     return images
 
 
@@ -130,6 +200,9 @@ def probe_encoder() -> str:
     return f"H.264 ({len(buffer.getvalue())} bytes written)"
 
 
+def _row(record: Record, time_s: float) -> int:
+    return int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
+
+
 def _image(view: LimitedView, record: Record, camera: str, time_s: float) -> np.ndarray:
-    row = int(np.clip(round(time_s * record.metadata.control_rate_hz), 0, len(record) - 1))
-    return view.draw(record.qpos[row], camera, jitter=record.metadata.view_jitter)
+    return view.draw(record.qpos[_row(record, time_s)], camera, jitter=record.metadata.view_jitter)
