@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from betterbench.learned import TrainingRecipe, read_training_recipe
 
+PIXELS = {"family": "pixels", "eyes": {"views": ["front"], "size": 16}}
 TINY = {"width": 16, "layers": 1, "heads": 2}
 
 

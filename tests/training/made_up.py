@@ -1,12 +1,16 @@
-"""A training set that was never recorded: the tool goes to the object whose color the instruction names."""
+"""Training sets that were never recorded: the tool goes to the object whose color the instruction names."""
 
 from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
 
 import numpy as np
 
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.tasks import TrialId
 from betterbench.training.data import TrainingSet
+from betterbench.training.frames import FrameStore, frames_bytes
 
 STEPS = 20
 
@@ -45,3 +49,19 @@ def made_up(episodes: int = 12, *, seed: int = 0) -> TrainingSet:
         phases=np.tile((np.arange(STEPS) >= STEPS - 5).astype(np.int64), episodes),
         at_gripper=np.tile(np.arange(STEPS) >= STEPS - 6, episodes),
     )
+
+
+def pictured(folder: Path, episodes: int = 12, *, seed: int = 0, size: int = 16) -> TrainingSet:
+    """The same in pictures: the things as squares of their color, and the place of the tool in white."""
+    data, files = made_up(episodes, seed=seed), []
+    folder.mkdir(exist_ok=True)
+    for episode in range(episodes):
+        rows = slice(data.first[episode], data.last[episode] + 1)
+        frames = np.zeros((STEPS, 1, size, size, 3), np.uint8)
+        for frame, tool, poses in zip(frames[:, 0], data.tools[rows], data.poses[rows], strict=True):
+            for place, color in ((poses[0], (0, 0, 255)), (poses[1], (255, 0, 0)), (tool, (255, 255, 255))):
+                x, y = ((place[:2] + 0.25) / 0.5 * size).astype(int)
+                frame[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2] = color
+        files.append(folder / f"{episode}.bin")
+        files[-1].write_bytes(frames_bytes(frames))
+    return dataclasses.replace(data, frames_of=FrameStore.open(files), sha256=f"pictured {seed}")

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from made_up import made_up
-from small_recipes import tiny
+from small_recipes import PIXELS, tiny
 
 from betterbench.cli.main import main
+from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation.preflight.check import run_preflight
 from betterbench.evaluation.serving.shadow import ShadowSimulation
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
+from betterbench.interface import CameraSpec, EpisodeStart, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.learned import learned_info, make_learned
+from betterbench.learned import is_seeing, learned_info, make_learned, make_seeing
 from betterbench.learned.checkpoint import Trained, write_checkpoint
+from betterbench.learned.families import new_network
 from betterbench.learned.network import ObjectsNetwork
 from betterbench.recording import RunFolder
 from betterbench.scenes import Scene
@@ -77,6 +83,71 @@ def test_a_wrong_option_is_refused(checkpoint, options, error):
 def test_a_checkpoint_that_is_not_there_is_one_line(address, capsys):
     assert main(["eval", "--policy", address, "--out", "/nowhere/run"]) == 2
     assert "Traceback" not in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def seeing(tmp_path_factory) -> Path:
+    """A checkpoint that looks at the wrist's camera alone."""
+    out = tmp_path_factory.mktemp("seeing")
+    recipe = tiny(**{**PIXELS, "eyes": {"views": ["wrist"], "size": 16}}, history=2, history_stride=4)
+    known = made_up().vocabulary
+    torch.manual_seed(0)
+    network = new_network(recipe, known)
+    write_checkpoint(out / "checkpoint.safetensors", network.state_dict(), Trained(recipe, known, 12, "none"))
+    return out
+
+
+def test_a_learner_of_pixels_sees_observations_of_its_cameras(seeing, checkpoint):
+    address = f"learned:{seeing}"
+    assert is_seeing(address)
+    assert not is_privileged(address)
+    assert is_privileged(f"learned:{checkpoint}")
+    assert not is_seeing("learned:/nowhere")
+    info = learned_info(address)
+    assert (info.needs_images, info.cameras, info.execution.horizon) == (True, ("wrist",), 2)
+    assert observation_spec("default").only(info.cameras).cameras == (CameraSpec("wrist"),)
+
+
+def test_a_learner_of_pixels_answers_the_same_to_the_same(seeing):
+    task = get_task(TRIAL.task)
+    scene = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
+    state, observer = scene.reset(), Observer(observation_spec("state_only"))
+    draw = np.random.default_rng(0)
+    pictures = {"wrist": draw.integers(0, 256, (256, 256, 3), dtype=np.uint8)}
+    seen = dataclasses.replace(observer.observe(scene, state), images=pictures)
+    answers = []
+    for policy in (make_seeing(f"learned:{seeing}"), make_seeing(f"learned:{seeing}?execute=4")):
+        policy.reset(EpisodeStart(scene.condition.instruction.text, 5, "ee_delta"))
+        answers.append(policy.act(seen))
+        policy.act(dataclasses.replace(seen, step=4))
+        policy.reset(EpisodeStart(scene.condition.instruction.text, 5, "ee_delta"))
+        assert np.array_equal(policy.act(seen), answers[-1])
+    assert answers[0].shape == (4, 7)
+    assert np.array_equal(*answers)
+
+
+def test_pictures_of_another_observation_are_refused(seeing):
+    with pytest.raises(InvalidInputError, match="--observation default"), PolicyFactory(f"learned:{seeing}") as made:
+        made.check("ee_delta", "official")
+    with pytest.raises(InvalidInputError, match="history_stride"):
+        make_seeing(f"learned:{seeing}?execute=3")
+
+
+@pytest.mark.slow
+def test_the_doctor_shows_a_learner_of_pixels_what_it_asks_for(seeing):
+    found = run_preflight(f"learned:{seeing}", TRIAL, quality="fast")
+    assert [shown.key for shown in found.shown] == ["wrist"]
+    assert found.actions.shape == (4, 7)
+
+
+@pytest.mark.slow
+def test_a_learner_of_pixels_is_evaluated_to_the_same_records(seeing, tmp_path):
+    for name in ("one", "two"):
+        words = ["--tasks", TRIAL.task, "--variations", "L1", "--trials", "1", "--quality", "fast"]
+        assert main(["eval", "--policy", f"learned:{seeing}", *words, "--out", str(tmp_path / name)]) == 0
+    files = [sorted(RunFolder.open(tmp_path / name).path.glob("records/*/*/*.parquet")) for name in ("one", "two")]
+    assert files[0]
+    assert [f.read_bytes() for f in files[0]] == [f.read_bytes() for f in files[1]]
 
 
 @pytest.mark.slow

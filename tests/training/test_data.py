@@ -6,31 +6,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from demonstrating import STEPS, Keeper, add_record, start_run, success
+from demonstrating import STEPS, add_record, start_run
+from short_records import TRIALS, short_records
 from small_recipes import tiny
 
-from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.interface import observation_spec
-from betterbench.interface.actions import EE_DELTA
 from betterbench.learned.tokens import moment_of
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import TrialId, get_task
 from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
-
-TRIALS = [TrialId("morning_coffee", "train1", 0), TrialId("morning_coffee", "train1", 1)]
 
 
 @pytest.fixture(scope="module")
 def records():
-    found, task = [], get_task("morning_coffee")
-    for trial in TRIALS:
-        scene = Scene(task, task.training[0], seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
-        observer = Observer(observation_spec("state_only"))
-        found.append(success(run_episode(scene, Keeper(), context=TrialContext("keeper"), observer=observer).record))
-        observer.close()
-    return found
+    return short_records()
 
 
 @pytest.fixture

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from made_up import made_up
-from small_recipes import tiny
+from made_up import made_up, pictured
+from small_recipes import PIXELS, tiny
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
+from betterbench.learned.families import new_network
 from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.pixels import channels_of, key_points
 from betterbench.recording import durable
 from betterbench.training.batches import Batches
 from betterbench.training.loop import STATE_NAME, train
@@ -50,10 +52,16 @@ def stop_at(monkeypatch, step: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}}]
+    "changes",
+    [
+        {},
+        {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}},
+        {**PIXELS, "augmentation": {"light": 0.1}, "history": 2, "proprioception": {"noise_m": 0.01, "dropout": 0.5}},
+    ],
 )
 def test_resumed_is_undisturbed(tmp_path, monkeypatch, changes):
-    recipe, data = tiny(**changes), made_up()
+    recipe = tiny(**changes)
+    data = pictured(tmp_path / "frames") if recipe.family == "pixels" else made_up()
     train(recipe, data, tmp_path / "whole")
     for step in (3, 5, 10):
         with monkeypatch.context() as patched:
@@ -231,6 +239,109 @@ def test_frozen_parts_stay_as_they_began(tmp_path):
     for part, parameters in after.parts().items():
         same = all(torch.equal(a, b) for a, b in zip(parameters, before.parts()[part], strict=True))
         assert same == (part in recipe.frozen), part
+
+
+@pytest.fixture
+def seen(tmp_path):
+    """Training set, recipe and network of a learner of pixels, and a batch without augmentation."""
+
+    def make(**changes):
+        data, recipe = pictured(tmp_path / "frames"), tiny(**PIXELS, **changes)
+        torch.manual_seed(0)
+        network, batches = new_network(recipe, data.vocabulary).eval(), Batches(data, recipe, "cpu")
+        return data, network, batches.sample(np.array([0, 25, 47]), training=False)[0], batches
+
+    return make
+
+
+def test_pictures_of_a_batch_are_those_of_its_frames(seen):
+    data, _, shown, batches = seen()
+    assert np.array_equal(shown.pictures.numpy(), data.frames_of.read(np.array([0, 25, 47])))
+    torch.manual_seed(3)
+    moved = batches.sample(np.array([0, 25, 47]), training=True)[0].pictures
+    assert moved.shape == shown.pictures.shape
+    assert not torch.equal(moved, shown.pictures)
+
+
+def test_frames_that_are_not_shown_are_never_drawn(tmp_path):
+    whole = pictured(tmp_path / "frames")
+    shown = np.arange(len(whole.actions)) % 2 == 0
+    data = dataclasses.replace(whole, shown=shown)
+    batches = Batches(data, tiny(**PIXELS, batch=512), "cpu")
+    assert shown[batches.drawn(0)].all()
+    found = batches.sample(np.array([0, 46]), training=False)[0].pictures.numpy()
+    assert np.array_equal(found, whole.frames_of.read(np.array([0, 23])))
+
+
+@pytest.mark.parametrize("what", ["words", "pictures", "tools", "light"])
+def test_everything_that_is_shown_matters(seen, what):
+    _, network, shown, _ = seen()
+    other = {
+        "words": 5 - shown.words,
+        "pictures": 255 - shown.pictures,
+        "tools": shown.tools + 1.0,
+        "light": torch.full((3, 2), 0.3),
+    }
+    changed = dataclasses.replace(shown, **{what: other[what]})
+    with torch.inference_mode():
+        assert not torch.allclose(network.answer(shown), network.answer(changed))
+
+
+@pytest.mark.parametrize("changes", [{}, {"proprioception": {"given": False}}])
+def test_what_is_left_out_changes_nothing(seen, changes):
+    _, network, shown, _ = seen(**changes)
+    moved = dataclasses.replace(shown, tools=shown.tools + 1.0)
+    with torch.inference_mode():
+        assert torch.equal(network.answer(shown), network.answer(moved)) == bool(changes)
+
+
+def test_a_key_point_is_where_its_channel_peaks():
+    seen = torch.zeros(2, 4, 5, 9)
+    seen[0, 1, 4, 2] = seen[1, 3, 0, 8] = 50.0
+    found = key_points(seen).view(2, 3, 4)
+    assert found[0, :, 1].tolist() == pytest.approx([-0.5, 1.0, 50.0], abs=1e-5)
+    assert found[1, :, 3].tolist() == pytest.approx([1.0, -1.0, 50.0], abs=1e-5)
+    assert found[0, :, 0].tolist() == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("capacity", "family"), [(c, f) for c in ("small", "base") for f in ("objects", "pixels")])
+def test_weights_take_at_most_4_mb(capacity, family):
+    network = new_network(tiny(family=family, capacity=capacity, chunk=8), made_up().vocabulary)
+    assert 4 * sum(p.numel() for p in network.parameters()) < 4e6
+    assert channels_of(96) == (16, 32, 64, 96)
+
+
+def test_frozen_eyes_stay_as_they_began(tmp_path):
+    data = pictured(tmp_path / "frames")
+    train(tiny(**PIXELS), data, tmp_path / "first")
+    recipe = tiny(**PIXELS, start=str(tmp_path / "first"), frozen=["eyes"], ema=0.0)
+    train(recipe, data, tmp_path / "second")
+    (before, _), (after, _) = (read_checkpoint(tmp_path / f / "checkpoint.safetensors") for f in ("first", "second"))
+    for part, parameters in after.parts().items():
+        same = all(torch.equal(a, b) for a, b in zip(parameters, before.parts()[part], strict=True))
+        assert same == (part == "eyes"), part
+
+
+def test_a_start_of_another_family_is_one_line(tmp_path):
+    train(tiny(), made_up(), tmp_path / "first")
+    recipe = tiny(**PIXELS, start=str(tmp_path / "first"))
+    with pytest.raises(InvalidInputError, match="another network") as caught:
+        train(recipe, pictured(tmp_path / "frames"), tmp_path / "second")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.slow
+def test_the_word_decides_where_a_learner_of_pixels_goes(tmp_path):
+    data = pictured(tmp_path / "frames", 200, size=24)
+    recipe = tiny(
+        **{**PIXELS, "eyes": {"views": ["front"], "size": 24}}, augmentation={"shift_px": 0}, steps=1500, batch=64,
+        learning_rate=3e-3, ema=0.99, capacity={"width": 48, "layers": 2, "heads": 4}, validate_every=1500,
+        save_every=1500,
+    )  # fmt: skip
+    log = train(recipe, data, tmp_path / "out").log
+    overall = next(row for row in log.errors if row.phase == "all")
+    typical = 50.0 * np.linalg.norm(data.actions[:, :3], axis=1).mean()
+    assert overall.translation_mm < 0.5 * typical
 
 
 @pytest.mark.slow

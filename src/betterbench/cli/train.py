@@ -26,6 +26,8 @@ def train_command(
     seed: int | None = None,
     steps: int | None = None,
     device: str = "cpu",
+    frames: Path | None = None,
+    workers: int = 1,
     json: bool = False,
 ) -> None:
     """Train a small learner on demonstrations, to be evaluated as learned:OUT.
@@ -44,17 +46,19 @@ def train_command(
         seed: Seed, instead of that of the recipe.
         steps: Training steps, instead of those of the recipe.
         device: Device of torch: cpu, cuda or cuda:N.
+        frames: Folder of the drawn frames of a learner of pixels; beside each folder of data, as NAME.frames, if left
+            out.
+        workers: Processes that draw them.
         json: Print one JSON document instead of a table.
     """
     from betterbench.learned.address import require_torch
 
     chosen = _recipe(recipe, {"data": data or None, "tasks": tasks or None, "seed": seed, "steps": steps})
     require_torch("better train")
-    from betterbench.training.data import epochs_of, read_training_set
+    from betterbench.training.data import epochs_of
     from betterbench.training.loop import TrainingProgress, train
 
-    with progress_bar("reading demonstrations", 0) as (bar, row):
-        found = read_training_set(chosen, on_read=lambda done, of: bar.update(row, completed=done, total=of))
+    found = _training_set(chosen, frames, workers)
     first = os.environ.get("RANK", "0") == "0"
     if first:
         say(_about(found, epochs_of(found, chosen)))
@@ -76,11 +80,30 @@ def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
     return read_training_recipe(read_yaml(path, cure=CURE), where=str(path), changes=changes)
 
 
+def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> TrainingSet:
+    """Read the demonstrations, and draw the frames of a learner of pixels that are missing."""
+    from betterbench.training.data import read_training_set
+
+    with progress_bar("reading demonstrations", 0) as (bar, row):
+
+        def on_drawn(done: int, of: int) -> None:
+            bar.update(row, completed=done, total=of, description="drawing frames")
+
+        return read_training_set(
+            recipe,
+            on_read=lambda done, of: bar.update(row, completed=done, total=of),
+            frames=frames,
+            workers=workers,
+            on_drawn=on_drawn,
+        )
+
+
 def _about(data: TrainingSet, epochs: float) -> str:
     held_out, frames = int(data.held_out.sum()), len(data.frames(held_out=False))
+    store = "" if data.frames_of is None else f"; {data.frames_of.bytes / 1e6:,.0f} MB of drawn frames"
     return (
         f"{len(data.trials) - held_out} demonstrations with {frames:,} frames, {held_out} held out; "
-        f"{epochs:.1f} passes over them"
+        f"{epochs:.1f} passes over them{store}"
     )
 
 

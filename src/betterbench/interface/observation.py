@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,16 @@ class ObservationSpec:
     cameras: tuple[CameraSpec, ...]
     depth: bool = False
     masks: bool = False
+
+    def only(self, cameras: Collection[str] | None) -> ObservationSpec:
+        """Return this with only these of its cameras, all of them if None; UnknownNameError if it lacks one."""
+        if cameras is None:
+            return self
+        known = {camera.name: camera for camera in self.cameras}
+        for name in cameras:
+            if name not in known:
+                raise UnknownNameError(f"camera of the observation {self.name}", name, known)
+        return replace(self, cameras=tuple(camera for camera in self.cameras if camera.name in cameras))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""

@@ -82,6 +82,7 @@ class PolicyInfo:
         name: Address by which the policy was asked for.
         action_space: Action space in which it answers.
         needs_images: False if it uses no image, so that none is rendered for it.
+        cameras: Cameras of the run's observation that it looks at, so that no other is rendered; None for all.
         metadata: Texts by name (checkpoint, revision, server); they are copied.
         execution: How its chunks are played.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
@@ -94,6 +95,7 @@ class PolicyInfo:
     metadata: Mapping[str, str] = field(default_factory=dict)
     execution: Execution = Execution()
     heavy: bool = False
+    cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check the types, because users write their own; InvalidInputError and UnknownNameError say what is wrong."""

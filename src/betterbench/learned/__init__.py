@@ -3,7 +3,15 @@
 Only :mod:`network`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`address` imports them when they are used.
 """
 
-from betterbench.learned.address import is_learned, learned_info, make_learned
+from betterbench.learned.address import is_learned, is_seeing, learned_info, make_learned, make_seeing
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
 
-__all__ = ["TrainingRecipe", "is_learned", "learned_info", "make_learned", "read_training_recipe"]
+__all__ = [
+    "TrainingRecipe",
+    "is_learned",
+    "is_seeing",
+    "learned_info",
+    "make_learned",
+    "make_seeing",
+    "read_training_recipe",
+]

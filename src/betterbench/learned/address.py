@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,16 +14,32 @@ from betterbench.interface import PolicyInfo, episode_number
 from betterbench.state import PrivilegedPolicy
 
 if TYPE_CHECKING:
-    from betterbench.learned.policy import Learner
+    from betterbench.learned.policy import Learner, SeeingPolicy
 
 PREFIX = "learned:"
 _OPTIONS = ("execute",)
 _FILE_NAME = "checkpoint.safetensors"
+_MOST_HEADER = 1 << 24
 
 
 def is_learned(address: str) -> bool:
     """Return whether an address names a checkpoint of ``better train``."""
     return address.startswith(PREFIX)
+
+
+def is_seeing(address: str) -> bool:
+    """Return whether an address names a learner that sees observations, as those of the family ``pixels`` do.
+
+    False also for a checkpoint that is missing or damaged, which is refused where it is asked for what it is.
+    """
+    if not is_learned(address):
+        return False
+    path = _path(address)
+    try:
+        found = path.stat()
+    except OSError:
+        return False
+    return _family(path.absolute(), found.st_mtime_ns, found.st_size) == "pixels"
 
 
 def learned_info(address: str) -> PolicyInfo:
@@ -35,8 +52,7 @@ def learned_info(address: str) -> PolicyInfo:
     """
     parsed = _Address.parse(address)
     learner = _learner(parsed.path)
-    parsed.executed(learner)
-    return learner.info(address)
+    return learner.info(address, execute=parsed.executed(learner))
 
 
 def make_learned(address: str, instruction: str, seed: int) -> PrivilegedPolicy:
@@ -46,6 +62,15 @@ def make_learned(address: str, instruction: str, seed: int) -> PrivilegedPolicy:
     from betterbench.learned.policy import LearnedPolicy  # noqa: PLC0415 - needs torch
 
     return LearnedPolicy(address, learner, instruction, episode_number(seed), execute=parsed.executed(learner))
+
+
+def make_seeing(address: str) -> SeeingPolicy:
+    """Return a learned policy that sees observations; raises as :func:`learned_info`."""
+    parsed = _Address.parse(address)
+    learner = _learner(parsed.path)
+    from betterbench.learned.policy import SeeingPolicy  # noqa: PLC0415 - needs torch
+
+    return SeeingPolicy(address, learner, execute=parsed.executed(learner))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +90,7 @@ class _Address:
         for name in options:
             if name not in _OPTIONS:
                 raise UnknownNameError("option of learned", name, _OPTIONS)
-        path = Path(target).expanduser()
-        return cls(address, path / _FILE_NAME if path.is_dir() else path, options.get("execute"))
+        return cls(address, _path(address), options.get("execute"))
 
     def executed(self, learner: Learner) -> int:
         """Return how many actions of a chunk are executed; InvalidInputError if the chunk has no such number."""
@@ -77,6 +101,27 @@ class _Address:
             problem = f"execute={self.execute} is no number of actions of its chunk"
             raise InvalidInputError(f"policy {self.text}", problem, f"Give 1 to {recipe.chunk}")
         return int(self.execute)
+
+
+def _path(address: str) -> Path:
+    """Return the file that an address names, or the one in the folder that it names."""
+    path = Path(address.removeprefix(PREFIX).partition("?")[0]).expanduser()
+    return path / _FILE_NAME if path.is_dir() else path
+
+
+@functools.lru_cache(maxsize=64)
+def _family(path: Path, changed_ns: int, size: int) -> str | None:
+    """Return the family that the header of a checkpoint names, without torch; None if it says nothing."""
+    del changed_ns  # part of the key
+    try:
+        with path.open("rb") as file:
+            length = int.from_bytes(file.read(8), "little")
+            if length > min(size, _MOST_HEADER):
+                return None
+            about = json.loads(json.loads(file.read(length))["__metadata__"]["betterbench"])
+        return str(about["recipe"]["family"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 def _learner(path: Path) -> Learner:

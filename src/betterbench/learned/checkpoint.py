@@ -17,7 +17,8 @@ from torch import Tensor
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded, read_form
-from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.families import new_network
+from betterbench.learned.network import LearnerNetwork
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.recording.durable import on_disk, write_durably
@@ -87,7 +88,7 @@ def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained
     write_tensors(path, weights, trained.to_json())
 
 
-def read_checkpoint(path: Path) -> tuple[ObjectsNetwork, Trained]:
+def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     """Return the network of a checkpoint, ready to answer, and what it says about itself.
 
     Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
@@ -98,7 +99,7 @@ def read_checkpoint(path: Path) -> tuple[ObjectsNetwork, Trained]:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
     with torch.random.fork_rng(devices=[]):
-        network = ObjectsNetwork(trained.recipe, trained.vocabulary)
+        network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
     broken = next((name for name, tensor in weights.items() if not bool(tensor.isfinite().all())), None)
     if broken is not None:
@@ -106,7 +107,7 @@ def read_checkpoint(path: Path) -> tuple[ObjectsNetwork, Trained]:
     return network.eval(), trained
 
 
-def load_weights(network: ObjectsNetwork, weights: Mapping[str, Tensor], where: str) -> None:
+def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     """Put weights into a network; InvalidInputError if they are of another one."""
     there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
     if there != wanted:

@@ -1,8 +1,9 @@
-"""The network of the ``objects`` family: one token per word, past state and object, read out as a chunk of actions."""
+"""What the networks of all families share, and that of ``objects``: tokens that are read out as a chunk of actions."""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import torch
@@ -27,27 +28,36 @@ _Memory = tuple[Tensor, Tensor]
 """Keys and values of the tokens of a layer."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """What a batch of B samples with at most n objects shows.
+    """What a batch of B samples shows in every family.
 
     Attributes:
         words: (B, w) int64, at most MOST_WORDS of them.
         tools: (B, history, 10) float32, the present first.
-        poses: (B, n, 9) float32.
-        sizes: (B, n, 3) float32.
-        categories: (B, n) int64; :data:`ABSENT` where there is no object.
-        colors: (B, n) int64.
         blind: (B,) bool: samples whose state is left out; None for none.
     """
 
     words: Tensor
     tools: Tensor
+    blind: Tensor | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class ObjectsBatch(ShownBatch):
+    """What a batch shows of at most n objects.
+
+    Attributes:
+        poses: (B, n, 9) float32.
+        sizes: (B, n, 3) float32.
+        categories: (B, n) int64; :data:`ABSENT` where there is no object.
+        colors: (B, n) int64.
+    """
+
     poses: Tensor
     sizes: Tensor
     categories: Tensor
     colors: Tensor
-    blind: Tensor | None = None
 
 
 class _Block(nn.Module):
@@ -82,35 +92,31 @@ class _Block(nn.Module):
         return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
 
 
-class ObjectsNetwork(nn.Module):
-    """From words, states and objects to a chunk of normalized actions, (B, chunk, 7).
+class LearnerNetwork(nn.Module):
+    """From words, states and what a family sees to a chunk of normalized actions, (B, chunk, 7).
 
-    The buffers hold the mean and scale of tools, positions and actions in the training data. Objects carry no number
-    of their own, so that their order means nothing.
+    The families differ in their eyes alone: what they see becomes tokens that stand beside those of words and states.
+    The buffers hold the mean and scale of tools and actions in the training data.
+
+    Attributes:
+        own_part: Name of the part that only this family has.
     """
 
+    own_part: str
     tool_mean: Tensor
     tool_scale: Tensor
-    position_mean: Tensor
-    position_scale: Tensor
     action_mean: Tensor
     action_scale: Tensor
     state: nn.ModuleDict
 
     def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
         super().__init__()
-        size, (words, categories, colors) = recipe.size, vocabulary.sizes()
+        size, words = recipe.size, vocabulary.sizes()[0]
         width = size.width
         self.recipe, self.chunk = recipe, recipe.chunk
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
-        self.objects = nn.ModuleDict(
-            {
-                "category": nn.Embedding(categories, width),
-                "color": nn.Embedding(colors, width),
-                "pose": nn.Linear(POSE_NUMBERS + 3 + (_AWAY_NUMBERS if self.given else 0), width),
-            }
-        )
+        self.open_eyes(width, vocabulary)
         # What is never used has no gradient, so it is not there.
         if self.given:
             self.state = nn.ModuleDict(
@@ -130,13 +136,32 @@ class ObjectsNetwork(nn.Module):
             nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
             nn.Linear(2 * width, numbers),
         )  # fmt: skip
-        for name, count in (("tool", TOOL_NUMBERS), ("position", 3), ("action", ACTION_NUMBERS)):
-            self.register_buffer(f"{name}_mean", torch.zeros(count))
-            self.register_buffer(f"{name}_scale", torch.ones(count))
+        self.keep_scale("tool", TOOL_NUMBERS)
+        self.keep_scale("action", ACTION_NUMBERS)
+
+    @abstractmethod
+    def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
+        """Make the modules and scales that only this family has."""
+
+    @abstractmethod
+    def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+        """Return tokens of what is seen, (B, n, width), and which of them are there, (B, n) bool.
+
+        Args:
+            shown: What is shown.
+            words: (U, w, width) tokens of the different instructions.
+            told: (U, w) bool: which of these are there.
+            which: (B,) instruction of each sample.
+        """
+
+    def keep_scale(self, name: str, count: int) -> None:
+        """Keep mean and scale of so many numbers beside the weights."""
+        self.register_buffer(f"{name}_mean", torch.zeros(count))
+        self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
         """Return the parameters by the part of the network that recipes name."""
-        found: dict[str, list[nn.Parameter]] = {"words": [], "objects": [], "state": [], "trunk": [], "head": []}
+        found: dict[str, list[nn.Parameter]] = {"words": [], self.own_part: [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk"}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
@@ -147,10 +172,9 @@ class ObjectsNetwork(nn.Module):
         """Return what the readout token has gathered, (B, width)."""
         batch = shown.words.shape[0]
         words, told, which = self._instructions(shown.words)
-        objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
-        objects = objects + self.objects["pose"](self._object_numbers(shown))
-        parts = [self.readout.expand(batch, 1, -1), objects]
-        seen = [told[which], told.new_ones(batch, 1), shown.categories != ABSENT]
+        things, there = self.see(shown, words, told, which)
+        parts = [self.readout.expand(batch, 1, -1), things]
+        seen = [told[which], told.new_ones(batch, 1), there]
         if self.given:
             state = self.state["tool"]((shown.tools - self.tool_mean) / self.tool_scale)
             if shown.blind is not None:
@@ -173,20 +197,6 @@ class ObjectsNetwork(nn.Module):
         places = torch.arange(words.shape[1], device=words.device)
         tokens = self.words["which"](different) + self.words["where"](places)
         return tokens, different != ABSENT, which
-
-    def _object_numbers(self, shown: ShownBatch) -> Tensor:
-        """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
-        positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
-        numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
-        if self.given:
-            away = shown.poses[..., :3] - shown.tools[:, :1, :3]
-            if shown.blind is not None:
-                away = torch.where(shown.blind[:, None, None], torch.zeros_like(away), away)
-            numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
-            for length in WAVES_M:
-                angles = away * (2.0 * math.pi / length)
-                numbers += [angles.sin(), angles.cos()]
-        return torch.cat(numbers, dim=-1)
 
     def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
         """Return the mean loss of a batch.
@@ -233,3 +243,45 @@ class ObjectsNetwork(nn.Module):
         numbers = torch.cat([summary, between.flatten(1), angles.sin(), angles.cos()], dim=1)
         velocity: Tensor = self.head(numbers).view_as(between)
         return velocity
+
+
+class ObjectsNetwork(LearnerNetwork):
+    """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
+
+    own_part = "objects"
+    position_mean: Tensor
+    position_scale: Tensor
+
+    def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
+        """Make what turns an object into a token."""
+        _, categories, colors = vocabulary.sizes()
+        self.objects = nn.ModuleDict(
+            {
+                "category": nn.Embedding(categories, width),
+                "color": nn.Embedding(colors, width),
+                "pose": nn.Linear(POSE_NUMBERS + 3 + (_AWAY_NUMBERS if self.given else 0), width),
+            }
+        )
+        self.keep_scale("position", 3)
+
+    def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+        """Return one token per object, and which objects there are."""
+        del words, told, which
+        if not isinstance(shown, ObjectsBatch):
+            raise TypeError("a network of objects is shown objects")
+        objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
+        return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
+
+    def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
+        """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
+        positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
+        numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
+        if self.given:
+            away = shown.poses[..., :3] - shown.tools[:, :1, :3]
+            if shown.blind is not None:
+                away = torch.where(shown.blind[:, None, None], torch.zeros_like(away), away)
+            numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
+            for length in WAVES_M:
+                angles = away * (2.0 * math.pi / length)
+                numbers += [angles.sin(), angles.cos()]
+        return torch.cat(numbers, dim=-1)

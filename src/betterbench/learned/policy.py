@@ -1,19 +1,22 @@
-"""A checkpoint that acts: it sees the state as its family does, and answers one action after the other."""
+"""A checkpoint that acts, as its family sees: the state, or pictures."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from betterbench.interface import PolicyInfo
+from betterbench.errors import InvalidInputError
+from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, PolicyInfo
 from betterbench.learned.checkpoint import Trained, read_checkpoint
-from betterbench.learned.network import ACTION_NUMBERS, ObjectsNetwork, ShownBatch
-from betterbench.learned.tokens import Things, moment_of, things_of
+from betterbench.learned.eyes import looked_at
+from betterbench.learned.network import ACTION_NUMBERS, LearnerNetwork, ObjectsBatch, ShownBatch
+from betterbench.learned.pixels import PicturesBatch
+from betterbench.learned.recipe import require_asked
+from betterbench.learned.tokens import Things, moment_of, things_of, tool_numbers
 from betterbench.recording.parquet import file_digest
 from betterbench.state import WorldState
 
@@ -26,7 +29,7 @@ class Learner:
         fingerprint: SHA-256 of the checkpoint's file; empty while it is being trained.
     """
 
-    def __init__(self, network: ObjectsNetwork, trained: Trained, fingerprint: str = "") -> None:
+    def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
         self.network, self.trained, self.fingerprint = network, trained, fingerprint
         self._device = network.readout.device
 
@@ -38,8 +41,8 @@ class Learner:
         torch.set_num_threads(1)
         return cls(network, trained, file_digest(path))
 
-    def info(self, address: str) -> PolicyInfo:
-        """Return what the learner says about itself under an address."""
+    def info(self, address: str, *, execute: int) -> PolicyInfo:
+        """Return what the learner says about itself under an address, if it executes so many actions of a chunk."""
         recipe = self.trained.recipe
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",
@@ -48,42 +51,39 @@ class Learner:
             "training data": f"sha256 {self.trained.data}",
             "training steps": str(self.trained.step),
         }
-        return PolicyInfo(address, action_space=self.trained.action_space, needs_images=False, metadata=about)
+        if recipe.family == "objects":
+            return PolicyInfo(address, action_space=self.trained.action_space, needs_images=False, metadata=about)
+        return PolicyInfo(
+            address,
+            action_space=self.trained.action_space,
+            metadata={**about, "cameras": ", ".join(recipe.eyes.cameras)},
+            execution=Execution(horizon=execute),
+            cameras=recipe.eyes.cameras,
+        )
 
-    def chunk(self, things: Things, moments: Sequence[tuple[np.ndarray, np.ndarray]], seed: int) -> np.ndarray:
-        """Return the next actions.
+    def chunk(self, shown: ShownBatch, seed: int) -> np.ndarray:
+        """Return the next actions, (chunk, 7) float64, within the bounds of the action space.
 
         Args:
-            things: What stays the same in the episode.
-            moments: Numbers of tool and poses, the present first, as many as the recipe's history.
+            shown: A batch of one sample.
             seed: What the noise of a flow is drawn with.
-
-        Returns:
-            (chunk, 7) float64, within the bounds of the action space.
         """
-        shown = ShownBatch(
-            words=self._batch(things.words),
-            tools=self._batch(np.stack([tool for tool, _ in moments])),
-            poses=self._batch(moments[0][1]),
-            sizes=self._batch(things.sizes),
-            categories=self._batch(things.categories),
-            colors=self._batch(things.colors),
-        )
         noise = None
         if self.trained.recipe.loss == "flow":
             drawn = np.random.default_rng(seed).standard_normal((self.network.chunk, ACTION_NUMBERS), dtype=np.float32)
-            noise = self._batch(drawn)
+            noise = self.batch(drawn)
         with torch.inference_mode():
             answer = self.network.answer(shown, noise)[0].cpu().numpy().astype(np.float64)
         limited: np.ndarray = np.clip(answer, -1.0, 1.0)
         return limited
 
-    def _batch(self, values: np.ndarray) -> torch.Tensor:
+    def batch(self, values: np.ndarray) -> torch.Tensor:
+        """Return an array as a batch of one sample on the network's device."""
         return torch.from_numpy(values).unsqueeze(0).to(self._device)
 
 
 class LearnedPolicy:
-    """A learner in one episode; it looks again when ``execute`` actions of its last answer have been played."""
+    """A learner of ``objects`` in one episode; it looks again when ``execute`` actions of an answer were played."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Prepare for one episode; ``episode`` is the number that the noise of a flow is drawn with."""
@@ -105,16 +105,76 @@ class LearnedPolicy:
             self._seen.popitem(last=False)
         age = state.step - self._began
         if not 0 <= age < min(self._execute, len(self._chunk)):
-            seed = _noise_seed(self._episode, state.step)
-            self._chunk = learner.chunk(self._things, self._moments(state.step), seed)
+            shown = self._shown(self._things, self._moments(state.step))
+            self._chunk = learner.chunk(shown, _noise_seed(self._episode, state.step))
             self._began, age = state.step, 0
         return np.array(self._chunk[age])
+
+    def _shown(self, things: Things, moments: list[tuple[np.ndarray, np.ndarray]]) -> ObjectsBatch:
+        batch = self._learner.batch
+        return ObjectsBatch(
+            words=batch(things.words),
+            tools=batch(np.stack([tool for tool, _ in moments])),
+            poses=batch(moments[0][1]),
+            sizes=batch(things.sizes),
+            categories=batch(things.categories),
+            colors=batch(things.colors),
+        )
 
     def _moments(self, step: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Return the present and those before it; the first one that is known stands for all before it."""
         recipe, first = self._learner.trained.recipe, next(iter(self._seen))
         steps = (max(step - k * recipe.history_stride, first) for k in range(recipe.history))
         return [self._seen[s] for s in steps]
+
+
+class SeeingPolicy:
+    """A learner of ``pixels``, which sees what every policy under test sees: observations."""
+
+    def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
+        """Prepare; InvalidInputError if it is not asked at the steps that its history is of."""
+        recipe = learner.trained.recipe
+        if recipe.history > 1:
+            require_asked(recipe.history_stride, execute, f"policy {address}: history_stride")
+        self.info = learner.info(address, execute=execute)
+        self._learner = learner
+        self._words = np.empty(0, np.int64)
+        self._episode = 0
+        self._tools: OrderedDict[int, np.ndarray] = OrderedDict()
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Forget the last episode and read the next instruction."""
+        self._words = self._learner.trained.vocabulary.word_ids(start.instruction)
+        self._episode = start.episode
+        self._tools.clear()
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions in the ``ee_delta`` action space, (chunk, 7)."""
+        learner, recipe = self._learner, self._learner.trained.recipe
+        position, quaternion = np.array([observation.ee_position]), np.array([observation.ee_quaternion])
+        self._tools[observation.step] = tool_numbers(position, quaternion, np.array([observation.gripper_width]))[0]
+        while next(iter(self._tools)) < observation.step - recipe.history_stride * (recipe.history - 1):
+            self._tools.popitem(last=False)
+        shown = PicturesBatch(
+            words=learner.batch(self._words),
+            tools=learner.batch(np.stack(self._past(observation.step))),
+            pictures=learner.batch(looked_at(recipe.eyes, observation.images)),
+        )
+        return learner.chunk(shown, _noise_seed(self._episode, observation.step))
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Raise InvalidInputError if a run shows other pictures than the learner was trained on."""
+        del space, rate_hz
+        wanted = self._learner.trained.recipe.eyes.observation
+        if observation.name != wanted:
+            problem = f"it was trained on the pictures of {wanted!r}, and the run shows {observation.name!r}"
+            raise InvalidInputError(f"policy {self.info.name}", problem, f"Give --observation {wanted}")
+
+    def _past(self, step: int) -> list[np.ndarray]:
+        """Return the present state of the tool and those before it; the first known one stands for all before it."""
+        recipe, first = self._learner.trained.recipe, next(iter(self._tools))
+        wanted = (max(step - k * recipe.history_stride, first) for k in range(recipe.history))
+        return [self._tools[max(s for s in self._tools if s <= asked)] for asked in wanted]
 
 
 def _noise_seed(episode: int, step: int) -> int:

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface import observation_spec
 from betterbench.json_form import read_form, strict_form
 
 RECIPE_VERSION: Literal[1] = 1
@@ -17,14 +18,16 @@ RECIPE_VERSION: Literal[1] = 1
 
 CURE = "Correct the recipe; docs/learned.md shows one"
 
-_Family = Literal["objects"]
+FamilyName = Literal["objects", "pixels"]
 _Loss = Literal["l1", "flow"]
-_Part = Literal["words", "objects", "state", "trunk", "head"]
-"""Parts of the network that can be frozen."""
+_Part = Literal["words", "objects", "eyes", "state", "trunk", "head"]
+"""Parts of the network that can be frozen: ``objects`` and ``eyes`` are those of one family."""
 
 _Positive = Annotated[int, Field(ge=1, le=10_000_000)]
 _Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 _Length = Annotated[float, Field(ge=0.0, le=0.1)]
+_Edge = Annotated[float, Field(ge=0.0, le=1.0)]
+_LEAST_WINDOW = 0.02
 
 
 @strict_form
@@ -44,8 +47,14 @@ class Capacity:
             )
 
 
-CAPACITIES = {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)}
-"""Sizes by name: 0.2, 0.9 and 2.8 million parameters."""
+CAPACITIES: dict[FamilyName, dict[str, Capacity]] = {
+    "objects": {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)},
+    "pixels": {"small": Capacity(64, 2, 4), "base": Capacity(96, 3, 4), "large": Capacity(144, 4, 4)},
+}
+"""Sizes by family and name: 0.2, 0.9 and 2.8 million parameters; 0.2, 0.6 and 1.5 million of ``pixels``, whose
+convolutions grow with the width."""
+
+_WHOLE = (0.0, 0.0, 1.0, 1.0)
 
 
 @strict_form
@@ -69,13 +78,76 @@ class Proprioception:
 class Augmentation:
     """What is changed at random in training samples.
 
+    The first two are of ``objects``, the last two of ``pixels``.
+
     Attributes:
         object_noise_m: Standard deviation of noise on each object's position [m].
         shift_m: Half the side of the square by which tool and all objects are shifted together [m].
+        shift_px: Largest shift of a picture along each axis [pixel], which repeats its edge: padding and a random crop.
+        light: Standard deviation of the contrast and of the brightness of a picture, as shares of their range.
     """
 
     object_noise_m: _Length = 0.0
     shift_m: _Length = 0.0
+    shift_px: Annotated[int, Field(ge=0, le=64)] = 4
+    light: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class View:
+    """One picture that a learner of the ``pixels`` family sees.
+
+    Attributes:
+        camera: Name of the camera.
+        window: Left, top, right and bottom edge of the part that is shown, as shares of the camera's picture. A window
+            of ``size`` pixels of it shows them one to one; the whole is scaled.
+    """
+
+    camera: str
+    window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
+
+    def __post_init__(self) -> None:
+        """Refuse a window without a pixel."""
+        left, top, right, bottom = self.window
+        if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
+            problem = f"{list(self.window)} is empty or too small"
+            raise InvalidInputError("window", problem, "Give left, top, right, bottom from 0 to 1")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """What a learner of the ``pixels`` family sees.
+
+    Attributes:
+        observation: Observation preset whose cameras the pictures are of; evaluation has to show the same.
+        views: The pictures: names of cameras, or cameras with windows.
+        size: Side of each picture that the network gets [pixel].
+        quality: Render preset of the training pictures.
+    """
+
+    observation: str = "default"
+    views: Annotated[tuple[str | View, ...], Field(min_length=1, max_length=8)] = ("front", "wrist")
+    size: Annotated[int, Field(ge=16, le=256, multiple_of=8)] = 96
+    quality: Literal["fast", "standard", "high"] = "standard"
+
+    def __post_init__(self) -> None:
+        """Refuse a camera that the observation does not show."""
+        try:
+            observation_spec(self.observation).only(self.cameras)
+        except UnknownNameError as error:
+            raise InvalidInputError("eyes", str(error).rstrip("."), "Name cameras of an observation preset") from error
+
+    @property
+    def windows(self) -> tuple[View, ...]:
+        """The pictures as cameras with windows."""
+        return tuple(View(view) if isinstance(view, str) else view for view in self.views)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that have to be drawn, each once."""
+        return tuple(dict.fromkeys(view.camera for view in self.windows))
 
 
 @strict_form
@@ -85,14 +157,18 @@ class TrainingRecipe:
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would.
+        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would,
+            ``pixels`` sees pictures.
         tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
         variations: Take demonstrations of test variations too, as the covered regime holds.
         demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
         longest_pause: Control steps of a demonstrator's pause that are trained on; None for all.
+        every: Frames from one that is shown in training to the next; the actions of a chunk follow without a gap.
+        eyes: What a learner of ``pixels`` sees.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: States that the learner sees: the present one and those before it.
-        history_stride: Control steps from one of them to the next.
+        history: States of the tool that the learner sees: the present one and those before it.
+        history_stride: Control steps from one of them to the next; for ``pixels``, which are asked for every
+            ``execute`` steps, a multiple of these.
         chunk: Actions of one answer.
         execute: Actions of an answer that are executed before the learner looks again.
         loss: ``l1``, or ``flow`` for flow matching.
@@ -112,11 +188,13 @@ class TrainingRecipe:
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
-    family: _Family = "objects"
+    family: FamilyName = "objects"
     tasks: tuple[str, ...] = ()
     variations: bool = False
     demonstrations: _Positive | None = None
     longest_pause: Annotated[int, Field(ge=0, le=1000)] | None = 1
+    every: Annotated[int, Field(ge=1, le=100)] = 1
+    eyes: Eyes = field(default_factory=Eyes)
     capacity: Literal["small", "base", "large"] | Capacity = "base"
     proprioception: Proprioception = field(default_factory=Proprioception)
     augmentation: Augmentation = field(default_factory=Augmentation)
@@ -152,16 +230,42 @@ class TrainingRecipe:
             raise InvalidInputError("execute", problem, "Give at most as many")
         if self.start is None and self.frozen:
             raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
+        foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
+        if foreign is not None:
+            problem = f"the family {self.family} has no such thing"
+            raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+        if self.family == "pixels" and self.history > 1:
+            require_asked(self.history_stride, self.execute, "history_stride")
+
+    def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
+        """Return fields that mean something in one family alone, and whether they are set in another one."""
+        changed, pixels = self.augmentation, self.family == "pixels"
+        return (
+            ("eyes", not pixels and self.eyes != Eyes()),
+            ("augmentation.shift_px", not pixels and changed.shift_px != Augmentation().shift_px),
+            ("augmentation.light", not pixels and changed.light > 0.0),
+            ("augmentation.object_noise_m", pixels and changed.object_noise_m > 0.0),
+            ("augmentation.shift_m", pixels and changed.shift_m > 0.0),
+            ("frozen: eyes", not pixels and "eyes" in self.frozen),
+            ("frozen: objects", pixels and "objects" in self.frozen),
+        )
 
     @property
     def size(self) -> Capacity:
         """The capacity in numbers."""
-        return CAPACITIES[self.capacity] if isinstance(self.capacity, str) else self.capacity
+        return CAPACITIES[self.family][self.capacity] if isinstance(self.capacity, str) else self.capacity
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every value that the file left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return form
+
+
+def require_asked(stride: int, execute: int, field_name: str) -> None:
+    """Raise InvalidInputError if a learner of pixels is not asked at the steps that its history is of."""
+    if stride % execute:
+        problem = f"{stride} is no multiple of the {execute} actions after which a learner of pixels looks again"
+        raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
 
 
 _FORM = TypeAdapter(TrainingRecipe)

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from betterbench.learned.network import ShownBatch
+from betterbench.learned.network import ObjectsBatch, ShownBatch
+from betterbench.learned.pixels import PicturesBatch
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.training.data import TrainingSet
 
@@ -19,6 +20,10 @@ class Batches:
         frames = data.frames(held_out=False)
         self._pool = np.concatenate([frames, *_repeats(frames, data, recipe)])
         names = ("words", "sizes", "categories", "colors", "tools", "poses", "actions", "episodes", "first", "last")
+        self._store = data.frames_of
+        if data.frames_of is not None:
+            shown = np.ones(len(data.actions), bool) if data.shown is None else data.shown
+            self._picture_of = np.cumsum(shown) - 1
         self._held = {name: torch.from_numpy(getattr(data, name)).to(device) for name in names}
         self._device = device
 
@@ -37,17 +42,26 @@ class Batches:
         first, last = held["first"][episode], held["last"][episode]
         ahead = at[:, None] + torch.arange(recipe.chunk, device=self._device)
         back = at[:, None] - recipe.history_stride * torch.arange(recipe.history, device=self._device)
-        shown = ShownBatch(
-            words=held["words"][episode],
-            tools=held["tools"][torch.maximum(back, first[:, None])],
-            poses=held["poses"][at],
-            sizes=held["sizes"][episode],
-            categories=held["categories"][episode],
-            colors=held["colors"][episode],
-        )
+        common = {"words": held["words"][episode], "tools": held["tools"][torch.maximum(back, first[:, None])]}
+        shown: ShownBatch
+        if self._store is None:
+            things = {name: held[name][episode] for name in ("sizes", "categories", "colors")}
+            shown = ObjectsBatch(**common, **things, poses=held["poses"][at])
+        else:
+            shown = PicturesBatch(**common, pictures=self._pictures(frames, training=training))
         if training:
             self._augment(shown)
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
+
+    def _pictures(self, frames: np.ndarray, *, training: bool) -> Tensor:
+        """Return what frames look like, (B, views, size, size, 3) uint8, each picture shifted in training."""
+        if self._store is None:
+            raise AssertionError("this family sees no pictures")
+        shifts, most = None, self._recipe.augmentation.shift_px
+        if training and most:
+            views = len(self._recipe.eyes.windows)
+            shifts = torch.randint(-most, most + 1, (len(frames), views, 2)).numpy()
+        return torch.from_numpy(self._store.read(self._picture_of[frames], shifts)).to(self._device)
 
     def _augment(self, shown: ShownBatch) -> None:
         """Change what is shown as the recipe asks, with torch's own generator."""
@@ -56,10 +70,12 @@ class Batches:
         if own.noise_m:
             noise = own.noise_m * torch.randn(batch, 1, 3, device=self._device)
             shown.tools = torch.cat([shown.tools[..., :3] + noise, shown.tools[..., 3:]], dim=-1)
-        if other.object_noise_m:
+        if isinstance(shown, PicturesBatch) and other.light:
+            shown.light = other.light * torch.randn(batch, 2, device=self._device)
+        if isinstance(shown, ObjectsBatch) and other.object_noise_m:
             noise = other.object_noise_m * torch.randn_like(shown.poses[..., :3])
             shown.poses = torch.cat([shown.poses[..., :3] + noise, shown.poses[..., 3:]], dim=-1)
-        if other.shift_m:
+        if isinstance(shown, ObjectsBatch) and other.shift_m:
             shift = other.shift_m * (2.0 * torch.rand(batch, 1, 3, device=self._device) - 1.0)
             shift[..., 2] = 0.0
             shown.tools = torch.cat([shown.tools[..., :3] + shift, shown.tools[..., 3:]], dim=-1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.recording import Record, RunFolder, subgoal_segments
 from betterbench.tasks import TrialId
+from betterbench.training.frames import SUFFIX, FrameStore, OnDrawn, WantedFrames, drawn_frames
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 """What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
@@ -53,6 +54,8 @@ class TrainingSet:
         last: (E,) int64 last frame of each episode.
         phases: (F,) int64 indices into :data:`PHASES`.
         at_gripper: (F,) bool: frames in whose chunk the gripper changes.
+        shown: (F,) bool: frames that are shown; the others are there for the chunks. None for all.
+        frames_of: What the shown frames look like, in their order; None for the family ``objects``.
     """
 
     vocabulary: Vocabulary
@@ -71,10 +74,13 @@ class TrainingSet:
     last: np.ndarray
     phases: np.ndarray
     at_gripper: np.ndarray
+    shown: np.ndarray | None = None
+    frames_of: FrameStore | None = None
 
     def frames(self, *, held_out: bool) -> np.ndarray:
         """Return the frames that are trained on, or those that are held out, int64."""
-        return np.flatnonzero(self.held_out[self.episodes] == held_out)
+        found = self.held_out[self.episodes] == held_out
+        return np.flatnonzero(found if self.shown is None else found & self.shown)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,14 +91,29 @@ class _Episode:
     actions: np.ndarray
 
 
-def read_training_set(recipe: TrainingRecipe, *, on_read: OnRead | None = None) -> TrainingSet:
-    """Read the demonstrations that a recipe names.
+def read_training_set(
+    recipe: TrainingRecipe,
+    *,
+    on_read: OnRead | None = None,
+    frames: Path | None = None,
+    workers: int = 1,
+    on_drawn: OnDrawn | None = None,
+) -> TrainingSet:
+    """Read the demonstrations that a recipe names, and for the family ``pixels`` draw their frames once.
+
+    Args:
+        recipe: The recipe.
+        on_read: Called after each record.
+        frames: Folder of the frames; None for one beside each folder of data, with ``.frames`` behind its name.
+        workers: Processes that draw.
+        on_drawn: Called after the frames of each demonstration.
 
     Raises:
         RunConflictError: If a folder is no run.
         RecordError: If a record is missing or damaged.
         UnknownNameError: If no run has a task that is asked for.
         InvalidInputError: If nothing is left, or a record is of another action space.
+        StorageError: If the disk has no room for the frames; those that were drawn stay.
     """
     runs = [RunFolder.open(run_folder(Path(place))) for place in recipe.data]
     selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
@@ -109,7 +130,17 @@ def read_training_set(recipe: TrainingRecipe, *, on_read: OnRead | None = None) 
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
-    return _joined(episodes, held_out, digest, recipe.chunk)
+    data = _joined(episodes, held_out, digest, recipe)
+    if recipe.family == "objects":
+        return data
+    beside = [Path(place).with_name(Path(place).name + SUFFIX) if frames is None else frames for place in recipe.data]
+    wanted = [
+        WantedFrames(runs[d.run], episode.record, d.digest, episode.rows[:: recipe.every], beside[d.run].absolute())
+        for d, episode in zip(chosen, episodes, strict=True)
+    ]
+    drawn = drawn_frames(wanted, recipe.eyes, workers=workers, on_drawn=on_drawn)
+    digest = hashlib.sha256(f"{digest} {drawn.sha256}".encode()).hexdigest()
+    return replace(data, sha256=digest, frames_of=drawn)
 
 
 def run_folder(place: Path) -> Path:
@@ -155,7 +186,7 @@ def moving_rows(record: Record, most: int | None) -> np.ndarray:
     return rows[rows - last_moving <= most]
 
 
-def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk: int) -> TrainingSet:
+def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, recipe: TrainingRecipe) -> TrainingSet:
     """Return the arrays of all episodes."""
     trained = [e.record.metadata for e in episodes if e.trial.seed not in held_out]
     vocabulary = Vocabulary.of(
@@ -184,7 +215,8 @@ def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, chunk
         first=ends - steps,
         last=ends - 1,
         phases=np.concatenate([_phases(e.record)[e.rows] for e in episodes]),
-        at_gripper=np.concatenate([_at_gripper(e.actions[:, -1], chunk) for e in episodes]),
+        at_gripper=np.concatenate([_at_gripper(e.actions[:, -1], recipe.chunk) for e in episodes]),
+        shown=np.concatenate([np.arange(len(e.actions)) % recipe.every == 0 for e in episodes]),
     )
 
 

@@ -27,7 +27,8 @@ from betterbench.learned.checkpoint import (
     write_checkpoint,
     write_tensors,
 )
-from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.families import new_network
+from betterbench.learned.network import LearnerNetwork
 from betterbench.learned.policy import Learner
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import first_difference, write_durably
@@ -143,9 +144,10 @@ class _Training:
         self._recipe, self._data, self._out, self._device, self._world = recipe, data, out, device, world
         self._batches = Batches(data, recipe, device)
         torch.manual_seed(recipe.seed)
-        self._network = ObjectsNetwork(recipe, data.vocabulary)
-        for name, values in scales_of(data).items():
-            getattr(self._network, name).copy_(torch.from_numpy(values))
+        self._network = new_network(recipe, data.vocabulary)
+        scales = scales_of(data)
+        for name, buffer in self._network.named_buffers():
+            buffer.copy_(torch.from_numpy(scales[name]))
         if recipe.start is not None:
             _begin_with(self._network, _checkpoint_of(recipe.start), data)
         for part, parameters in self._network.parts().items():
@@ -244,7 +246,7 @@ class _Training:
         """Add the errors per phase and a few rollouts of the mean weights to the log."""
         if self._world.rank:
             return
-        network = ObjectsNetwork(self._recipe, self._data.vocabulary).to(self._device)
+        network = new_network(self._recipe, self._data.vocabulary).to(self._device)
         network.load_state_dict(self._mean)
         network.eval()
         self._log.errors += phase_errors(network, self._batches, self._data, self._recipe, self._step)
@@ -284,7 +286,7 @@ class _Training:
         self._log = Log.read(self._out, self._step)
 
 
-def _begin_with(network: ObjectsNetwork, start: Path, data: TrainingSet) -> None:
+def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
     """Take over the weights of a checkpoint, which has to know the same words and things."""
     weights, about = read_tensors(start)
     known = first_difference(about.get("vocabulary"), json.loads(json.dumps(_form(data))), "vocabulary")

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from betterbench.episodes import TrialContext, run_episode
-from betterbench.interface import episode_number
+from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.interface import episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA, ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
 from betterbench.interventions import resolve_condition
-from betterbench.learned.network import ACTION_NUMBERS, ObjectsNetwork
-from betterbench.learned.policy import LearnedPolicy, Learner
+from betterbench.learned.network import ACTION_NUMBERS, LearnerNetwork
+from betterbench.learned.policy import LearnedPolicy, Learner, SeeingPolicy
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -56,7 +56,7 @@ class Rollout:
 
 
 def phase_errors(
-    network: ObjectsNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
+    network: LearnerNetwork, batches: Batches, data: TrainingSet, recipe: TrainingRecipe, step: int
 ) -> list[PhaseError]:
     """Return the errors on held-out demonstrations by phase, then over all as "all"; none if nothing is held out.
 
@@ -114,14 +114,19 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
     """Let a learner act in a trial of a training condition; nothing is recorded."""
-    found = resolve_condition(trial.task, trial.condition)
-    scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset("fast"))
-    policy = LearnedPolicy(
-        "learned",
-        learner,
-        found.condition.instruction.text,
-        episode_number(trial.seed),
-        execute=learner.trained.recipe.execute,
-    )
-    result = run_episode(scene, policy, context=TrialContext(policy="learned"))
-    return Rollout(step, str(trial), result.record.outcome.success, result.record.n_steps)
+    found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
+    quality = quality_preset("fast" if recipe.family == "objects" else recipe.eyes.quality)
+    scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)
+    context = TrialContext(policy="learned")
+    if recipe.family == "objects":
+        text, episode = found.condition.instruction.text, episode_number(trial.seed)
+        acting = LearnedPolicy("learned", learner, text, episode, execute=recipe.execute)
+        record = run_episode(scene, acting, context=context).record
+    else:
+        observer = Observer(observation_spec(recipe.eyes.observation).only(recipe.eyes.cameras))
+        try:
+            seeing = SeeingPolicy("learned", learner, execute=recipe.execute)
+            record = run_episode(scene, seeing, context=context, observer=observer).record
+        finally:
+            observer.close()
+    return Rollout(step, str(trial), record.outcome.success, record.n_steps)

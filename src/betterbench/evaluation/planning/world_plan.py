@@ -13,7 +13,7 @@ from betterbench.experts import parse_address
 from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
-from betterbench.learned import is_learned
+from betterbench.learned import is_learned, is_seeing
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     WorldError,
@@ -155,9 +155,10 @@ def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
+        needs = "learned from the pictures" if is_seeing(policy) else "plans with the privileged state"
         raise InvalidInputError(
             "--policy",
-            f"{policy} plans with the privileged state of our own scenes, which {world} does not have",
+            f"{policy} {needs} of our own scenes, which {world} does not have",
             "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
         )
     translated = _TRANSLATED.search(policy)

@@ -178,6 +178,8 @@ def run_preflight(
         agree = getattr(client, "check", None)
         if callable(agree):
             agree(space=space.name, observation=spec, rate_hz=CONTROL_RATE_HZ)
+        if info.needs_images:
+            spec = spec.only(info.cameras)
         scene = Scene(found.task, found.condition, seed=trial.seed, action_space=space, quality=quality_preset(quality))
         seen, ask = _first_question(policy, client, scene, trial, spec if info.needs_images else None)
         actions, first_s, latencies_s = _ask_often(ask, space, ahead=info.execution.ahead)

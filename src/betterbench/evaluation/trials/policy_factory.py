@@ -17,7 +17,7 @@ from betterbench.experts.libero import LiberoAgent
 from betterbench.independent import is_independent, make_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.learned import is_learned, learned_info, make_learned
+from betterbench.learned import is_learned, is_seeing, learned_info, make_learned, make_seeing
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
 from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
@@ -51,6 +51,8 @@ def make_policy(address: str) -> Policy:
         return Random()
     if address.startswith("python:"):
         return load_plugin(address.removeprefix("python:"))
+    if is_seeing(address):
+        return make_seeing(address)
     if is_remote(address) or is_in_process_model(address):
         # Imported here: a run of the expert needs no network library.
         from betterbench.policies.connect import connect  # noqa: PLC0415
@@ -61,7 +63,9 @@ def make_policy(address: str) -> Policy:
 
 def is_privileged(address: str) -> bool:
     """Return whether a policy sees the privileged state instead of observations."""
-    return parse_address(address) is not None or is_independent(address) or is_learned(address)
+    if is_learned(address):
+        return not is_seeing(address)
+    return parse_address(address) is not None or is_independent(address)
 
 
 def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
@@ -97,7 +101,7 @@ def runs_apart(address: str) -> bool:
 
 def needs_no_thread(address: str) -> bool:
     """Return whether a policy is built in and answers at once, so that the simulation waits for it."""
-    return is_privileged(address) or address in PLAIN or address.startswith("replay:")
+    return is_privileged(address) or is_learned(address) or address in PLAIN or address.startswith("replay:")
 
 
 class PolicyFactory:
@@ -131,7 +135,7 @@ class PolicyFactory:
     def info(self) -> PolicyInfo:
         """What the policy says about itself; it is made once to ask it, and raises what :func:`check_policy` raises."""
         if self._info is None:
-            if is_learned(self.address):
+            if is_learned(self.address) and not is_seeing(self.address):
                 self._info = learned_info(self.address)
             elif is_privileged(self.address):
                 self._info = PolicyInfo(self.address, action_space=EE_DELTA.name, needs_images=False)
@@ -155,7 +159,7 @@ class PolicyFactory:
         """Return :attr:`info`, and check it as :func:`check_policy` does; the action space of a replay is empty."""
         info = self.info
         check_action_space(self.address, info, action_space)
-        adapts = is_remote(self.address) or is_in_process_model(self.address)
+        adapts = is_remote(self.address) or is_in_process_model(self.address) or is_seeing(self.address)
         agree = getattr(self._made, "check", None) if adapts else None
         if callable(agree) and action_space is not None and observation is not None:
             agree(space=action_space, observation=observation_spec(observation), rate_hz=CONTROL_RATE_HZ)

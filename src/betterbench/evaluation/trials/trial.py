@@ -110,7 +110,8 @@ class TrialRunner:
         )
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
-        self._observer = Observer(observation_spec(images), renderers=settings.envs + _SPARE_RENDERERS)
+        shown = observation_spec(images).only(self.info.cameras)
+        self._observer = Observer(shown, renderers=settings.envs + _SPARE_RENDERERS)
         self._processes = WorldProcesses(() if settings.world is None else settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:

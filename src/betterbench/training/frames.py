@@ -1,0 +1,264 @@
+"""The frames of demonstrations as a learner of the ``pixels`` family sees them, drawn once and kept beside the data.
+
+One file holds the frames of one demonstration, named by everything they follow from: the record, the views, the render
+preset and the rows. A file is there whole or not at all, so drawing resumes where it was ended, and its bytes do not
+depend on the number of workers. Frames are read one by one from files that are mapped into memory, so that memory is
+bounded by what the system can spare.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import mmap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.export.pictures import Pictures
+from betterbench.interface import observation_spec
+from betterbench.learned.eyes import looked_at
+from betterbench.learned.recipe import Eyes
+from betterbench.recording import Record, RunFolder, write_durably
+from betterbench.recording.compressed import pack_block, unpack_block
+from betterbench.recording.durable import on_disk, remove_parts
+from betterbench.recording.item_threads import in_threads
+from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.lock import RunLock
+from betterbench.recording.metadata import dump_json
+
+FRAMES_VERSION = 1
+"""Version of how a record becomes frames, and of the files that hold them."""
+SUFFIX = ".frames"
+"""What the name of the folder of frames adds to that of the folder of demonstrations."""
+
+_MAX_HEADER = 1 << 16
+_ITSELF, _DIFFERENCE = 0, 1
+_INDEX_NUMBERS = 3  # where a picture begins and ends, and whether it is its difference to the first one of its view
+
+OnDrawn = Callable[[int, int], None]
+"""Called with the number of demonstrations whose frames are there, and of all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedFrames:
+    """The frames of one demonstration.
+
+    Attributes:
+        run: Its run.
+        record: Its record.
+        digest: SHA-256 of the record's file.
+        rows: (n,) rows of the record that are drawn.
+        folder: Folder in which its file is.
+    """
+
+    run: RunFolder
+    record: Record
+    digest: str
+    rows: np.ndarray
+    folder: Path
+
+    def file(self, eyes: Eyes) -> Path:
+        """Return the file that holds its frames."""
+        rows = hashlib.sha256(self.rows.astype("<i8").tobytes()).hexdigest()
+        told = {"version": FRAMES_VERSION, "record": self.digest, "eyes": _form(eyes), "rows": rows}
+        return self.folder / f"{hashlib.sha256(dump_json(told)).hexdigest()[:32]}.bin"
+
+
+def drawn_frames(
+    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnDrawn | None = None
+) -> FrameStore:
+    """Return the frames of demonstrations, in their order; those that are missing or damaged are drawn first.
+
+    Raises:
+        RecordError: If a stored scene is missing or unreadable.
+        RunConflictError: If another process draws into the same folder.
+        StorageError: If the disk is full; what was drawn stays.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    files = [item.file(eyes) for item in wanted]
+    found = {file: _EpisodeFrames.open(file) for file in files}
+    missing = {f: item for f, item in zip(files, wanted, strict=True) if found[f] is None}
+    left = len(missing)
+
+    def told(_: tuple[Path, WantedFrames]) -> None:
+        nonlocal left
+        left -= 1
+        if on_drawn is not None:
+            on_drawn(len(files) - left, len(files))
+
+    for folder in sorted({file.parent for file in missing}):
+        _draw(folder, {f: i for f, i in missing.items() if f.parent == folder}, eyes, workers, told)
+    return FrameStore.open(files)
+
+
+def _draw(
+    folder: Path,
+    missing: Mapping[Path, WantedFrames],
+    eyes: Eyes,
+    workers: int,
+    on_done: Callable[[tuple[Path, WantedFrames]], None],
+) -> None:
+    """Draw the files of a folder that are missing."""
+    cameras = observation_spec(eyes.observation).only(eyes.cameras).cameras
+
+    def work(pictures: Pictures, item: tuple[Path, WantedFrames]) -> None:
+        file, one = item
+        shown = pictures.of(one.run, one.record, rows=one.rows.tolist())
+        frames = np.stack([looked_at(eyes, views) for views in shown])
+        with on_disk(file):
+            write_durably(file, frames_bytes(frames))
+
+    with on_disk(folder), RunLock(folder / LOCK_NAME):
+        remove_parts(folder)
+        # Neighbors share a scene, which takes longer to open than a picture to draw.
+        waiting = sorted(missing.items(), key=lambda item: (item[1].record.metadata.scene_hash, item[0]))
+        in_threads(
+            waiting, work, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality), on_done=on_done
+        )
+
+
+def frames_bytes(frames: np.ndarray) -> bytes:
+    """Return the file of some frames, (n, views, size, size, 3) uint8.
+
+    Each picture is compressed by itself, or its difference to the first one of its view, modulo 256, where that is
+    shorter, as it is for a camera that stands still.
+    """
+    rows, views = frames.shape[:2]
+    index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")
+    blocks, at = list[bytes](), 0
+    for row in range(rows):
+        for view in range(views):
+            block, kind = pack_block(frames[row, view].tobytes()), _ITSELF
+            if row:
+                other = pack_block((frames[row, view] - frames[0, view]).tobytes())
+                if len(other) < len(block):
+                    block, kind = other, _DIFFERENCE
+            index[row, view] = at, at + len(block), kind
+            blocks.append(block)
+            at += len(block)
+    payload = index.tobytes() + b"".join(blocks)
+    told = {"version": FRAMES_VERSION, "shape": list(frames.shape), "sha256": hashlib.sha256(payload).hexdigest()}
+    header = dump_json(told)
+    return len(header).to_bytes(8, "little") + header + payload
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EpisodeFrames:
+    """The frames of one file, which is mapped into memory."""
+
+    path: Path
+    shape: tuple[int, ...]
+    sha256: str
+    index: np.ndarray
+    blocks: memoryview
+    first: np.ndarray
+
+    @classmethod
+    def open(cls, path: Path) -> _EpisodeFrames | None:
+        """Return the frames of a file; None if it is missing or damaged."""
+        try:
+            with path.open("rb") as file:
+                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            length = int.from_bytes(data[:8], "little")
+            if length > _MAX_HEADER:
+                return None
+            header = json.loads(bytes(data[8 : 8 + length]))
+            payload, shape = data[8 + length :], tuple(map(int, header["shape"]))
+            if header["version"] != FRAMES_VERSION or hashlib.sha256(payload).hexdigest() != header["sha256"]:
+                return None
+            size = 8 * _INDEX_NUMBERS * shape[0] * shape[1]
+            index = np.frombuffer(payload[:size], "<i8").reshape(shape[0], shape[1], _INDEX_NUMBERS)
+            blocks = payload[size:]
+            found = [_picture(blocks, index[0, view], None, shape) for view in range(shape[1])]
+            return cls(path, shape, str(header["sha256"]), index, blocks, np.stack(found))
+        except (OSError, ValueError, KeyError, TypeError, IndexError, RecordError):
+            return None
+
+    def into(self, row: int, out: np.ndarray) -> None:
+        """Put the pictures of a row into ``out``, (views, size, size, 3)."""
+        for view in range(self.shape[1]):
+            out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
+
+
+def _picture(blocks: memoryview, entry: np.ndarray, first: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    begin, end, kind = entry.tolist()
+    size, _, colors = shape[2:]
+    data = np.frombuffer(unpack_block(blocks[begin:end], size * size * colors), np.uint8).reshape(size, size, colors)
+    return data if kind == _ITSELF or first is None else data + first
+
+
+class FrameStore:
+    """The frames of several demonstrations, one after the other, to be read in any order.
+
+    Attributes:
+        sha256: Hash over all frames.
+        first: (E + 1,) number of the first frame of each demonstration, and of all frames.
+    """
+
+    def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
+        self._episodes = tuple(episodes)
+        self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
+        self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()
+
+    @classmethod
+    def open(cls, files: Sequence[Path]) -> FrameStore:
+        """Return the frames of files in their order; RecordError if one is missing or damaged."""
+        episodes = []
+        for file in files:
+            found = _EpisodeFrames.open(file)
+            if found is None:
+                raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to draw them.")
+            episodes.append(found)
+        if len({e.shape[1:] for e in episodes}) > 1:
+            raise InvalidInputError("frames", "they have several shapes", "Give the frames of one recipe")
+        return cls(episodes)
+
+    def __len__(self) -> int:
+        return int(self.first[-1])
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files [byte]."""
+        return sum(episode.path.stat().st_size for episode in self._episodes)
+
+    def read(self, numbers: np.ndarray, shifts: np.ndarray | None = None) -> np.ndarray:
+        """Return frames, (B, views, size, size, 3) uint8.
+
+        Args:
+            numbers: (B,) numbers of the frames.
+            shifts: (B, views, 2) by how many pixels each picture is moved down and to the right; its edges are
+                repeated. None for not at all.
+        """
+        found = np.empty((len(numbers), *self._episodes[0].shape[1:]), np.uint8)
+        owners = np.searchsorted(self.first, numbers, side="right") - 1
+        for place, (number, owner) in enumerate(zip(numbers.tolist(), owners.tolist(), strict=True)):
+            self._episodes[owner].into(number - int(self.first[owner]), found[place])
+        if shifts is not None:
+            for pictures, moves in zip(found, shifts.tolist(), strict=True):
+                for picture, (down, right) in zip(pictures, moves, strict=True):
+                    shift(picture, down, right)
+        return found
+
+
+def shift(picture: np.ndarray, down: int, right: int) -> None:
+    """Move a picture, (height, width, ...), in place by whole pixels; its edges are repeated."""
+    for axis, count in ((0, down), (1, right)):
+        if not count:
+            continue
+        rows = np.moveaxis(picture, axis, 0)
+        if count > 0:
+            rows[count:] = rows[:-count].copy()
+            rows[:count] = rows[count]
+        else:
+            rows[:count] = rows[-count:].copy()
+            rows[count:] = rows[count - 1]
+
+
+def _form(eyes: Eyes) -> dict[str, object]:
+    views = [{"camera": view.camera, "window": list(view.window)} for view in eyes.windows]
+    cameras = [[c.name, c.width, c.height] for c in observation_spec(eyes.observation).only(eyes.cameras).cameras]
+    return {"cameras": cameras, "views": views, "size": eyes.size, "quality": eyes.quality}
