@@ -51,6 +51,7 @@ from pacing import (
     rehearse,
 )
 from peer_rows import PeerRows
+from training_speed import training_row
 
 TASKS = (PICTURE_TASK, "morning_coffee", HEAVIEST)
 """Tasks of the camera-less rows: a common one, the one with the lightest physics, and the heaviest."""
@@ -382,4 +383,5 @@ def rows(peer: PeerRows) -> dict[str, Callable[..., Iterator[Figure]]]:
         "diagnosis": diagnosis_row,
         "amplify": amplify_row,
         "materialize": materialize_row,
+        "train": training_row,
     }

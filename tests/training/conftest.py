@@ -10,4 +10,6 @@ TESTS = Path(__file__).parent.parent
 sys.path[:0] = [str(TESTS / name) for name in ("training", "learned", "export")]
 
 NEEDED = ("torch", "safetensors")
-collect_ignore = [] if all(map(importlib.util.find_spec, NEEDED)) else ["test_acting.py", "test_loop.py"]
+collect_ignore = (
+    [] if all(map(importlib.util.find_spec, NEEDED)) else ["test_acting.py", "test_loop.py", "test_row_in_torch.py"]
+)
