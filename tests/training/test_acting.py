@@ -14,9 +14,10 @@ from small_recipes import PIXELS, tiny
 from betterbench.cli.main import main
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation import open_server
 from betterbench.evaluation.preflight.check import run_preflight
 from betterbench.evaluation.serving.shadow import ShadowSimulation
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged
+from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_privileged, make_policy
 from betterbench.interface import CameraSpec, EpisodeStart, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_seeing, learned_info, make_learned, make_seeing
@@ -124,6 +125,25 @@ def test_a_learner_of_pixels_answers_the_same_to_the_same(seeing):
         assert np.array_equal(policy.act(seen), answers[-1])
     assert answers[0].shape == (4, 7)
     assert np.array_equal(*answers)
+
+
+def test_a_served_learner_of_pixels_asks_for_its_cameras_and_answers_the_same(seeing):
+    task = get_task(TRIAL.task)
+    scene = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
+    state, observer = scene.reset(), Observer(observation_spec("state_only"))
+    pictures = {"wrist": np.random.default_rng(0).integers(0, 256, (256, 256, 3), dtype=np.uint8)}
+    seen = dataclasses.replace(observer.observe(scene, state), images=pictures)
+    start = EpisodeStart(scene.condition.instruction.text, 5, "ee_delta")
+    direct = make_seeing(f"learned:{seeing}")
+    direct.reset(start)
+    with open_server(f"learned:{seeing}", port=0) as server:
+        client = make_policy(f"openpi://127.0.0.1:{server.port}")
+        try:
+            assert (client.info.cameras, client.info.execution.horizon) == (("wrist",), 2)
+            client.reset(start)
+            assert np.array_equal(client.act(seen), direct.act(seen))
+        finally:
+            client.close()
 
 
 def test_pictures_of_another_observation_are_refused(seeing):

@@ -109,6 +109,10 @@ class PolicyInfo:
                 raise InvalidInputError(
                     f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
                 )
+        if self.cameras is not None and not all(isinstance(name, str) for name in self.cameras):
+            raise InvalidInputError(
+                "PolicyInfo: cameras", "they are no names", "Give names of cameras, or None for all"
+            )
         # Not every kind of mapping can be sent to another process.
         object.__setattr__(self, "metadata", dict(self.metadata))
         if self.action_space:  # empty for a replay, whose records name theirs

@@ -122,6 +122,7 @@ def _declared(policy: Policy, source: str) -> Declared:
         heavy=bool(info.heavy),
         batches=isinstance(policy, BatchPolicy),
         source=source,
+        cameras=None if info.cameras is None else [text_of(name) for name in info.cameras],
     )
 
 

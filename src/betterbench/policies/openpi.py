@@ -51,9 +51,14 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._within = False
         self._connection.open()
         ours = self._metadata.get("betterbench")
-        wants = ours.get("needs_images") if isinstance(ours, Mapping) else None
+        ours = ours if isinstance(ours, Mapping) else {}
+        wants, looks_at = ours.get("needs_images"), ours.get("looks_at")
         info = describe_remote_policy(
-            address, self.adapter, self._metadata, needs_images=wants if isinstance(wants, bool) else None
+            address,
+            self.adapter,
+            self._metadata,
+            needs_images=wants if isinstance(wants, bool) else None,
+            cameras=looks_at if isinstance(looks_at, list) else None,
         )
         # What the address says about playing chunks goes before what the server says, and that before the preset.
         told = read_execution(self._where, ours)

@@ -54,6 +54,7 @@ class Declared:
     heavy: bool
     batches: bool
     source: str
+    cameras: list[str] | None = None
 
     @property
     def info(self) -> PolicyInfo:
@@ -65,6 +66,7 @@ class Declared:
             self.metadata,
             Execution(self.horizon, self.ahead, self.ensemble),
             self.heavy,
+            None if self.cameras is None else tuple(self.cameras),
         )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
@@ -26,12 +26,14 @@ def describe_remote_policy(
     declared: Mapping[str, Any],
     *,
     needs_images: bool | None = None,
+    cameras: Sequence[object] | None = None,
     says_actions: bool = True,
 ) -> PolicyInfo:
     """Return what a client says about its policy; it is stored with the run.
 
     ``needs_images`` is False if the server says that it looks at no image, None to tell from the adapter. A camera that
-    the adapter names is sent, and so rendered, all the same. ``says_actions`` is False if the server declares nothing
+    the adapter names is sent, and so rendered, all the same. ``cameras`` are those that the server says it looks at,
+    None for all. ``says_actions`` is False if the server declares nothing
     about its actions: unless the address does, what they are taken for stands in the metadata as "assumed", and is told
     before a run.
     """
@@ -52,6 +54,7 @@ def describe_remote_policy(
         needs_images=bool(adapter.views) if needs_images is None else needs_images or named,
         metadata=metadata,
         execution=address.execution(adapter.horizon),
+        cameras=None if cameras is None or named else tuple(map(plain_text, cameras[:_MOST_ENTRIES])),
     )
 
 

@@ -245,17 +245,20 @@ class FrameStore:
 
 
 def shift(picture: np.ndarray, down: int, right: int) -> None:
-    """Move a picture, (height, width, ...), in place by whole pixels; its edges are repeated."""
-    for axis, count in ((0, down), (1, right)):
-        if not count:
-            continue
-        rows = np.moveaxis(picture, axis, 0)
-        if count > 0:
-            rows[count:] = rows[:-count].copy()
-            rows[:count] = rows[count]
-        else:
-            rows[:count] = rows[-count:].copy()
-            rows[count:] = rows[count - 1]
+    """Move a picture, (height, width, colors) and contiguous, in place by whole pixels; its edges are repeated."""
+    flat = picture.reshape(-1)
+    count = (down * picture.shape[1] + right) * picture.shape[2]
+    if count > 0:
+        flat[count:] = flat[:-count]
+    elif count < 0:
+        flat[:count] = flat[-count:]
+    # What came over from the row above or below is in the columns that the edge is repeated in.
+    if right:
+        inside, edge = (slice(right), right) if right > 0 else (slice(right, None), right - 1)
+        picture[:, inside] = picture[:, edge, None]
+    if down:
+        inside, edge = (slice(down), down) if down > 0 else (slice(down, None), down - 1)
+        picture[inside] = picture[edge]
 
 
 def _form(eyes: Eyes) -> dict[str, object]:

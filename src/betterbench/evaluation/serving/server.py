@@ -160,6 +160,7 @@ class SessionStore:
             needs_images=info.needs_images,
             batch=self._batch,
             execution=info.execution,
+            cameras=info.cameras,
             more={**info.metadata, "episode": NEW_EPISODE, "within": deadline is not None},
         )
 
@@ -203,12 +204,14 @@ def declare(
     batch: int,
     more: Mapping[str, object],
     execution: Execution = WHOLE_CHUNKS,
+    cameras: tuple[str, ...] | None = None,
     expert: bool = False,
 ) -> dict[str, Any]:
     """Return the metadata frame of a server.
 
     ``batch`` is the largest number of observations that it answers at once, ``more`` what else a client may want to
-    know. ``expert`` says that it simulates the client's trial, which our own clients then name.
+    know. ``cameras`` are those it looks at, None for all. ``expert`` says that it simulates the client's trial, which
+    our own clients then name.
     """
     return {
         "betterbench": {
@@ -221,6 +224,7 @@ def declare(
             "action_space": space.to_json(),
             "needs_images": needs_images,
             "cameras": {},
+            **({} if cameras is None else {"looks_at": list(cameras)}),
             "control_rate_hz": CONTROL_RATE_HZ,
             "batch": batch,
             "execution": asdict(execution),
