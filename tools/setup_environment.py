@@ -43,11 +43,15 @@ OLDEST_PYTHON = (3, 11)
 OLDEST_UV = (0, 8, 0)
 GL_PACKAGES = ("libegl1", "libgl1")
 
-# Options of uv for one list of packages, and hashes of files that the main index does not have: the build of torch for
-# the processor of x86-64 Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). Other builds for macOS and for
-# Linux on ARM are for the processor on the main index too.
+# Options of uv for one list of packages, and builds that the main index does not have: that of torch for the processor
+# of x86-64 Linux (torch-2.13.0+cpu-cp311-cp311-manylinux_2_28_x86_64.whl). Those for macOS and for Linux on ARM are on
+# the main index.
 LOCK_OPTIONS = {"train": ("--no-deps",)}
-FURTHER_HASHES = {"train": {"torch": ("6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b",)}}
+LOCAL_BUILDS = {
+    "train": {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")},
+}
+ON_X86_LINUX = "sys_platform == 'linux' and platform_machine == 'x86_64'"
+ELSEWHERE = "sys_platform != 'linux' or platform_machine != 'x86_64'"
 
 # Asks a GL back end for an off-screen display, as MuJoCo will: a loader library without a driver behind it fails here
 # and not in the middle of a run. It runs in a process of its own because broken drivers crash. The numbers are from the
@@ -371,17 +375,25 @@ def fill(lock: str) -> None:
     say(f"environment ready in {time.monotonic() - started:.0f} s")
 
 
-def with_hashes(lock: str, package: str, hashes: Sequence[str]) -> str:
-    """Returns the text of a lock in which a package may also be a file with one of these SHA-256.
+def with_local_build(lock: str, package: str, local: str, digest: str) -> str:
+    """Returns the text of a lock in which x86-64 Linux gets another build of the same release.
+
+    Args:
+        lock: The text.
+        package: Name of the package.
+        local: What the build adds to the version ("+cpu").
+        digest: SHA-256 of its file.
 
     Raises:
         SetupError: The lock does not name the package.
     """
-    added = "".join(f" \\\n    --hash=sha256:{digest}" for digest in hashes if digest not in lock)
-    head = re.search(rf"^{re.escape(package)}==[^\\\n]*[^\\\s]", lock, flags=re.MULTILINE)
-    if head is None:
-        raise SetupError(f"no lock of {package} to add hashes to")
-    return lock[: head.end()] + added + lock[head.end() :]
+    found = re.search(rf"^{re.escape(package)}==[^ ;\\\n]+", lock, flags=re.MULTILINE)
+    if found is None:
+        raise SetupError(f"the lock names no {package}")
+    pinned = found.group()
+    entry = f"{pinned} ; {ELSEWHERE}"
+    added = f"{pinned}{local} ; {ON_X86_LINUX} \\\n    --hash=sha256:{digest}\n"
+    return lock[: found.start()] + added + entry + lock[found.end() :]
 
 
 def relock(*, upgrade: bool) -> None:
@@ -411,8 +423,9 @@ def relock(*, upgrade: bool) -> None:
         say(f"resolving {lock.relative_to(ROOT)}")
         if run([*common, *LOCK_OPTIONS.get(lock.stem, ()), *words, "--output-file", lock], env=env).returncode != 0:
             raise SetupError(f"uv could not resolve {lock.relative_to(ROOT)}; its message stands above.")
-        for package, hashes in FURTHER_HASHES.get(lock.stem, {}).items():
-            lock.write_text(with_hashes(lock.read_text(encoding="utf-8"), package, hashes), encoding="utf-8")
+        for package, (local, digest) in LOCAL_BUILDS.get(lock.stem, {}).items():
+            text = with_local_build(lock.read_text(encoding="utf-8"), package, local, digest)
+            lock.write_text(text, encoding="utf-8")
         leak = re.search(r"^.*(://| @ |^-).*$", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)
         if leak:
             raise SetupError(f"{lock.relative_to(ROOT)} names a host, a path or an option: {leak.group().strip()[:60]}")

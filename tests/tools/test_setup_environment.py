@@ -144,3 +144,21 @@ def test_the_developers_lock_agrees_with_the_runtime_lock() -> None:
         return set(re.findall(r"^([a-z0-9._-]+==[^ ]+)", text, flags=re.MULTILINE))
 
     assert pins("runtime") <= pins("dev")
+
+
+def test_another_build_takes_the_place_of_a_release_on_one_platform(setup_environment: ModuleType) -> None:
+    lock = "sympy==1.0 \\\n    --hash=sha256:a\ntorch==2.0 \\\n    --hash=sha256:b\n"
+    assert setup_environment.with_local_build(lock, "torch", "+cpu", "c") == (
+        "sympy==1.0 \\\n    --hash=sha256:a\n"
+        "torch==2.0+cpu ; sys_platform == 'linux' and platform_machine == 'x86_64' \\\n    --hash=sha256:c\n"
+        "torch==2.0 ; sys_platform != 'linux' or platform_machine != 'x86_64' \\\n    --hash=sha256:b\n"
+    )
+    with pytest.raises(setup_environment.SetupError, match="jax"):
+        setup_environment.with_local_build(lock, "jax", "+cpu", "c")
+
+
+def test_each_other_build_stands_in_its_lock(setup_environment: ModuleType) -> None:
+    for name, builds in setup_environment.LOCAL_BUILDS.items():
+        text = (ROOT / "requirements" / f"{name}.lock").read_text(encoding="utf-8")
+        for package, (local, digest) in builds.items():
+            assert re.search(rf"^{package}==[^ ]+{re.escape(local)} ;.*\n *--hash=sha256:{digest}$", text, re.MULTILINE)

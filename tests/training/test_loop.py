@@ -345,8 +345,8 @@ def test_the_word_decides_where_a_learner_of_pixels_goes(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("loss", ["l1", "flow"])
-def test_the_word_decides_where_the_tool_goes(tmp_path, loss):
+@pytest.mark.parametrize(("loss", "share"), [("l1", 0.25), ("flow", 0.5)])  # of a flow, one draw is compared
+def test_the_word_decides_where_the_tool_goes(tmp_path, loss, share):
     recipe = tiny(
         loss=loss, steps=1500, batch=64, learning_rate=3e-3, ema=0.99, capacity={"width": 32, "layers": 2, "heads": 4},
         validate_every=1500, save_every=1500,
@@ -354,5 +354,5 @@ def test_the_word_decides_where_the_tool_goes(tmp_path, loss):
     log = train(recipe, made_up(200), tmp_path / "out").log
     overall = next(row for row in log.errors if row.phase == "all")
     typical = 50.0 * np.linalg.norm(made_up(200).actions[:, :3], axis=1).mean()
-    assert overall.translation_mm < 0.25 * typical
+    assert overall.translation_mm < share * typical
     assert overall.gripper_wrong < 0.05
