@@ -125,12 +125,19 @@ class Heavy(Batched):
         (HERE / f"loaded-{os.getpid()}").touch()
 
 class HeavyAlone(Slow):
-    """Has weights and takes no batches."""
+    """Has weights and takes no batches; it acts when as many are loaded as have to be."""
     info = PolicyInfo("heavy alone", needs_images=False, heavy=True)
-    def __init__(self):
+    def __init__(self, loaded=1):
         super().__init__()
         import os, uuid
+        self.loaded = loaded
         (HERE / f"loaded-{os.getpid()}-{uuid.uuid4()}").touch()
+    def act(self, observation):
+        import time
+        until = time.monotonic() + 60.0
+        while len(list(HERE.glob("loaded-*"))) < self.loaded and time.monotonic() < until:
+            time.sleep(0.05)
+        return super().act(observation)
 
 class Assuming(Slow):
     info = PolicyInfo("assuming", needs_images=False, metadata={"assumed": "its actions mean nothing"})
@@ -501,7 +508,7 @@ def test_several_workers_share_one_process_with_the_weights(plugin, tiny_plan, t
 def test_weights_that_cannot_be_shared_are_loaded_once_unless_more_workers_are_asked_for(
     plugin, tiny_plan, tmp_path, workers, loaded
 ):
-    run = evaluate(tiny_plan(f"{plugin}:HeavyAlone", trials=2), tmp_path / "run", workers=workers)
+    run = evaluate(tiny_plan(f"{plugin}:HeavyAlone?loaded={loaded}", trials=2), tmp_path / "run", workers=workers)
     assert len(list(tmp_path.glob("loaded-*"))) == loaded
     assert [e.status for e in run.entries()] == ["done"] * 2
     assert run.context["engine"] == {"name": "local", "workers": workers or 1, "envs": 1}
