@@ -10,6 +10,7 @@ import dataclasses
 import json
 import os
 import shutil
+import sys
 import threading
 import warnings
 
@@ -35,6 +36,7 @@ from betterbench.evaluation import check_policy, evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
 from betterbench.policies import checkpoint as checkpoint_module
 from betterbench.policies import lerobot as lerobot_module
+from betterbench.policies import policy_process
 from betterbench.policies.connect import connect
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
@@ -201,6 +203,15 @@ def test_noise_is_drawn_for_each_observation_alone(act, monkeypatch):
     assert not np.array_equal(alone[0], policy.act(seen(step=1)))
 
 
+@pytest.fixture
+def in_its_own_process(monkeypatch):
+    """Lets the process of a policy import torchvision as this one did."""
+    if "torchvision_for_processors" in sys.modules:
+        start = policy_process._START.replace("import sys;", "import sys, torchvision_for_processors;")
+        monkeypatch.setattr(policy_process, "_START", start)
+
+
+@pytest.mark.usefixtures("in_its_own_process")
 def test_one_short_trial_is_evaluated(act, tmp_path):
     address = f"lerobot:{act}"
     check_policy(address, action_space="ee_delta")
