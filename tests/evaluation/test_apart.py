@@ -344,6 +344,35 @@ def test_whatever_a_policy_does_is_an_error_of_one_question(one, name, text):
     assert one.act(Seen(3)).tolist() == [0.0] * 6 + [-1.0]
 
 
+def test_a_process_that_is_killed_while_it_loads_again_is_no_fault_of_the_policy(tmp_path):
+    file, due = tmp_path / "frail.py", tmp_path / "due"
+    code = f"""
+import os, pathlib
+from betterbench.interface import PolicyInfo
+due = pathlib.Path({str(due)!r})
+if due.exists():
+    due.unlink()
+    os.kill(os.getpid(), 9)
+class Frail:
+    info = PolicyInfo("frail", needs_images=False)
+    def reset(self, start): pass
+    def act(self, observation): return [0.0] * 7
+"""
+    file.write_text(code, encoding="utf-8")
+    due.touch()
+    with pytest.raises(PolicyProcessError, match=r"ended while loading \(SIGKILL"):
+        start_policy(f"python:{file}:Frail")
+    policy = start_policy(f"python:{file}:Frail")
+    due.touch()
+    os.kill(policy._running._process.pid, signal.SIGKILL)
+    policy._running._process.wait()
+    with pytest.raises(PolicyKilledError, match=r"ended while loading \(SIGKILL"):
+        policy.reset(START)
+    policy.reset(START)
+    assert policy.act(Seen(0)).tolist() == [0.0] * 7
+    policy.close()
+
+
 def test_what_a_policy_changes_in_its_process_is_not_changed_here(plugin, capfd):
     before = (Path.cwd(), dict(os.environ), list(sys.path), np.geterr(), signal.getsignal(signal.SIGTERM))
     policy = start_policy(f"{plugin}:Elsewhere")

@@ -239,6 +239,8 @@ def _loaded(address: str, load_s: float) -> tuple[_Started, Declared]:
     started = _Started(address)
     try:
         return started, started.loaded(load_s)
+    except PolicyKilledError as error:  # no trial has begun that could be run again
+        raise PolicyProcessError(str(error)) from error
     except BaseException:
         started.end()
         raise
@@ -270,7 +272,10 @@ class _Started:
             self._output.begin()
 
     def loaded(self, timeout_s: float) -> Declared:
-        """Wait until the policy is loaded, and return what it declares; raises what :class:`PolicyProcess` raises."""
+        """Wait until the policy is loaded, and return what it declares.
+
+        Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
+        """
         try:
             answer, _ = self._receive(time.monotonic() + timeout_s)
         except TimeoutError as error:
@@ -279,9 +284,11 @@ class _Started:
                 "ten times as long as an answer."
             ) from error
         except (EOFError, OSError, PolicyError) as error:
-            raise PolicyProcessError(
-                f"{self._address}: its process ended while loading ({self.end()}); what it wrote stands above. Load it "
-                "in a Python shell to see why"
+            how = self.end()
+            kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
+            raise kind(
+                f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
+                "Python shell to see why"
             ) from error
         if answer.error is None and answer.declared is not None:
             return answer.declared
