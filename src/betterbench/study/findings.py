@@ -313,7 +313,7 @@ def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: S
     gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
     wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
     tested = p if len(known) > 1 else None  # of one pair nothing is known about others
-    found = _figure(wider, len(known), noun="pairs of learners", p_value=tested)
+    found = _figure(wider, len(known), noun="learner pairs", p_value=tested)
     return ArmContrast(name, task, _figure(success, len(trials)), found, len(known))
 
 
