@@ -178,6 +178,7 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
         ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not sum up to 1"),
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
         ({"recipe": {"steps": 0}}, "steps"),
+        ({"recipe": {"family": "pixels"}}, "recipe.family.*learners of objects so far"),
         ({"recipe": {"seed": 3}}, "recipe.seed.*the study decides it"),
         ({"recipe": {"colour": 3}}, "colour.*unknown"),
         ({"levers": [{"name": "x", "changes": {"capacity": "huge"}}]}, "lever x: capacity"),

@@ -157,7 +157,10 @@ class StudyPlan:
             "seed": learner.seed,
             "variations": "covered" in self.arms[learner.arm],
         }
-        return read_training_recipe({**given, **fixed}, where=where)
+        recipe = read_training_recipe({**given, **fixed}, where=where)
+        if recipe.family != "objects":
+            raise InvalidInputError(f"{where}.family", "a study trains learners of objects so far", "Leave it out")
+        return recipe
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every value that the file left out."""
