@@ -21,6 +21,7 @@ from betterbench.comparison.matching import Matching, match_sides
 from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
 from betterbench.diagnosis import Kind, TrialDiagnosis
+from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
@@ -119,9 +120,10 @@ def compare(
     groups = tuple(g for family in _families(matching) for g in _judged(family, names, matching, alpha))
     evidence = tuple(_sequential(sides, matching, alpha)) if sequential else ()
     verdict = (*sequential_sentences(evidence, alpha), *verdict_sentences(groups, paired=matching.paired, alpha=alpha))
-    standings = tuple(
-        standing_of(replace(side.diagnosis, trials=tuple(trials)))
-        for side, trials in zip(sides, matching.trials, strict=True)
+    compared = [replace(s.diagnosis, trials=tuple(t)) for s, t in zip(sides, matching.trials, strict=True)]
+    # The power matrix holds our own scenes alone.
+    standings = (
+        () if all(is_of_libero(t.task) for d in compared for t in d.trials) else tuple(map(standing_of, compared))
     )
     return Comparison(tuple(sides), matching, alpha, groups, evidence, verdict, matching.notes, standings)
 

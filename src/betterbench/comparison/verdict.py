@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from betterbench.comparison.contrast import Contrast, Group, SequentialContrast
+from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.statistics import percent
 from betterbench.statistics.wording import counted, p_text, points
 from betterbench.tasks.labels import Kind
@@ -36,7 +37,9 @@ def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) 
 
 
 def scope_text(scope: str) -> str:
-    """Return a scope in words."""
+    """Return a scope in words; a task of LIBERO keeps its name."""
+    if is_of_libero(scope):
+        return scope
     return {"overall": "all variations", "training": "training conditions"}.get(
         scope, scope.removeprefix("axis:").replace("_", " ")
     )

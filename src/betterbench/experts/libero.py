@@ -50,7 +50,7 @@ POLICIES = {
 class _Aim:
     """What is to be brought where: an object, and the middle of the bottom of its place [m].
 
-    ``fault`` is what is wrong with the place. Nothing shows it until the object is let go there.
+    ``fault`` is what is wrong with the place. Nothing shows it until the object has been carried there.
     """
 
     object: str
@@ -203,10 +203,10 @@ class LiberoAgent:
                 state = yield _still(state, OPEN)
             return state
         state = yield from _move(state, carried, CLOSE, limit=80, speed=0.8)
-        low = aim.place[2] + hung[2] + 0.005
-        state = yield from _move(state, Pose((over[0], over[1], low), grasp.quaternion), CLOSE, limit=80, speed=0.5)
         if state.held == aim.object:
             self._fault = self._fault or aim.fault
+        low = aim.place[2] + hung[2] + 0.005
+        state = yield from _move(state, Pose((over[0], over[1], low), grasp.quaternion), CLOSE, limit=80, speed=0.5)
         for _ in range(8):
             state = yield _still(state, OPEN)
         state = yield from _move(state, carried, OPEN, limit=30)
