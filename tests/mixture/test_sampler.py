@@ -25,14 +25,15 @@ def by_name(parts: tuple[MixturePart, ...]) -> dict[str, float]:
     return {part.name: part.share for part in parts}
 
 
-def test_shares_of_100_000_draws_over_shards_and_a_resume():
+@pytest.mark.parametrize("counts", [(2,), pytest.param((3, 4), marks=pytest.mark.slow)])
+def test_shares_of_100_000_draws_over_shards_and_a_resume(counts):
     parts = paper_mixture().parts()
     alone = [d.part for d in MixtureSampler(parts, seed=7, draws=DRAWS)]
     assert len(alone) == DRAWS
     found = Counter(alone)
     for name, share in by_name(parts).items():
         assert abs(found[name] / DRAWS - share) < 1e-4
-    for shards in (2, 3, 4):
+    for shards in counts:
         state = None
         union: list[str | None] = [None] * DRAWS
         for shard in range(shards):

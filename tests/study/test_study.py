@@ -61,6 +61,7 @@ def test_every_learner_is_trained_and_evaluated_once(undisturbed):
     )
 
 
+@pytest.mark.slow
 def test_a_study_that_is_killed_anywhere_ends_with_the_same_numbers(undisturbed, tmp_path):
     whole, _, _, calls, _ = undisturbed
     for stop_at in range(len(calls)):

@@ -73,6 +73,7 @@ def test_what_a_kill_left_half_written_neither_stops_the_next_command_nor_stays(
         assert not list(out.rglob("*.part"))
 
 
+@pytest.mark.slow
 def test_a_set_does_not_depend_on_the_number_of_workers(run, made, tmp_path):
     def opened():
         return ViewRenderer(run, size=SIZE, quality="fast")

@@ -61,10 +61,11 @@ def test_a_run_ends_with_the_success_of_the_world(plan_of, tmp_path):
         assert run.load_scene(record.metadata.scene_hash)["task.bddl"] == b"(define (problem cube))"
 
 
-def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path):
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path, workers):
     plan = plan_of(trials=3)
     together = _bytes(evaluate(plan, tmp_path / "together", workers=1, envs=1))
-    assert together == _bytes(evaluate(plan, tmp_path / "side by side", workers=2, envs=2))
+    assert together == _bytes(evaluate(plan, tmp_path / "side by side", workers=workers, envs=2))
     alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone"))
     assert alone.items() <= together.items()
 
