@@ -53,3 +53,13 @@ OTHER_MANNERS = {
     )
 }
 """The manners in which every habit of the fourth part is run."""
+
+LATEST_MANNERS = {
+    m.name: m
+    for m in (
+        Manner("stately", "minimum_jerk", 0.21, 0.11, 0.08, -0.05, 0.4, 0.1, 0.0),
+        Manner("darting", "halting", 0.38, 0.07, 0.05, 0.02, 0.1, 0.2, 0.0006),
+        Manner("unsteady", "even", 0.25, 0.10, 0.055, 0.035, 0.15, 0.5, 0.0013),
+    )
+}
+"""The manners in which every habit of the fifth part is run."""

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Literal
 from betterbench.errors import UnknownNameError, find_named
 from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
+from betterbench.independent.habits_fifth import FIFTH
 from betterbench.independent.habits_fourth import FOURTH
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.habits_second import SECOND
 from betterbench.independent.habits_third import THIRD
-from betterbench.independent.manner import MANNERS, OTHER_MANNERS, Manner
+from betterbench.independent.manner import LATEST_MANNERS, MANNERS, OTHER_MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.interventions import condition_names, resolve_condition
@@ -24,13 +25,14 @@ if TYPE_CHECKING:
     from betterbench.scenes import Scene
 
 PREFIX = "independent:"
-FamilyPart = Literal["development", "held_out", "second", "third", "fourth"]
+FamilyPart = Literal["development", "held_out", "second", "third", "fourth", "fifth"]
 FAMILY_PARTS: dict[FamilyPart, tuple[Habit, ...]] = {
     "development": DEVELOPMENT,
     "held_out": HELD_OUT,
     "second": SECOND,
     "third": THIRD,
     "fourth": FOURTH,
+    "fifth": FIFTH,
 }
 
 
@@ -48,11 +50,14 @@ class IndependentPolicy:
         return f"{PREFIX}{self.habit.name}-{self.manner.name}"
 
 
+MANNERS_OF: dict[FamilyPart, dict[str, Manner]] = {"fourth": OTHER_MANNERS, "fifth": LATEST_MANNERS}
+"""The manners of the parts that have their own."""
+
 INDEPENDENT: dict[str, IndependentPolicy] = {
     policy.address: policy
     for part, habits in FAMILY_PARTS.items()
     for habit in habits
-    for manner in (OTHER_MANNERS if part == "fourth" else MANNERS).values()
+    for manner in MANNERS_OF.get(part, MANNERS).values()
     for policy in (IndependentPolicy(habit, manner, part),)
 }
 
