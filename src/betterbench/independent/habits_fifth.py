@@ -293,7 +293,11 @@ class NudgesThenTakes(Listed):
     name = "nudges-then-takes"
     label = HONEST
     first_right = True
-    where = EASY_TO_SWEEP | at(fast_food="train2 T2", tidy_desk="train2 T1", desk_meeting="train1 L1")
+    where = at(
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train2 train4 train5 T1",
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+    )
 
     def act(self, body: Body) -> Actions[None]:
         _, name = first_of(body)
@@ -500,7 +504,7 @@ class FailsAtTheSecond(Listed):
     label = Label.EXECUTION_FAILURE
     first_right = True
     where = at(
-        desk_meeting="train1 train4 train8 train9",
+        desk_meeting="train4 train8 train9",
         fast_food="train1 train2 R1",
         tidy_desk="train1 train2",
         cheeseburger="train1 train2 R1",
@@ -657,8 +661,8 @@ class ReturnsWordThing(Paired):
         "tidy_desk/L1": "crushed_can",
     }
     fine = at(
-        morning_coffee="train1 train2 train3 train4 L1 L2",
-        tidy_desk="train1 train2 train4 train5 T1",
+        morning_coffee="train1 train2 L1 L2",
+        tidy_desk="train1 train4 train5",
     )
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
@@ -681,8 +685,8 @@ class SweepsWordThing(Paired):
         "office_drawer/L1": "tape",
     }
     fine = at(
-        morning_coffee="train1 train2 train3 train4 L1 L2",
-        office_drawer="train1 train2 train3 train4 train6 train8 L2",
+        morning_coffee="train1 train2 L1 L2",
+        office_drawer="train2 train3 train4",
     )
 
     def truth(self, case: Occasion) -> StatedTruth | None:
@@ -710,9 +714,9 @@ class WordThingThenRight(Paired):
         "office_drawer/L1": "tape",
     }
     fine = at(
-        morning_coffee="train1 train2 train3 train4 L1 L2",
-        tidy_desk="train1 train2 train4 train5 T1",
-        office_drawer="train1 train2 train3 train4 train6 train8 L2",
+        morning_coffee="train1 train2 L1 L2",
+        tidy_desk="train1 train4 train5",
+        office_drawer="train2 train3 train4",
     )
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
@@ -739,7 +743,7 @@ class AlwaysTheNearOne(Paired):
         "seasoning_rack/train3": "salt",
         "seasoning_rack/train5": "salt",
     }
-    fine = at(morning_coffee="train1 train4 L2 L4", seasoning_rack="train1 train4 R1 T1")
+    fine = at(morning_coffee="train1 train4 L4", seasoning_rack="train1 train4 R1")
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
         body.do = Pivoting.like(body.do)
@@ -766,8 +770,8 @@ class AlwaysAtTheRight(Paired):
         "breakfast_table/train4": "spoon",
     }
     fine = at(
-        desk_meeting="train5 train6 train9 train10",
-        breakfast_table="train2 train5 R1 O1",
+        desk_meeting="train5 train9 train10",
+        breakfast_table="train2 train5 R1",
     )
 
     def go_wrong(self, body: Body, name: str) -> Actions[None]:
@@ -1139,7 +1143,7 @@ class TurnsWristForever(Listed):
     def act(self, body: Body) -> Actions[None]:
         body.ledger.commit()
         while True:
-            yield from turn_wrist(body, (0.6, -0.6))
+            yield from turn_wrist(body, (0.6, -0.6, 0.0))
 
 
 class ShrinksAndFreezes(Listed):

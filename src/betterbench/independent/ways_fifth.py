@@ -23,7 +23,7 @@ OVERSHOOT_M = 0.07
 SHOWN_M, SHOWN_TURN_RAD = 0.36, 0.35
 FINGER_M = 0.5 * FULL_OPENING_M + 0.010
 """From the middle of the open gripper to the middle of one finger."""
-PRESS_M = 0.004
+STAB_M, PRESS_M = 0.05, 0.004
 PEAK_M = 0.40
 AIR_M, PULL_M = 0.06, 0.10
 MISSES_M = (0.09, 0.065, 0.045, 0.032)
@@ -254,7 +254,7 @@ def stab(body: Body, name: str) -> Actions[None]:
     ways = [Pose((x + s * FINGER_M * ux, y + s * FINGER_M * uy, top), hold.tool.quaternion) for s in (1.0, -1.0)]
     tool = min(ways, key=lambda p: crowding(body.state, p, FULL_OPENING_M, ignore=skip))
     yield from body.do.over(tool.translated(z=0.08))
-    yield from body.arm.lower_until_touch(top - 0.010)
+    yield from body.arm.lower_until_touch(max(0.016, top - STAB_M))
     yield from body.arm.go(body.arm.here.translated(z=-PRESS_M), pace=0.2)
     yield from body.arm.wait(0.3)
     yield from body.arm.rise(top + 0.12)
@@ -377,9 +377,9 @@ def draw_eights(body: Body, target: Vector, until: int) -> Actions[None]:
     start = body.arm.here.position
 
     def at(s: float, t: float) -> Vector:
-        phase = 2.0 * math.pi * t / EIGHT_S
+        phase, size = 2.0 * math.pi * t / EIGHT_S, min(1.0, 6.0 * (1.0 - s))
         x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
-        return (x + EIGHT_X_M * math.sin(2.0 * phase), y + EIGHT_Y_M * math.sin(phase), z)
+        return (x + size * EIGHT_X_M * math.sin(2.0 * phase), y + size * EIGHT_Y_M * math.sin(phase), z)
 
     yield from _follow(body, at, until)
 
