@@ -32,7 +32,7 @@ def calibrate_command(
     trials: int | None = None,
     seed: int = 0,
     workers: int | None = None,
-    family: Literal["faulty", "development", "held_out", "second", "third", "fourth"] = "faulty",
+    family: Literal["faulty", "development", "held_out", "second", "third", "fourth", "fifth"] = "faulty",
     films: int = 100,
     power: bool = False,
     write_package: bool = False,
@@ -57,7 +57,7 @@ def calibrate_command(
         seed: First seed.
         workers: Worker processes; one per processor if not given.
         family: Faulty policies, or a part of the independent family: the one that was used to develop the diagnosis,
-            or one of those that were used once, held_out, second, third and fourth.
+            or one of those that were used once, held_out, second, third, fourth and fifth.
         films: Film strips of wrong labels on the page, at most; 0 renders nothing.
         power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
         write_package: Also write the file that ships with the package; for its maintainers.

@@ -294,7 +294,6 @@ class NudgesThenTakes(Listed):
     label = HONEST
     first_right = True
     where = at(
-        fast_food="train1 train2 R1 R2",
         tidy_desk="train1 train2 train4 train5 T1",
         morning_coffee="train1 train2 train3 train4 L1 L2",
     )

@@ -36,6 +36,9 @@ WHAT_IT_IS: dict[Family, str] = {
     "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
     "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
     "diagnosis, and gave every habit a label that the suite's table decides alone.",
+    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
 }
 
 
