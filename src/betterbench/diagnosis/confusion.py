@@ -16,7 +16,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-Family = Literal["faulty", "development", "held_out", "second", "third", "fourth"]
+Family = Literal["faulty", "development", "held_out", "second", "third", "fourth", "fifth"]
 """What a diagnosis is measured on: the faulty policies, or a part of the independent family."""
 
 PACKAGED: dict[Family, str] = {
