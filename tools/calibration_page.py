@@ -12,7 +12,7 @@ from betterbench.cli.output.calibration import film_strips
 from betterbench.diagnosis import Calibration, Judged, packaged_calibration
 from betterbench.diagnosis.confusion import Family
 from betterbench.diagnosis.power_matrix import packaged_power_matrix
-from betterbench.report.calibration_page import calibration_markdown, label_name, write_calibration_page
+from betterbench.report.calibration_page import calibration_markdown, label_name, rate_text, write_calibration_page
 from betterbench.report.power_page import power_markdown
 
 HEAD = """# Calibration
@@ -24,29 +24,31 @@ numbers stay apart.
 - The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
   hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
   fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
-  develop the diagnosis. Each of the other four was written after the diagnosis had been repaired on those before it,
+  develop the diagnosis. Each of the other five was written after the diagnosis had been repaired on those before it,
   by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
-  fourth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
-  repaired since. The same trials now get their label in 98.2 % (held out first), 94.6 % (second), 100 % (third) and
-  100 % (fourth), and the right kind in 98.9, 96.1, 100 and 100 %, without an honest policy accused; but what has been
-  looked at is no longer held out.
+  fifth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
+  repaired before the next. The last column says how many of the same failed trials get their label now, without an
+  honest policy accused; but what has been looked at is no longer held out.
+
+@USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
   several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
   authors thought of; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --family fourth         # the habits that were written last, and used once
-better calibrate --family third          # those before, used once
-better calibrate --family second         # those before these, used once
+better calibrate --family fifth          # the habits that were written last, and used once
+better calibrate --family fourth         # those before, used once
+better calibrate --family third          # those before these, used once
+better calibrate --family second         # still earlier ones, used once
 better calibrate --family held_out       # the part that was held out first, used once
 better calibrate --family development    # the part that the diagnosis was developed on
 better calibrate                         # the faulty policies
 ```
 
 compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can
-be interrupted and resumed. The fourth part was recorded from seed 40 on, with more than the usual 4 trials of some
-policies: `--seed 40` gives its numbers but for that. [All wrong labels](mistakes.md) of the packaged numbers are
-listed, with film strips.
+be interrupted and resumed. The fourth part was recorded from seed 40 on and the fifth from seed 50 on, with other
+numbers than the usual 4 trials of some policies: `--seed 40` and `--seed 50` give their numbers but for that. [All
+wrong labels](mistakes.md) of the packaged numbers are listed, with film strips.
 
 A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever
 goes for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
@@ -56,7 +58,28 @@ tasks before two rules; and neither where fewer than three trials show it.
 
 """
 
+USES: dict[Family, str] = {
+    "held_out": "98.2 %",
+    "second": "94.6 %",
+    "third": "100 %",
+    "fourth": "100 %",
+    "fifth": "not repaired yet",
+}
+"""The parts that were used once, and how many failed trials get their label after what the use showed was repaired."""
+
 REMARKS: dict[Family, str] = {
+    "fifth": """**It misses one of the four bounds** that were set before, 95 % by label, by one point: 94.0 %
+(343/365), with a 95 % interval of 91.0 to 96.0 % if each trial counts by itself. The trials of a habit fail or pass
+together, and over habits it is 86 to 100 %. It keeps the other bounds: 97 % by kind, 90 % without a grasp, and no
+honest policy is accused. Two of its 54 habits make 18 of the 22 mistakes, each in all of its 9 trials.
+`stabs-with-one-finger` comes down on the right thing so that a finger of its open gripper presses on its top, again
+and again, and `fails-at-the-second` does so after a first step that is right: both fail in execution, and the
+diagnosis says that they run out of time over the right thing. Neither is a failure of reasoning, so that the kind
+is right. The other four sweep things that were not meant aside with an open gripper: the diagnosis says of two that
+they go to and fro, and of two that they moved by mistake what they swept on purpose. In 9 of the 22 a right first
+step was grasped; in the other 13 the gripper closes on nothing.
+
+""",
     "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %
 without a grasp. It keeps the fourth: no honest policy is accused. Two of its 42 habits make 24 of the 30 mistakes,
 each in all of its 12 trials. `zigzags-toward-it` comes nearer to the right thing in wide zigzags until the time is
@@ -73,6 +96,7 @@ by rules that were written for them; how well other policies are judged is said 
 """What has to be said of a part besides its numbers, before they are given."""
 
 SECTIONS: dict[Family, str] = {
+    "fifth": "The independent family, fifth",
     "fourth": "The independent family, fourth",
     "third": "The independent family, third",
     "second": "The independent family, second",
@@ -85,7 +109,8 @@ MISTAKES = """# Wrong labels
 
 Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
 whole path of the gripper (blue while it is open, orange while it is closed), then states at equal distances in time
-with the path so far. In the fourth part, mistakes that repeat another of the same habit in the same task have no strip.
+with the path so far. In the fourth and fifth part, mistakes that repeat another of the same habit in the same task have
+no strip.
 
 """
 
@@ -116,7 +141,7 @@ NOT_MEASURED = "Not measured yet for this version of the suite.\n"
 
 def write(out: Path) -> None:
     """Write ``calibration.md``, ``mistakes.md`` and pictures of the matrices into the folder of the documentation."""
-    parts, mistakes = [HEAD], [MISTAKES]
+    parts, mistakes = [HEAD.replace("@USES@", _uses())], [MISTAKES]
     for family, title in SECTIONS.items():
         found = packaged_calibration(family)
         parts.append(f"## {title}\n\n{NOT_MEASURED if found is None else _section(found, family, out)}\n")
@@ -125,6 +150,19 @@ def write(out: Path) -> None:
     parts.append(POWER + (NOT_MEASURED if power is None else power_markdown(power)))
     (out / "calibration.md").write_text("".join(parts), encoding="utf-8")
     (out / "mistakes.md").write_text("".join(mistakes).rstrip("\n") + "\n", encoding="utf-8")
+
+
+def _uses() -> str:
+    """Return the table of the parts that were used once, indented for the list it stands in."""
+    lines = ["| part | label | kind | label, no grasp | honest accused | label now |", "|---|---|---|---|---|---|"]
+    for family, now in USES.items():
+        found = packaged_calibration(family)
+        if found is None:
+            continue
+        rates = map(rate_text, (found.failed, found.failed_kinds, found.without_grasp))
+        accused = f"{found.accused.k}/{found.accused.n}"
+        lines.append(f"| {' | '.join((family.replace('_', ' '), *rates, accused, now))} |")
+    return "\n".join(f"  {line}" for line in lines)
 
 
 def _section(found: Calibration, family: Family, out: Path) -> str:

@@ -10,8 +10,9 @@ from tests.report.factory import run_of
 from betterbench.diagnosis import packaged_calibration
 from betterbench.diagnosis.confusion import PACKAGED
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT
-from betterbench.report.calibration_page import WHAT_IT_IS, calibration_markdown, calibration_summary
+from betterbench.report.calibration_page import WHAT_IT_IS, calibration_markdown, calibration_summary, rate_text
 from betterbench.report.trust import trust_of
+from betterbench.statistics.wording import points
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -40,3 +41,13 @@ def test_a_report_rests_on_the_part_that_was_used_last():
     text = trust_of([run_of("mine", seeds=1, tasks=("fast_food",))])["Calibration"]
     assert calibration_summary(found) in text
     assert f"--family {newest}" in text
+    assert f"{points(found.failed.low)} to {points(found.failed.high)} %" in text
+
+
+@pytest.mark.parametrize("part", [p for p in FAMILY_PARTS if p != "development"])
+def test_the_documentation_lists_what_each_use_gave(part):
+    found = packaged_calibration(part)
+    assert found is not None
+    rates = (found.failed, found.failed_kinds, found.without_grasp)
+    row = f"| {part.replace('_', ' ')} | {' | '.join(map(rate_text, rates))} | {found.accused.k}/{found.accused.n} |"
+    assert row in (DOCS / "calibration.md").read_text()

@@ -26,6 +26,7 @@ PACKAGED: dict[Family, str] = {
     "second": "calibration_second.json",
     "third": "calibration_third.json",
     "fourth": "calibration_fourth.json",
+    "fifth": "calibration_fifth.json",
 }
 """Files of the packaged calibrations, beside this module in ``data``."""
 

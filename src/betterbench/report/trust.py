@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
-from betterbench.diagnosis import RunDiagnosis, packaged_calibration
+from betterbench.diagnosis import Calibration, RunDiagnosis, packaged_calibration
 from betterbench.diagnosis.power_matrix import CURE, packaged_power_matrix
 from betterbench.report.calibration_page import calibration_summary, rate_text
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.power_page import flagged, redundant
 from betterbench.statistics import Rate
-from betterbench.statistics.wording import listed
+from betterbench.statistics.wording import listed, points
 from betterbench.tasks import SUITE_VERSION
 
 _ABROAD = {
@@ -30,15 +30,20 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}
-    held_out = packaged_calibration("fourth")
+    held_out = packaged_calibration("fifth")
     facts["Calibration"] = (
-        "This build ships none; run better calibrate --family fourth."
+        "This build ships none; run better calibrate --family fifth."
         if held_out is None
         else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
-        f"{calibration_summary(held_out)} Command: better calibrate --family fourth."
+        f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family fifth."
     )
     facts |= _blind({name for name, _ in trials})
     return facts
+
+
+def _interval(held_out: Calibration) -> str:
+    low, high = map(points, held_out.failed.interval)
+    return f"The 95 % interval of the first of these rates is {low} to {high} %, if each trial counts by itself."
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
