@@ -142,7 +142,7 @@ def episode_steps(
     builder = RecordBuilder(metadata)
     truth = tracker.update(state)
     append_row(builder, scene, state, truth, action=None, applied=None)
-    limit = scene.step_limit
+    limit, foreign = scene.step_limit, scene if isinstance(scene, ForeignScene) else None
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
     error: str | None = None
@@ -150,10 +150,10 @@ def episode_steps(
     try:
         if observer is not None:
             yield from chunks.begin()
-        while state.step < limit and not truth.success and not _over(scene):
+        while state.step < limit and not truth.success and not (foreign is not None and foreign.over):
             action = yield from chunks.next(state)
-            if isinstance(scene, ForeignScene):
-                scene.draw_next(wanted=chunks.looks_at(state.step + 1))
+            if foreign is not None:
+                foreign.draw_next(wanted=chunks.looks_at(state.step + 1))
             applied = scene.step(action if disturb is None else disturb(action))
             chunks.look(state.step + 1)
             meant = applied if disturb is None else scene.action_space.clip(action)
@@ -163,7 +163,7 @@ def episode_steps(
             append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
             if on_step is not None:
                 on_step(state.step)
-            if isinstance(scene, ForeignScene) and scene.instructed_anew:
+            if foreign is not None and foreign.instructed_anew:
                 yield from chunks.begin_again()
         if truth.success:
             termination = "success"
@@ -175,10 +175,6 @@ def episode_steps(
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
     record = _finished(scene, builder, termination, error, clipped=clipped, success=truth.success)
     return EpisodeResult(record, chunks.wall_figures(), builder.states)
-
-
-def _over(scene: Scene | ForeignScene) -> bool:
-    return isinstance(scene, ForeignScene) and scene.over
 
 
 def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:
