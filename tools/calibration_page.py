@@ -60,10 +60,10 @@ tasks before two rules; and neither where fewer than three trials show it.
 
 USES: dict[Family, str] = {
     "held_out": "98.2 %",
-    "second": "94.6 %",
+    "second": "94.9 %",
     "third": "100 %",
     "fourth": "100 %",
-    "fifth": "not repaired yet",
+    "fifth": "99.7 %",
 }
 """The parts that were used once, and how many failed trials get their label after what the use showed was repaired."""
 
@@ -77,7 +77,11 @@ and again, and `fails-at-the-second` does so after a first step that is right: b
 diagnosis says that they run out of time over the right thing. Neither is a failure of reasoning, so that the kind
 is right. The other four sweep things that were not meant aside with an open gripper: the diagnosis says of two that
 they go to and fro, and of two that they moved by mistake what they swept on purpose. In 9 of the 22 a right first
-step was grasped; in the other 13 the gripper closes on nothing.
+step was grasped; in the other 13 the gripper closes on nothing. What it showed has been repaired since: an open
+gripper that runs into the right thing three times, and rises each time, has failed in execution, and a thing that
+an empty gripper comes to and moves three times was gone for. With that 364 of the 365 failed trials get their
+label, but by rules that were written for them; the last is a look-alike that is moved once and then missed. How
+well other policies are judged is said by the numbers below.
 
 """,
     "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %

@@ -313,23 +313,27 @@ def shove(s, name, x, y):
     return s.wait(0.3)
 
 
+@pytest.mark.parametrize("shut", [False, True])
 @pytest.mark.parametrize("rolls", [False, True])
-def test_pushing_about_with_a_fist_is_no_mere_way_to_and_fro(stage, rolls):
+def test_pushing_about_is_no_mere_way_to_and_fro(stage, rolls, shut):
     """Whatever way the thing takes: it is come to again and again."""
     for task, name, kind, label in (
         ("fast_food", "O1", "round block", Label.SEMANTIC_FEATURE_COLLAPSE),
         ("morning_coffee", "L3", "red mug", Label.EXECUTION_FAILURE),
     ):
         s = stage(task, name)
-        s.close()
+        if shut:
+            s.close()
         for k in range(8):
             (shove if rolls else type(s).push)(s, s.of(kind), 0.0, 0.10 if k % 2 else -0.10)
         assert diagnose_record(s.end()).label is label
 
 
-def test_what_is_run_into_twice_was_not_gone_for(stage):
+@pytest.mark.parametrize("shut", [False, True])
+def test_what_is_run_into_twice_was_not_gone_for(stage, shut):
     s = stage("fast_food", "O1")
-    s.close()
+    if shut:
+        s.close()
     for k in range(2):
         shove(s, s.at("first"), 0.0, 0.05 if k else -0.05)
     assert diagnose_record(s.home().wait(8).end()).label is not Label.SEMANTIC_FEATURE_COLLAPSE
@@ -445,6 +449,40 @@ def goes_through(s, name, act):
         act(s.over(np.array([x, y])).go(x, y, s.size(name)[2] + 0.01, speed=0.2).wait(0.2))
         s.lift().over(s.goal_place(), 0.3).wait(0.2)
     return s
+
+
+def stab(s, name, *, touches=True, rises=0.1):
+    """Comes down so that a finger of the open gripper meets the top of an object, or stops short of it, and rises."""
+    x, y, z = s.positions[name]
+    top = z + s.size(name)[2]
+    s.go(*s.tool[:2], max(s.tool[2], top)).go(x, y + 0.03, max(s.tool[2], top)).go(x, y + 0.03, top, speed=0.1)
+    s.pushing = name if touches else ""
+    s.wait(0.4)
+    s.pushing = ""
+    return s.lift(rises).wait(0.3)
+
+
+@pytest.mark.parametrize("name", ["train1", "T1"])
+@pytest.mark.parametrize("second", [False, True])
+def test_an_open_gripper_that_runs_into_the_right_thing_again_and_again_has_failed(stage, name, second):
+    s = stage("fast_food", name)
+    if second:
+        s.bring(s.of("burger"))
+    thing = s.of("fries" if second else "burger")
+    for _ in range(6):
+        stab(s, thing)
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "run_into")
+    assert found.evidence.objects == (thing,)
+
+
+@pytest.mark.parametrize(("times", "how"), [(6, {"touches": False}), (2, {}), (6, {"rises": 0.01})])
+def test_who_does_not_run_into_the_right_thing_again_and_again_is_slow(stage, times, how):
+    """It stops short of it, meets it twice, or stays at it and touches it now and then."""
+    s = stage("fast_food", "train1")
+    for _ in range(times):
+        stab(s, s.of("burger"), **how)
+    assert diagnose_record(tremble(s, 4).end()).label is Label.TIMEOUT
 
 
 @pytest.mark.parametrize("name", ["train1", "T1"])

@@ -86,8 +86,13 @@ COMES_NEARER = threshold(
 )  # fmt: skip
 PUSH_AGAIN = threshold(
     "push_again", 3, "1",
-    "Times that a gripper comes down to a thing with shut fingers and moves it from which it goes for it, also where "
-    "the thing rolls off or falls over and takes another way than the gripper.",
+    "Times that an empty gripper comes to a thing and moves it from which it goes for it, also where the thing rolls "
+    "off or falls over and takes another way than the gripper.",
+)  # fmt: skip
+RUNS_INTO = threshold(
+    "runs_into", 3, "1",
+    "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in vain "
+    "to take it. Who is slow on the right way runs into nothing.",
 )  # fmt: skip
 
 
@@ -167,6 +172,22 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
         if narrowed and not touched and lifted:
             return a, b
     return None
+
+
+def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows in which an open gripper comes down, runs into an object and rises, again and again, or None.
+
+    A gripper that has the object between its fingers, or is shut, does not run into it.
+    """
+    shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
+    met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
+    met[:first] = False
+    times: list[tuple[int, int]] = []
+    for start, end in _spans(met, trace.steps(_FLICKER_S)):
+        since = times[-1][1] if times else first
+        if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
+            times.append((start, end))
+    return (times[0][0], times[-1][1]) if len(times) >= RUNS_INTO else None
 
 
 def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
@@ -326,10 +347,9 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 
 
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
-    """Tell whether an object that a gripper with shut fingers touched moved by half as far as if it was pushed."""
+    """Tell whether an object that was touched moved by half as far as if it was pushed."""
     way, _ = _ways(trace, i, start, end)
-    shut = trace.closing[start : end + 1] & (trace.width[start : end + 1] <= THRESHOLDS.closed_width)
-    return bool(shut.all()) and float(np.linalg.norm(way)) >= 0.5 * PUSH_TRAVEL
+    return float(np.linalg.norm(way)) >= 0.5 * PUSH_TRAVEL
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import closes_in_part, comes_shut
+from betterbench.diagnosis.approaches import closes_in_part, comes_shut, runs_into
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
@@ -33,6 +33,7 @@ _HOW = {
     "missed_by_pose": "closes beside them",
     "missed_by_far": "closes far from them",
     "slipped": "does not lift them",
+    "run_into": "runs into them with its open fingers",
     "comes_shut": "comes to them with its fingers shut",
     "pushed": "pushes them away",
     "dropped": "drops them",
@@ -148,7 +149,7 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if the fingers were shut before they came to the right target, or never closed far enough."""
+    """Return evidence if the fingers came to the right target shut, ran into it, or never closed far enough."""
     stay = next((s for s in episode.others if s.means is Means.STAY and s.target is AttemptTarget.ASKED), None)
     if stay is None or stay.at is None:
         return None
@@ -157,6 +158,10 @@ def _around_it(episode: EpisodeAnalysis) -> Evidence | None:
     if rows is not None:
         text = f"The gripper comes to the {kind}, the right target, with its fingers shut."
         return episode.evidence("comes_shut", text, rows=rows, objects=objects)
+    rows = runs_into(trace, episode.idle_from, stay.at)
+    if rows is not None:
+        text = f"The open gripper runs into the {kind}, the right target, again and again, and does not take it."
+        return episode.evidence("run_into", text, rows=rows, objects=objects)
     rows = closes_in_part(trace, episode.idle_from, stay.at)
     if rows is None:
         return None

@@ -10,6 +10,7 @@ from betterbench.diagnosis.approaches import (
     comes_shut,
     find_stays,
     returns_to,
+    runs_into,
     to_and_fro,
 )
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
@@ -74,7 +75,8 @@ def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
     if stay.at is None or stay.target is not AttemptTarget.ASKED or not episode.condition.mid_task_look:
         return None
     rows = returns_to(episode.trace, episode.idle_from, stay.at)
-    failed = any(find(episode.trace, episode.idle_from, stay.at) is not None for find in (comes_shut, closes_in_part))
+    ways = (comes_shut, runs_into, closes_in_part)
+    failed = any(find(episode.trace, episode.idle_from, stay.at) is not None for find in ways)
     if rows is None or failed:
         return None
     text = (
