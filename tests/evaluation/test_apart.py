@@ -115,7 +115,7 @@ def twice(self):
 
 @does("Bits")
 def bits(self):
-    for number in range(3, 100):
+    for number in map(int, os.listdir("/proc/self/fd")):
         try:
             if stat.S_ISSOCK(os.fstat(number).st_mode):
                 os.write(number, b"garbage that is no frame, and longer than its head")
