@@ -98,14 +98,15 @@ def test_resumed_is_undisturbed(read, tmp_path, monkeypatch, workers):
     assert files_of(tmp_path / "parts") == files_of(tmp_path / "whole")
 
 
-@pytest.mark.parametrize("harm", ["cut", "flipped", "empty", "text"])
+@pytest.mark.parametrize("harm", ["cut", "flipped", "empty", "text", "deep"])
 def test_a_damaged_file_is_drawn_again(read, tmp_path, harm):
     read(frames=tmp_path / "frames")
     good = files_of(tmp_path / "frames")
     for name, data in good.items():
         flipped = bytearray(data)
         flipped[-9] ^= 64
-        bad = {"cut": data[:-40], "flipped": bytes(flipped), "empty": b"", "text": b"frames " * 99}[harm]
+        deep = (50_000).to_bytes(8, "little") + b"[" * 50_000
+        bad = {"cut": data[:-40], "flipped": bytes(flipped), "empty": b"", "text": b"frames " * 99, "deep": deep}[harm]
         (tmp_path / "frames" / name).write_bytes(bad)
         with pytest.raises(RecordError, match="damaged"):
             FrameStore.open([tmp_path / "frames" / name])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from urllib.parse import parse_qsl
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.interface import PolicyInfo, episode_number
+from betterbench.json_form import parse_json
 from betterbench.state import PrivilegedPolicy
 
 if TYPE_CHECKING:
@@ -118,9 +118,9 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
             length = int.from_bytes(file.read(8), "little")
             if length > min(size, _MOST_HEADER):
                 return None
-            about = json.loads(json.loads(file.read(length))["__metadata__"]["betterbench"])
+            about = parse_json(parse_json(file.read(length))["__metadata__"]["betterbench"])
         return str(about["recipe"]["family"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError):
         return None
 
 

@@ -9,7 +9,6 @@ bounded by what the system can spare.
 from __future__ import annotations
 
 import hashlib
-import json
 import mmap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.export.pictures import Pictures
 from betterbench.interface import observation_spec
+from betterbench.json_form import parse_json
 from betterbench.learned.eyes import looked_at
 from betterbench.learned.recipe import Eyes
 from betterbench.recording import Record, RunFolder, write_durably
@@ -80,8 +80,8 @@ def drawn_frames(
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     files = [item.file(eyes) for item in wanted]
-    found = {file: _EpisodeFrames.open(file) for file in files}
-    missing = {f: item for f, item in zip(files, wanted, strict=True) if found[f] is None}
+    there = {file: found for file in files if (found := _EpisodeFrames.open(file)) is not None}
+    missing = {f: item for f, item in zip(files, wanted, strict=True) if f not in there}
     left = len(missing)
 
     def told(_: tuple[Path, WantedFrames]) -> None:
@@ -92,7 +92,7 @@ def drawn_frames(
 
     for folder in sorted({file.parent for file in missing}):
         _draw(folder, {f: i for f, i in missing.items() if f.parent == folder}, eyes, workers, told)
-    return FrameStore.open(files)
+    return FrameStore([there.get(file) or _opened(file) for file in files])
 
 
 def _draw(
@@ -166,7 +166,7 @@ class _EpisodeFrames:
             length = int.from_bytes(data[:8], "little")
             if length > _MAX_HEADER:
                 return None
-            header = json.loads(bytes(data[8 : 8 + length]))
+            header = parse_json(bytes(data[8 : 8 + length]))
             payload, shape = data[8 + length :], tuple(map(int, header["shape"]))
             if header["version"] != FRAMES_VERSION or hashlib.sha256(payload).hexdigest() != header["sha256"]:
                 return None
@@ -182,6 +182,13 @@ class _EpisodeFrames:
         """Put the pictures of a row into ``out``, (views, size, size, 3)."""
         for view in range(self.shape[1]):
             out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
+
+
+def _opened(file: Path) -> _EpisodeFrames:
+    found = _EpisodeFrames.open(file)
+    if found is None:
+        raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to draw them.")
+    return found
 
 
 def _picture(blocks: memoryview, entry: np.ndarray, first: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -200,6 +207,8 @@ class FrameStore:
     """
 
     def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
+        if len({e.shape[1:] for e in episodes}) > 1:
+            raise InvalidInputError("frames", "they have several shapes", "Give the frames of one recipe")
         self._episodes = tuple(episodes)
         self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
         self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()
@@ -207,15 +216,7 @@ class FrameStore:
     @classmethod
     def open(cls, files: Sequence[Path]) -> FrameStore:
         """Return the frames of files in their order; RecordError if one is missing or damaged."""
-        episodes = []
-        for file in files:
-            found = _EpisodeFrames.open(file)
-            if found is None:
-                raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to draw them.")
-            episodes.append(found)
-        if len({e.shape[1:] for e in episodes}) > 1:
-            raise InvalidInputError("frames", "they have several shapes", "Give the frames of one recipe")
-        return cls(episodes)
+        return cls([_opened(file) for file in files])
 
     def __len__(self) -> int:
         return int(self.first[-1])
