@@ -18,7 +18,7 @@ import yaml
 from workshop import made_up_workshop
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError, UnknownNameError
-from betterbench.study.findings import findings_of
+from betterbench.study.findings import contrast_of, findings_of
 from betterbench.study.page import FILES, expectations, write_page
 from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
 from betterbench.study.stages import run_study
@@ -219,3 +219,11 @@ def test_a_learner_of_tests_takes_variations_and_no_other_does():
     plan = small()
     taken = {arm: plan.recipe_of(PlannedLearner(TASK, arm, 0), ("x",)).variations for arm in plan.arms}
     assert taken == {"confounded": False, "balanced": False, "covered": True}
+
+
+def test_a_learner_without_a_pair_is_left_out_of_a_contrast(undisturbed):
+    _, outcome, _, _, _ = undisturbed
+    balanced, confounded = ([f for f in outcome.learners if f.learner.arm == arm] for arm in ("balanced", "confounded"))
+    lonely = [replace(f, trials=tuple(f.varied)) if f.learner.seed else f for f in balanced]
+    assert contrast_of("one against another", TASK, balanced, confounded).learners == 2
+    assert contrast_of("one against another", TASK, lonely, confounded).learners == 1

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.errors import InvalidInputError
+from betterbench.statistics.bisection import last_held
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, normal_quantile
-
-_HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +57,10 @@ def ranking_area(
 
 def _end(area: float, end: float, quantile: float, m: int, n: int) -> float:
     """Return the farthest area toward an end from which the found one is not too far."""
-    inside, outside = area, end
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (inside + outside)
-        more = 0.5 * (m + n) - 1.0
-        spread = middle * (1.0 - middle) * (1.0 + more * ((1.0 - middle) / (2.0 - middle) + middle / (1.0 + middle)))
-        near = abs(area - middle) <= quantile * math.sqrt(spread / (m * n))
-        inside, outside = (middle, outside) if near else (inside, middle)
-    return inside
+    more = 0.5 * (m + n) - 1.0
+
+    def near(other: float) -> bool:
+        spread = other * (1.0 - other) * (1.0 + more * ((1.0 - other) / (2.0 - other) + other / (1.0 + other)))
+        return abs(area - other) <= quantile * math.sqrt(spread / (m * n))
+
+    return last_held(near, area, end)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
+from betterbench.statistics.bisection import last_held
 from betterbench.statistics.difference import Difference
 
 _FARTHEST = 1e6
-_HALVINGS = 200
 
 
 def ratio_of(first: Difference, second: Difference) -> Difference | None:
@@ -32,7 +31,7 @@ def ratio_of(first: Difference, second: Difference) -> Difference | None:
         down = second.high - b if r > 0.0 else b - second.low
         return a - r * b - math.hypot(a - first.low, r * down) <= 0.0
 
-    low, high = _last(held_below, ratio, -_FARTHEST), _last(held_above, ratio, _FARTHEST)
+    low, high = last_held(held_below, ratio, -_FARTHEST), last_held(held_above, ratio, _FARTHEST)
     return Difference(ratio, low, high, "ratio, wilson in quadrature", first.confidence)
 
 
@@ -49,11 +48,3 @@ def difference_of(first: Difference, second: Difference) -> Difference:
     down = math.hypot(first.value - first.low, second.high - second.value)
     up = math.hypot(first.high - first.value, second.value - second.low)
     return Difference(value, max(-2.0, value - down), min(2.0, value + up), method, first.confidence)
-
-
-def _last(held: Callable[[float], bool], inside: float, outside: float) -> float:
-    """Return where a condition ends between a place at which it holds and one at which it does not."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if held(middle) else (inside, middle)
-    return inside

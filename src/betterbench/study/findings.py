@@ -301,20 +301,26 @@ def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: S
         strata=[learner.task for learner, _, _ in trials],
         clusters=[learner.name for learner, _, _ in trials],
     )
-    gaps = [(gap_of([a]).value, gap_of([b]).value) for a, b in pairs]
-    known = [(x, y) for x, y in gaps if x is not None and y is not None]
-    p = sign_flip_p([x - y for x, y in known], generator=stream("study", 1, f"contrast:{name}:{task}"))
+    gaps = [(a.learner.task, _mean_gap(a), _mean_gap(b)) for a, b in pairs]
+    known = [(stratum, x, y) for stratum, x, y in gaps if x is not None and y is not None]
+    p = sign_flip_p([x - y for _, x, y in known], generator=stream("study", 1, f"contrast:{name}:{task}"))
     drawn = paired_bootstrap(
-        [0.5 + 0.5 * x for x, _ in known],
-        [0.5 + 0.5 * y for _, y in known],
+        [0.5 + 0.5 * x for _, x, _ in known],
+        [0.5 + 0.5 * y for _, _, y in known],
         generator=stream("study", 2, f"contrast:{name}:{task}"),
-        strata=[a.learner.task for a, _ in pairs],
+        strata=[stratum for stratum, _, _ in known],
     )
     gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
     wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
     tested = p if len(known) > 1 else None  # of one pair nothing is known about others
     found = _figure(wider, len(known), noun="learner pairs", p_value=tested)
     return ArmContrast(name, task, _figure(success, len(trials)), found, len(known))
+
+
+def _mean_gap(learner: LearnerOutcome) -> float | None:
+    """Return the illusion gap of one learner without an interval; None without a pair."""
+    pairs = learner.pairs()
+    return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
 
 
 def _same_trials(a: LearnerOutcome, b: LearnerOutcome) -> Iterator[tuple[TrialOutcome, TrialOutcome]]:

@@ -28,7 +28,7 @@ _Share = Annotated[float, Field(gt=0.0, le=1.0)]
 RegimeShares = Annotated[dict[Regime, _Share], Field(min_length=1)]
 """What part of the demonstrations of an arm shows which regime."""
 
-ROLES: Mapping[str, Mapping[str, float]] = {
+ROLES: Mapping[str, dict[Regime, float]] = {
     "confounded": {"training": 1.0},
     "balanced": {"balanced": 1.0},
     "covered": {"covered": 1.0},
@@ -70,7 +70,7 @@ class PlannedLearner:
 
 
 def _usual_arms() -> dict[str, dict[Regime, float]]:
-    return {"confounded": {"training": 1.0}, "balanced": {"balanced": 1.0}, "covered": {"covered": 1.0}}
+    return {arm: dict(shares) for arm, shares in ROLES.items()}
 
 
 @strict_form
