@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from pathlib import Path
+from typing import Generic, TypeVar
 
 import numpy as np
 import torch
@@ -15,10 +16,12 @@ from betterbench.learned.checkpoint import Trained, read_checkpoint
 from betterbench.learned.eyes import looked_at
 from betterbench.learned.network import ACTION_NUMBERS, LearnerNetwork, ObjectsBatch, ShownBatch
 from betterbench.learned.pixels import PicturesBatch
-from betterbench.learned.recipe import require_asked
+from betterbench.learned.recipe import TrainingRecipe, require_asked
 from betterbench.learned.tokens import Things, moment_of, things_of, tool_numbers
 from betterbench.recording.parquet import file_digest
 from betterbench.state import WorldState
+
+SeenT = TypeVar("SeenT")
 
 
 class Learner:
@@ -92,20 +95,17 @@ class LearnedPolicy:
         self._things: Things | None = None
         self._chunk = np.empty((0, ACTION_NUMBERS))
         self._began = 0
-        self._seen: OrderedDict[int, tuple[np.ndarray, np.ndarray]] = OrderedDict()
+        self._past = _Past[tuple[np.ndarray, np.ndarray]](learner.trained.recipe)
 
     def act_on_state(self, state: WorldState) -> np.ndarray:
         """Return the next action in the ``ee_delta`` action space, shape (7,)."""
         learner = self._learner
-        recipe = learner.trained.recipe
         if self._things is None:
             self._things = things_of(self._instruction, state.info.objects, learner.trained.vocabulary)
-        self._seen[state.step] = moment_of(state)
-        while len(self._seen) > recipe.history_stride * (recipe.history - 1) + 1:
-            self._seen.popitem(last=False)
+        self._past.keep(state.step, moment_of(state))
         age = state.step - self._began
         if not 0 <= age < min(self._execute, len(self._chunk)):
-            shown = self._shown(self._things, self._moments(state.step))
+            shown = self._shown(self._things, self._past.before(state.step))
             self._chunk = learner.chunk(shown, _noise_seed(self._episode, state.step))
             self._began, age = state.step, 0
         return np.array(self._chunk[age])
@@ -121,12 +121,6 @@ class LearnedPolicy:
             colors=batch(things.colors),
         )
 
-    def _moments(self, step: int) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return the present and those before it; the first one that is known stands for all before it."""
-        recipe, first = self._learner.trained.recipe, next(iter(self._seen))
-        steps = (max(step - k * recipe.history_stride, first) for k in range(recipe.history))
-        return [self._seen[s] for s in steps]
-
 
 class SeeingPolicy:
     """A learner of ``pixels``, which sees what every policy under test sees: observations."""
@@ -140,24 +134,23 @@ class SeeingPolicy:
         self._learner = learner
         self._words = np.empty(0, np.int64)
         self._episode = 0
-        self._tools: OrderedDict[int, np.ndarray] = OrderedDict()
+        self._past = _Past[np.ndarray](recipe)
 
     def reset(self, start: EpisodeStart) -> None:
         """Forget the last episode and read the next instruction."""
         self._words = self._learner.trained.vocabulary.word_ids(start.instruction)
         self._episode = start.episode
-        self._tools.clear()
+        self._past = _Past(self._learner.trained.recipe)
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions in the ``ee_delta`` action space, (chunk, 7)."""
         learner, recipe = self._learner, self._learner.trained.recipe
         position, quaternion = np.array([observation.ee_position]), np.array([observation.ee_quaternion])
-        self._tools[observation.step] = tool_numbers(position, quaternion, np.array([observation.gripper_width]))[0]
-        while next(iter(self._tools)) < observation.step - recipe.history_stride * (recipe.history - 1):
-            self._tools.popitem(last=False)
+        tools = tool_numbers(position, quaternion, np.array([observation.gripper_width]))
+        self._past.keep(observation.step, tools[0])
         shown = PicturesBatch(
             words=learner.batch(self._words),
-            tools=learner.batch(np.stack(self._past(observation.step))),
+            tools=learner.batch(np.stack(self._past.before(observation.step))),
             pictures=learner.batch(looked_at(recipe.eyes, observation.images)),
         )
         return learner.chunk(shown, _noise_seed(self._episode, observation.step))
@@ -170,11 +163,24 @@ class SeeingPolicy:
             problem = f"it was trained on the pictures of {wanted!r}, and the run shows {observation.name!r}"
             raise InvalidInputError(f"policy {self.info.name}", problem, f"Give --observation {wanted}")
 
-    def _past(self, step: int) -> list[np.ndarray]:
-        """Return the present state of the tool and those before it; the first known one stands for all before it."""
-        recipe, first = self._learner.trained.recipe, next(iter(self._tools))
-        wanted = (max(step - k * recipe.history_stride, first) for k in range(recipe.history))
-        return [self._tools[max(s for s in self._tools if s <= asked)] for asked in wanted]
+
+class _Past(Generic[SeenT]):
+    """What was seen at the steps that the history of a recipe reaches back to."""
+
+    def __init__(self, recipe: TrainingRecipe) -> None:
+        self._stride, self._history = recipe.history_stride, recipe.history
+        self._seen: OrderedDict[int, SeenT] = OrderedDict()
+
+    def keep(self, step: int, seen: SeenT) -> None:
+        """Keep what is seen at a step, and forget what is too far back."""
+        self._seen[step] = seen
+        while next(iter(self._seen)) < step - self._stride * (self._history - 1):
+            self._seen.popitem(last=False)
+
+    def before(self, step: int) -> list[SeenT]:
+        """Return what is seen at a step and before it; the first that is known stands for all before it."""
+        wanted = (max(step - k * self._stride, next(iter(self._seen))) for k in range(self._history))
+        return [self._seen[max(s for s in self._seen if s <= asked)] for asked in wanted]
 
 
 def _noise_seed(episode: int, step: int) -> int:
