@@ -67,7 +67,7 @@ def diagnose_command(
         except OSError as error:
             say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
-    standing = None if "world" in folder.plan else standing_of(result)  # the power matrix holds our own scenes alone
+    standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
     if json:
         document = {
             **result.to_json(),

@@ -223,7 +223,7 @@ def _foreign_of(run: RunFolder) -> ForeignRun | None:
     Raises:
         RecordError: If the plan does not say it.
     """
-    if "world" not in run.plan:
+    if not run.is_foreign:
         return None
     world = run.plan["world"]
     if isinstance(world, dict) and world.get("name") == "calvin":

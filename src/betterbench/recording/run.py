@@ -142,6 +142,11 @@ class RunFolder:
         return self.path / "report"
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether the plan names another world than our own scenes."""
+        return "world" in self.plan
+
+    @property
     def is_running(self) -> bool:
         """Whether a process is writing to the run now."""
         return is_locked(self.path / LOCK_NAME)

@@ -18,9 +18,6 @@ from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 from betterbench.worlds import WorldProcess, world_named
 
-WORLD = "world"
-"""Key of a plan that says in which world it was run; a run in our own scenes has none."""
-
 
 @dataclass(frozen=True, slots=True)
 class Shot:
@@ -84,7 +81,7 @@ def render_shots(
     """
     trials = dict.fromkeys((s.task, s.condition, s.seed) for s in shots)
     records = {key: run.read_record(*key) for key in trials}
-    if WORLD in run.plan:
+    if run.is_foreign:
         return _world_shots(run, records, shots, size, on_progress)
     images: dict[Shot, bytes] = {}
     if not records:
@@ -111,7 +108,7 @@ def _world_shots(
 ) -> dict[Shot, bytes]:
     """Return one JPEG per shot of a run in LIBERO."""
     where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
-    form = read_form(_DRAWN, run.plan[WORLD], where=where, cure=cure, raises=RecordError)
+    form = read_form(_DRAWN, run.plan["world"], where=where, cure=cure, raises=RecordError)
     scenes: dict[str, list[Shot]] = {}
     for shot in shots:
         scenes.setdefault(f"{shot.task}/{shot.condition}", []).append(shot)

@@ -72,7 +72,7 @@ def repeated_plan(
     """
     run = _open(path)
     where = run.path / "run.json"
-    if "world" in run.plan:
+    if run.is_foreign:
         raise InvalidInputError("--from", f"{where} is a run in a foreign world", "Give its --suite and --protocol")
     stored = read_form(_PLAN, run.plan, where=f"{where}: plan", cure="Restore the file", raises=RecordError)
     if policy is None and not trust:
