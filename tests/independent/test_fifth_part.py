@@ -3,26 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from tests.independent.cases import CASES
 
 from betterbench.geometry import distance
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT, shown_in
 from betterbench.independent.manner import LATEST_MANNERS, MANNERS, OTHER_MANNERS
-from betterbench.independent.occasion import Occasion
-from betterbench.interventions import condition_names, resolve_condition
-from betterbench.tasks import get_task, suite_tasks
+from betterbench.tasks import suite_tasks
 
 FIFTH = FAMILY_PARTS["fifth"]
-LISTED = [h for h in FIFTH if hasattr(h, "where")]
-PAIRED = [h for h in FIFTH if h.paired]
-
-
-def occasions():
-    for task in map(get_task, suite_tasks("better60")):
-        for name in condition_names(task):
-            yield Occasion.of(task, resolve_condition(task.id, name).condition)
-
-
-CASES = {case.condition.id: case for case in occasions()}
 
 
 def test_it_moves_in_three_manners_of_its_own():
@@ -39,20 +27,6 @@ def test_it_is_large_and_a_third_of_its_faulty_habits_attempt_no_grasp():
     assert len(FIFTH) - len(faulty) >= 14
     assert len(never) >= 0.3 * len(faulty)
     assert len({s.task for h in faulty for s in shown_in(h.name)}) == len(suite_tasks("better60"))
-
-
-@pytest.mark.parametrize("habit", LISTED, ids=lambda h: h.name)
-def test_the_conditions_it_lists_exist(habit):
-    assert habit.where <= set(CASES)
-
-
-@pytest.mark.parametrize("habit", PAIRED, ids=lambda h: h.name)
-def test_a_rule_of_several_trials_is_wrong_only_where_it_says_so(habit):
-    for name, thing in habit.wrong.items():
-        assert thing in CASES[name].condition.layout
-        assert thing not in CASES[name].asked
-    assert all(CASES[name].plain for name in habit.fine)
-    assert not habit.fine & set(habit.wrong)
 
 
 @pytest.mark.parametrize("name", ["always-the-near-one", "always-at-the-right"])

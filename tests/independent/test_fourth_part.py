@@ -3,27 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from tests.independent.cases import CASES
 
 from betterbench.geometry import distance, tilt_of
 from betterbench.independent import FAMILY_PARTS, make_independent, shown_in
 from betterbench.independent.habits_fourth import LOOK_ALIKES, MID_TASK, TWO_STEPS
 from betterbench.independent.manner import MANNERS, OTHER_MANNERS
-from betterbench.independent.occasion import Occasion
-from betterbench.interventions import condition_names, resolve_condition
-from betterbench.tasks import get_task, suite_tasks
 
 FOURTH = FAMILY_PARTS["fourth"]
-LISTED = [h for h in FOURTH if hasattr(h, "where")]
-PAIRED = [h for h in FOURTH if h.paired]
-
-
-def occasions():
-    for task in map(get_task, suite_tasks("better60")):
-        for name in condition_names(task):
-            yield Occasion.of(task, resolve_condition(task.id, name).condition)
-
-
-CASES = {case.condition.id: case for case in occasions()}
 
 
 def test_it_moves_in_manners_of_its_own():
@@ -35,21 +22,6 @@ def test_ten_habits_are_honest_and_eight_attempt_no_grasp():
     assert sum(not h.label for h in FOURTH) >= 10
     never = [h for h in FOURTH if all(h.truth(c) is None or h.truth(c).first_right is None for c in CASES.values())]
     assert sum(bool(h.label) for h in never) >= 8
-
-
-@pytest.mark.parametrize("habit", LISTED, ids=lambda h: h.name)
-def test_the_conditions_it_lists_exist(habit):
-    assert habit.where <= set(CASES)
-
-
-@pytest.mark.parametrize("habit", PAIRED, ids=lambda h: h.name)
-def test_a_rule_of_several_trials_is_wrong_only_where_it_says_so(habit):
-    for name, thing in habit.wrong.items():
-        case = CASES[name]
-        assert thing in case.condition.layout
-        assert thing not in case.asked
-    assert all(CASES[name].plain for name in habit.fine)
-    assert not habit.fine & set(habit.wrong)
 
 
 def test_what_is_listed_is_what_the_conditions_hold():
