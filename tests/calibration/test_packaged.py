@@ -8,9 +8,9 @@ import pytest
 from tests.report.factory import run_of
 
 from betterbench.diagnosis import packaged_calibration
-from betterbench.diagnosis.confusion import PACKAGED
+from betterbench.diagnosis.confusion import CLAIMED, FAMILIES
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT
-from betterbench.report.calibration_page import WHAT_IT_IS, calibration_markdown, calibration_summary, rate_text
+from betterbench.report.calibration_page import calibration_markdown, calibration_summary, rate_text
 from betterbench.report.trust import trust_of
 from betterbench.statistics.wording import points
 
@@ -21,11 +21,11 @@ DOCS = Path(__file__).parents[2] / "docs"
 def test_each_part_of_the_family_ships_the_calibration_of_all_its_policies(part):
     found = packaged_calibration(part)
     assert found is not None
-    assert part in WHAT_IT_IS
+    assert part in FAMILIES
     assert set(found.policies) == {p.address for p in INDEPENDENT.values() if p.part == part}
 
 
-@pytest.mark.parametrize("family", PACKAGED)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_the_documentation_gives_the_packaged_numbers(family):
     found = packaged_calibration(family)
     assert found is not None
@@ -36,6 +36,7 @@ def test_the_documentation_gives_the_packaged_numbers(family):
 
 def test_a_report_rests_on_the_part_that_was_used_last():
     newest = list(FAMILY_PARTS)[-1]
+    assert newest == CLAIMED
     found = packaged_calibration(newest)
     assert found is not None
     text = trust_of([run_of("mine", seeds=1, tasks=("fast_food",))])["Calibration"]

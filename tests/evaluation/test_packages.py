@@ -51,3 +51,9 @@ def test_a_local_run_imports_no_ray_no_film_and_no_network():
 def test_a_run_in_our_own_scenes_reads_nothing_of_calvin():
     modules = imported("from betterbench.evaluation import evaluate, make_plan")
     assert not [name for name in modules if name.startswith(("betterbench.calvin", "betterbench.worlds.calvin"))]
+
+
+def test_a_worker_imports_no_planner_no_special_functions_and_no_habits():
+    modules = imported("import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner")
+    assert not {"mink", "qpsolvers", "scipy.special", "scipy.sparse"} & modules
+    assert "betterbench.independent.registry" not in modules

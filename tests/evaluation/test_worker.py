@@ -14,6 +14,7 @@ import pytest
 
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError, WorkerError
 from betterbench.evaluation import evaluate, make_plan
+from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
 from betterbench.evaluation.running.runner import _by_scene
 from betterbench.evaluation.serving.host import Host, run_address
 from betterbench.evaluation.trials.policy_factory import PolicyFactory
@@ -378,6 +379,23 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
         evaluate(plan, tmp_path / "run")
     again = evaluate(plan, tmp_path / "run", allow_changed_policy=True)
     assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
+
+
+def test_a_worker_of_a_cluster_tells_of_a_server_that_is_gone_with_the_trial_that_it_cost(plugin, tiny_plan, tmp_path):
+    # There may be no later turn to tell it in: the trial may be the last one of the run.
+    plan = tiny_plan(f"{plugin}:Gone", trials=3)
+    run = RunFolder.start(tmp_path / "run", plan.to_json())
+    settings = RunSettings(str(run.path), plan.policy, plan.action_space, plan.observation, plan.quality, plan.robot, 1)
+    remote = RemoteWorker(settings, (run.path / "run.json").read_bytes(), ())
+    try:
+        remote.prepare({})
+        turn = remote.turn(plan.trials[2:])
+        while not turn.deliveries:
+            turn = remote.turn(())
+    finally:
+        remote.close()
+    assert [(d.entry.seed, d.entry.status) for d in turn.deliveries] == [(2, "error")]
+    assert isinstance(turn.problem, PolicyUnavailableError)
 
 
 def test_a_worker_is_used_by_hand(plugin, tiny_plan, tmp_path):

@@ -7,17 +7,17 @@ from tests.independent.cases import CASES
 
 from betterbench.geometry import distance
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT, shown_in
-from betterbench.independent.manner import LATEST_MANNERS, MANNERS, OTHER_MANNERS
+from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS
 from betterbench.tasks import suite_tasks
 
 FIFTH = FAMILY_PARTS["fifth"]
 
 
 def test_it_moves_in_three_manners_of_its_own():
-    assert len(LATEST_MANNERS) == 3
-    assert not set(LATEST_MANNERS) & (set(MANNERS) | set(OTHER_MANNERS))
+    assert len(FIFTH_MANNERS) == 3
+    assert not set(FIFTH_MANNERS) & (set(MANNERS) | set(FOURTH_MANNERS))
     manners = {p.manner.name for p in INDEPENDENT.values() if p.part == "fifth"}
-    assert manners == set(LATEST_MANNERS)
+    assert manners == set(FIFTH_MANNERS)
 
 
 def test_it_is_large_and_a_third_of_its_faulty_habits_attempt_no_grasp():

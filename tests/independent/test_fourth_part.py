@@ -8,13 +8,13 @@ from tests.independent.cases import CASES
 from betterbench.geometry import distance, tilt_of
 from betterbench.independent import FAMILY_PARTS, make_independent, shown_in
 from betterbench.independent.habits_fourth import LOOK_ALIKES, MID_TASK, TWO_STEPS
-from betterbench.independent.manner import MANNERS, OTHER_MANNERS
+from betterbench.independent.manner import FOURTH_MANNERS, MANNERS
 
 FOURTH = FAMILY_PARTS["fourth"]
 
 
 def test_it_moves_in_manners_of_its_own():
-    assert not set(MANNERS) & set(OTHER_MANNERS)
+    assert not set(MANNERS) & set(FOURTH_MANNERS)
     assert {h.name for h in FOURTH} == {h.name for h in FOURTH if shown_in(h.name)}
 
 

@@ -147,7 +147,7 @@ def test_the_control_step_takes_the_same_error_and_jacobian_as_mink():
             tuple(p + d for p, d in zip(here.position, draw.uniform(-0.02, 0.02, 3), strict=True)),
             normalize(multiply(from_axis_angle(draw.uniform(-0.05, 0.05, 3)), here.quaternion)),
         )
-        ik._aim(target)
+        ik._frame.aim(target)
         _, theirs_jacobian, theirs_error = ik._linearise(q, 0.0)
         ik._place(q)
         error, jacobian = np.array(ik._world_error(target)), ik._world_jacobian().copy()

@@ -10,16 +10,15 @@ from betterbench.diagnosis import Calibration
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import Plan, Trial
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT, IndependentPolicy, Shown, shown_in
-from betterbench.independent.registry import FamilyPart
 from betterbench.interventions import resolve_condition
 from betterbench.tasks import stream
 
 
-def independent_plans(part: FamilyPart, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
+def independent_plans(part: str, *, trials: int = 4, seed: int = 0) -> tuple[Plan, ...]:
     """Return one plan per policy of a part of the independent family: each habit in each manner.
 
     Args:
-        part: "development", "held_out", "second", "third" or "fourth".
+        part: One of ``FAMILY_PARTS``: "development", "held_out", "second", and so on.
         trials: Trials per policy in which its habit decides or acts wrongly, or in which an honest one acts. They are
             spread over the tasks. A habit whose label needs several trials gets whole tasks, until there are so many.
         seed: Seed of all trials; the next ones where a habit shows in fewer conditions than there are trials.
@@ -36,7 +35,7 @@ def independent_plans(part: FamilyPart, *, trials: int = 4, seed: int = 0) -> tu
 
 
 def calibrate_independent(
-    part: FamilyPart,
+    part: str,
     out: Path,
     *,
     trials: int = 4,

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, UnknownNameError
 
 STRENGTHS = (1.0, 0.6, 0.3)
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from betterbench.calibration import CalibrationProgress
-    from betterbench.diagnosis.confusion import Calibration, Family
+    from betterbench.diagnosis.confusion import Calibration
     from betterbench.diagnosis.power_matrix import PowerMatrix
 
 
@@ -32,7 +32,7 @@ def calibrate_command(
     trials: int | None = None,
     seed: int = 0,
     workers: int | None = None,
-    family: Literal["faulty", "development", "held_out", "second", "third", "fourth", "fifth"] = "faulty",
+    family: str = "faulty",
     films: int = 100,
     power: bool = False,
     write_package: bool = False,
@@ -57,15 +57,18 @@ def calibrate_command(
         seed: First seed.
         workers: Worker processes; one per processor if not given.
         family: Faulty policies, or a part of the independent family: the one that was used to develop the diagnosis,
-            or one of those that were used once, held_out, second, third, fourth and fifth.
+            or one of those that were used once; development, held_out, second, and so on.
         films: Film strips of wrong labels on the page, at most; 0 renders nothing.
         power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
         write_package: Also write the file that ships with the package; for its maintainers.
         json: Print the result as one JSON document at the end.
     """
     from betterbench.cli.evaluate import prepare_robot
+    from betterbench.diagnosis.confusion import FAMILIES
     from betterbench.tasks import suite_tasks
 
+    if family not in FAMILIES:
+        raise UnknownNameError("family", family, FAMILIES)
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
         problem = "it replaces the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
@@ -139,10 +142,10 @@ def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
     return write_power_page(found, out)
 
 
-def _store(found: Calibration, out: Path, family: Family, *, films: int, write_package: bool) -> Path:
+def _store(found: Calibration, out: Path, family: str, *, films: int, write_package: bool) -> Path:
     """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
     from betterbench.cli.output.calibration import film_strips
-    from betterbench.diagnosis.confusion import PACKAGED
+    from betterbench.diagnosis.confusion import packaged_file
     from betterbench.diagnosis.power_matrix import packaged_power_matrix
     from betterbench.recording import write_durably
     from betterbench.report.calibration_page import write_calibration_page
@@ -151,7 +154,7 @@ def _store(found: Calibration, out: Path, family: Family, *, films: int, write_p
     write_durably(out / "calibration.json", text)
     if write_package:
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
-            write_durably(folder / PACKAGED[family], text)
-            say(f"packaged calibration: {folder / PACKAGED[family]}")
+            write_durably(folder / packaged_file(family), text)
+            say(f"packaged calibration: {folder / packaged_file(family)}")
     strips = film_strips(found.wrong[:films], out)
     return write_calibration_page(found, out, family=family, power=packaged_power_matrix(), strips=strips)

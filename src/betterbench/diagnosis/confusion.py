@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import TypeAdapter
 
@@ -16,19 +16,37 @@ from betterbench.json_form import open_form, read_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
-Family = Literal["faulty", "development", "held_out", "second", "third", "fourth", "fifth"]
-"""What a diagnosis is measured on: the faulty policies, or a part of the independent family."""
-
-PACKAGED: dict[Family, str] = {
-    "faulty": "calibration.json",
-    "development": "calibration_development.json",
-    "held_out": "calibration_held_out.json",
-    "second": "calibration_second.json",
-    "third": "calibration_third.json",
-    "fourth": "calibration_fourth.json",
-    "fifth": "calibration_fifth.json",
+FAMILIES: dict[str, str] = {
+    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
+    "first wrong decision; the diagnosis sees the records alone.",
+    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
+    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
+    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
+    "left out the conditions in which a label could be debated.",
+    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis, and gave every habit a label that the suite's table decides alone.",
+    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
 }
-"""Files of the packaged calibrations, beside this module in ``data``."""
+"""What a diagnosis is measured on, with what is said of it: faulty policies, and parts of the independent family.
+
+The last one is what the diagnosis is claimed to be worth: it was written last, and used once.
+"""
+
+CLAIMED = next(reversed(FAMILIES))
+"""The family whose numbers are the claim."""
+
+
+def packaged_file(family: str) -> str:
+    """Return the name of the file of a family's packaged calibration, in ``data`` beside this module."""
+    return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
 
 
 @open_form
@@ -225,14 +243,14 @@ class _File:
 _FILE = TypeAdapter(_File)
 
 
-def packaged_calibration(family: Family = "faulty") -> Calibration | None:
+def packaged_calibration(family: str = "faulty") -> Calibration | None:
     """Return the calibration of a family that ships with the package, or None if this build has none.
 
     Raises:
         RecordError: If it is corrupt.
     """
-    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED[family])
-    return Calibration.from_json(file.read_bytes(), where=PACKAGED[family]) if file.is_file() else None
+    file = resources.files("betterbench.diagnosis").joinpath("data", packaged_file(family))
+    return Calibration.from_json(file.read_bytes(), where=packaged_file(family)) if file.is_file() else None
 
 
 def _share(found: Iterable[bool]) -> Rate:

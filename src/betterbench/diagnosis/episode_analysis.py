@@ -188,6 +188,10 @@ class EpisodeAnalysis:
         """Tell whether an object that a subgoal means is attempted after a row."""
         return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
 
+    def attempted_before(self, goal: int, row: int) -> bool:
+        """Tell whether an object that a subgoal means is attempted before a row."""
+        return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
+
     def let_go(self, step: Step) -> tuple[int, int] | None:
         """Return the rows at which what an attempt took left the gripper and had come to rest.
 

@@ -44,7 +44,7 @@ MANNERS = {
 }
 """The manners in which every habit of the first parts is run."""
 
-OTHER_MANNERS = {
+FOURTH_MANNERS = {
     m.name: m
     for m in (
         Manner("languid", "minimum_jerk", 0.18, 0.13, 0.07, 0.05, 0.25, 0.3, 0.0004),
@@ -54,7 +54,7 @@ OTHER_MANNERS = {
 }
 """The manners in which every habit of the fourth part is run."""
 
-LATEST_MANNERS = {
+FIFTH_MANNERS = {
     m.name: m
     for m in (
         Manner("stately", "minimum_jerk", 0.21, 0.11, 0.08, -0.05, 0.4, 0.1, 0.0),

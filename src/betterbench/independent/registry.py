@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from betterbench.errors import UnknownNameError, find_named
+from betterbench.independent.address import PREFIX
 from betterbench.independent.habit import Habit, Honest
 from betterbench.independent.habits_development import DEVELOPMENT
 from betterbench.independent.habits_fifth import FIFTH
@@ -14,7 +15,7 @@ from betterbench.independent.habits_fourth import FOURTH
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.habits_second import SECOND
 from betterbench.independent.habits_third import THIRD
-from betterbench.independent.manner import LATEST_MANNERS, MANNERS, OTHER_MANNERS, Manner
+from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.interventions import condition_names, resolve_condition
@@ -24,9 +25,7 @@ if TYPE_CHECKING:
     from betterbench.independent.agent import IndependentAgent
     from betterbench.scenes import Scene
 
-PREFIX = "independent:"
-FamilyPart = Literal["development", "held_out", "second", "third", "fourth", "fifth"]
-FAMILY_PARTS: dict[FamilyPart, tuple[Habit, ...]] = {
+FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
     "development": DEVELOPMENT,
     "held_out": HELD_OUT,
     "second": SECOND,
@@ -42,7 +41,7 @@ class IndependentPolicy:
 
     habit: Habit
     manner: Manner
-    part: FamilyPart
+    part: str
 
     @property
     def address(self) -> str:
@@ -50,7 +49,7 @@ class IndependentPolicy:
         return f"{PREFIX}{self.habit.name}-{self.manner.name}"
 
 
-MANNERS_OF: dict[FamilyPart, dict[str, Manner]] = {"fourth": OTHER_MANNERS, "fifth": LATEST_MANNERS}
+MANNERS_OF: dict[str, dict[str, Manner]] = {"fourth": FOURTH_MANNERS, "fifth": FIFTH_MANNERS}
 """The manners of the parts that have their own."""
 
 INDEPENDENT: dict[str, IndependentPolicy] = {
@@ -60,15 +59,6 @@ INDEPENDENT: dict[str, IndependentPolicy] = {
     for manner in MANNERS_OF.get(part, MANNERS).values()
     for policy in (IndependentPolicy(habit, manner, part),)
 }
-
-
-def is_independent(address: str) -> bool:
-    """Tell whether an address is one of the family; an unknown policy of it raises an UnknownNameError."""
-    if not address.startswith(PREFIX):
-        return False
-    if address not in INDEPENDENT:
-        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
-    return True
 
 
 def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:

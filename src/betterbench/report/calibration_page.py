@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from betterbench.diagnosis import Calibration, Kind, Label
-from betterbench.diagnosis.confusion import Family
+from betterbench.diagnosis.confusion import FAMILIES
 from betterbench.diagnosis.power_matrix import PowerMatrix
 from betterbench.report.html import data_uri, environment, write
 from betterbench.report.power_page import blind_sentences, blind_table
@@ -21,32 +21,11 @@ if TYPE_CHECKING:
 KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
 
 
-WHAT_IT_IS: dict[Family, str] = {
-    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
-    "first wrong decision; the diagnosis sees the records alone.",
-    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
-    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
-    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
-    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
-    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
-    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
-    "left out the conditions in which a label could be debated.",
-    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis, and gave every habit a label that the suite's table decides alone.",
-    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
-    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
-    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
-}
-
-
 def write_calibration_page(
     calibration: Calibration,
     out: Path,
     *,
-    family: Family = "faulty",
+    family: str = "faulty",
     power: PowerMatrix | None = None,
     strips: Mapping[tuple[str, str], bytes] | None = None,
 ) -> Path:
@@ -64,7 +43,7 @@ def write_calibration_page(
     pages.filters.update(rate=rate_text, name=label_name)
     page = pages.get_template("calibration.html.jinja").render(
         calibration=calibration,
-        what=WHAT_IT_IS[family],
+        what=FAMILIES[family],
         summary=calibration_summary(calibration),
         policies=rates_by_policy(calibration),
         strips={key: data_uri(image, "image/jpeg") for key, image in (strips or {}).items()},

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from betterbench.certification.coverage import packaged_coverage, parse_ranges
 from betterbench.diagnosis import Calibration, RunDiagnosis, packaged_calibration
+from betterbench.diagnosis.confusion import CLAIMED
 from betterbench.diagnosis.power_matrix import CURE, packaged_power_matrix
 from betterbench.report.calibration_page import calibration_summary, rate_text
 from betterbench.report.outcomes import is_abroad
@@ -30,12 +31,12 @@ def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
     shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
     facts = {"Certificate": _certified(trials, shown)}
-    held_out = packaged_calibration("fifth")
+    held_out = packaged_calibration(CLAIMED)
     facts["Calibration"] = (
-        "This build ships none; run better calibrate --family fifth."
+        f"This build ships none; run better calibrate --family {CLAIMED}."
         if held_out is None
         else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
-        f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family fifth."
+        f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family {CLAIMED}."
     )
     facts |= _blind({name for name, _ in trials})
     return facts

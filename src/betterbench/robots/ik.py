@@ -24,7 +24,6 @@ from dataclasses import dataclass
 from operator import add, sub
 
 import daqp  # type: ignore[import-not-found]
-import mink
 import mujoco
 import numpy as np
 
@@ -108,18 +107,9 @@ class ArmIK:
     def __init__(self, spec: RobotSpec) -> None:
         """Compile the arm (once per process and robot) and set up the tasks."""
         self.spec = spec
-        model, site = _arm_model(spec)
-        self._configuration = mink.Configuration(model)
-        self._model, self._data = model, self._configuration.data
+        self._model, site = _arm_model(spec)
+        self._data = mujoco.MjData(self._model)
         self._site = site
-        self._task = mink.FrameTask(
-            spec.tcp_site, "site", position_cost=POSITION_COST, orientation_cost=ORIENTATION_COST
-        )
-        self._task.set_target(mink.SE3.identity())
-        # The task keeps the target as one array (w, x, y, z, px, py, pz), which is written in place.
-        self._target: np.ndarray = np.array(self._task.transform_target_to_world.wxyz_xyz)  # type: ignore[union-attr]
-        self._task.transform_target_to_world = mink.SE3(wxyz_xyz=self._target)
-        self._target = self._task.transform_target_to_world.wxyz_xyz
         self.home = np.array(spec.home_joints)
         self.low = np.array(spec.joint_low) + LIMIT_MARGIN_RAD
         self.high = np.array(spec.joint_high) - LIMIT_MARGIN_RAD
@@ -143,6 +133,11 @@ class ArmIK:
         self._get_position = number_reader(self._site_position, range(3))
         self._get_quaternion = number_reader(self._quaternion, range(4))
         self._step_damping = (_POSTURE_WEIGHT + STEP_DAMPING) * np.eye(n)
+
+    @functools.cached_property
+    def _frame(self) -> _FrameProblem:
+        """What planning asks mink; following a policy's actions needs none of it."""
+        return _FrameProblem(self._model, self.spec.tcp_site)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
         """Return ``T_base_tcp`` at joint angles ``q``, shape (n,) [rad]."""
@@ -234,6 +229,7 @@ class ArmIK:
                 f"Give {self.home.size} finite angles",
             )
         starts = [start]
+        self._frame.aim(target)
         if restarts:
             starts += [self.home + np.array(offset) for offset in _RESTARTS]
         best: IKResult | None = None
@@ -253,7 +249,6 @@ class ArmIK:
 
     def _descend(self, q: np.ndarray, target: Pose, position: float, rotation: float, iterations: int) -> IKResult:
         """Iterate from one start until the pose is reached or progress ends."""
-        self._aim(target)
         settled = 0
         count = 0
         while count < iterations and settled < 3:
@@ -274,10 +269,6 @@ class ArmIK:
         return IKResult(
             q, position_error, rotation_error, position_error <= position and rotation_error <= rotation, count
         )
-
-    def _aim(self, target: Pose) -> None:
-        """Set the target of the frame task."""
-        self._target[:] = (*target.quaternion, *target.position)
 
     def _place(self, q: Sequence[float] | np.ndarray) -> None:
         """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
@@ -326,8 +317,7 @@ class ArmIK:
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
-        self._configuration.update(q)
-        jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
+        jacobian, error = self._frame.residual(q)
         hessian = jacobian.T.dot(jacobian)
         hessian.ravel()[:: len(q) + 1] += _POSTURE_WEIGHT + damping
         return hessian, jacobian, error
@@ -360,6 +350,34 @@ class ArmIK:
         mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
         w, x, y, z = self._get_quaternion()
         return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
+
+
+class _FrameProblem:
+    """The pose error of the tool and its Jacobian, by mink.
+
+    It computes on data of its own, so that nothing that planning does is left in those of the control step.
+    """
+
+    def __init__(self, model: mujoco.MjModel, site: str) -> None:
+        # Imported here: it takes a quarter of a worker's start, and only those who plan need it.
+        import mink  # noqa: PLC0415
+
+        self._configuration = mink.Configuration(model)
+        self._task = mink.FrameTask(site, "site", position_cost=POSITION_COST, orientation_cost=ORIENTATION_COST)
+        # The task keeps the target as one array (w, x, y, z, px, py, pz), which is written in place.
+        target = mink.SE3(wxyz_xyz=np.array(mink.SE3.identity().wxyz_xyz))
+        self._task.transform_target_to_world = target
+        self._target: np.ndarray = target.wxyz_xyz
+
+    def aim(self, target: Pose) -> None:
+        """Set the pose to be reached, ``T_base_tcp``."""
+        self._target[:] = (*target.quaternion, *target.position)
+
+    def residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted Jacobian (6, n) and the weighted pose error (6,) at joint angles ``q`` [rad]."""
+        self._configuration.update(q)
+        jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
+        return jacobian, error
 
 
 def _cost(result: IKResult) -> float:

@@ -16,9 +16,9 @@ from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from betterbench.errors import InvalidInputError
+from betterbench.statistics import special
 from betterbench.statistics.interval import DEFAULT_CONFIDENCE, Interval, check_fraction
 from betterbench.statistics.sequential import PRIOR_COUNT
 

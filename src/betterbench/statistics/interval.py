@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal, NamedTuple
 
-from scipy import special
-
 from betterbench.errors import InvalidInputError
+from betterbench.statistics import special
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
 """How the interval of a rate is made."""

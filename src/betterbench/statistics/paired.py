@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from scipy import special
-
 from betterbench.errors import InvalidInputError
+from betterbench.statistics import special
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
 
 from betterbench.errors import InvalidInputError
+from betterbench.statistics import special
 from betterbench.statistics.interval import check_fraction
 from betterbench.statistics.unpaired import barnard_p_values, binomial_probabilities
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
+from betterbench.statistics import special
 from betterbench.statistics.rate import Rate
 
 _NUISANCE_POINTS = 257

@@ -58,18 +58,23 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something is shut for good, and what belongs into it is left where it is."""
+    """Return evidence if something is shut for good, and what belongs into it is left where it is, or comes too late."""
     trace = episode.trace
     pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
     for goal, j in pairs:
         i = trace.targets[j]
         rows = shuts(trace, i, trace.serves[:, goal, i])
-        if rows is None or j not in episode.open_goals(rows[1]) or episode.attempted_after(j, rows[0]):
+        if rows is None or j not in episode.open_goals(rows[1]):
             continue
-        if not trace.closing[rows[1]] and find_halt(episode) is None:
+        late = episode.attempted_after(j, rows[0])
+        if late and (episode.instruction.ordered or episode.attempted_before(j, rows[0])):
+            continue  # a wrong order, or a miss that came first
+        if not trace.closing[rows[1]] and (late or find_halt(episode) is None):
             continue  # an open gripper that goes on may have run into it
         text = (
-            f"It shuts the {episode.kind(i)} and never goes for {episode.asked_words(j)}, "
+            f"It shuts the {episode.kind(i)} before it goes for {episode.asked_words(j)}, which has to be in it first."
+            if late
+            else f"It shuts the {episode.kind(i)} and never goes for {episode.asked_words(j)}, "
             "which has to be in it first and is there."
         )
         return episode.evidence("required_step_skipped", text, rows=rows, objects=(i,))

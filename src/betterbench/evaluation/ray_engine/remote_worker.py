@@ -103,7 +103,8 @@ class RemoteWorker:
             ended = self._worker.finished(TURN_S)
         except BetterError as error:
             return Turn(problem=error)
-        return Turn(tuple(Delivery(entry, self._record(entry)) for entry in ended), self._scenes() if ended else {})
+        deliveries = tuple(Delivery(entry, self._record(entry)) for entry in ended)
+        return Turn(deliveries, self._scenes() if ended else {}, self._worker.problem)
 
     def close(self) -> None:
         """Close the worker and delete its folder; harmless when closed."""

@@ -14,7 +14,7 @@ from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.known_policies import CONNECTED, PLAIN, REFUSED, known_policies
 from betterbench.experts import make_expert, parse_address
 from betterbench.experts.libero import LiberoAgent
-from betterbench.independent import is_independent, make_independent
+from betterbench.independent import is_independent
 from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_learned, is_seeing, learned_info, make_learned, make_seeing
@@ -77,6 +77,9 @@ def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
         MissingDependencyError: If a checkpoint needs an extra that is not installed.
     """
     if is_independent(address):
+        # Imported here: a run of another policy needs no habits.
+        from betterbench.independent import make_independent  # noqa: PLC0415
+
         return make_independent(address, scene)
     if is_learned(address):
         return make_learned(address, scene.condition.instruction.text, scene.seed)

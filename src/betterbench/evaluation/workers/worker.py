@@ -119,6 +119,11 @@ class Worker:
         """Number of environments without a trial."""
         return sum(slot.steps is None for slot in self._slots)
 
+    @property
+    def problem(self) -> BetterError | None:
+        """What the next call of :meth:`finished` raises, as soon as it is known: there may be no trial left for it."""
+        return self._stop
+
     def start(self, trial: Trial) -> None:
         """Take a trial, which :meth:`finished` runs; InvalidInputError if no environment is free."""
         for slot in self._slots:

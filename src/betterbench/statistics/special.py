@@ -1,0 +1,28 @@
+"""SciPy's special functions, imported when one is first used: the workers of a run need none of them."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scipy.special import (
+        bdtr,
+        bdtrc,
+        bdtrik,
+        betaincinv,
+        gammaln,
+        ndtr,
+        ndtri,
+        xlog1py,
+        xlogy,
+    )
+
+__all__ = ["bdtr", "bdtrc", "bdtrik", "betaincinv", "gammaln", "ndtr", "ndtri", "xlog1py", "xlogy"]
+
+
+def __getattr__(name: str) -> object:
+    """Return SciPy's function of that name."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module("scipy.special"), name)
