@@ -330,6 +330,22 @@ def test_pushing_about_is_no_mere_way_to_and_fro(stage, rolls, shut):
 
 
 @pytest.mark.parametrize("shut", [False, True])
+def test_shoving_the_right_thing_aside_twice_is_a_failed_manipulation(stage, shut):
+    """The thing gives way each time, by less than a push; the rest is a way to and fro between the two."""
+    s = stage("morning_coffee", "L3")
+    if shut:
+        s.close()
+    for k in range(2):
+        s.push(s.of("red mug"), 0.0, 0.06 if k else -0.06)
+    x, y, _ = s.tool
+    while s.step < s.task.step_limit(s.condition):
+        s.go(x + 0.1, y, 0.25).go(x - 0.1, y, 0.25)
+    found = diagnose_record(s.end())
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "pushed")
+    assert "again and again" in found.evidence.text
+
+
+@pytest.mark.parametrize("shut", [False, True])
 def test_what_is_run_into_twice_was_not_gone_for(stage, shut):
     s = stage("fast_food", "O1")
     if shut:

@@ -89,6 +89,11 @@ PUSH_AGAIN = threshold(
     "Times that an empty gripper comes to a thing and moves it from which it goes for it, also where the thing rolls "
     "off or falls over and takes another way than the gripper.",
 )  # fmt: skip
+SHOVED_AGAIN = threshold(
+    "shoved_again", 2, "1",
+    "Times that an empty gripper moves the right thing aside from which it fails to take it, if it never grasps it. A "
+    "wrong thing is gone for where it is moved more often, or pushed: an arm may run into it on its way.",
+)  # fmt: skip
 RUNS_INTO = threshold(
     "runs_into", 3, "1",
     "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in vain "
@@ -252,19 +257,30 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
     """
     pushes: list[Stay] = []
     for i in trace.items:
-        if trace.is_drawer(i):
-            continue
-        pinched = trace.left & trace.right
-        pinched[:, i] = False  # a fist touches what it pushes with both fingers
-        touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
-        for g in grasps:
-            if g.object == i:
-                touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
-        spans = [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
+        spans = _touches(trace, grasps, i)
         shoved = [(a, b) for a, b in spans if _shoved(trace, i, a, b)]
         again = len(shoved) >= PUSH_AGAIN
         pushes += [Stay(a, b, i) for a, b in spans if _pushed(trace, i, a, b) or (again and (a, b) in shoved)]
     return tuple(sorted(pushes, key=lambda s: (s.start, s.object)))
+
+
+def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
+    """Return the rows in which an empty gripper moves an object, be it by less than a push, in time."""
+    shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
+    return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
+
+
+def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
+    """Return the spans of rows in which an empty gripper is at an object that it has not closed on."""
+    if trace.is_drawer(i):
+        return []
+    pinched = trace.left & trace.right
+    pinched[:, i] = False  # a fist touches what it pushes with both fingers
+    touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
+    for g in grasps:
+        if g.object == i:
+            touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
+    return [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:

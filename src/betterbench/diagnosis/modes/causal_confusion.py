@@ -58,7 +58,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _shut_empty(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something is shut for good, and what belongs into it is left where it is, or comes too late."""
+    """Return evidence if something is shut for good, and what belongs into it stays where it is or comes too late."""
     trace = episode.trace
     pairs = [(goal, j) for goal in range(len(episode.goals)) for j in episode.fills(goal)]
     for goal, j in pairs:

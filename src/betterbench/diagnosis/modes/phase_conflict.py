@@ -8,6 +8,7 @@ from betterbench.diagnosis.approaches import (
     closes_in_part,
     comes_nearer,
     comes_shut,
+    find_shoves,
     find_stays,
     returns_to,
     runs_into,
@@ -31,7 +32,7 @@ def _exposed(x: Exposure) -> bool:
     Label.PHASE_CONFLICT,
     short="phase",
     definition="The start looks like the middle of a demonstration, and the arm freezes without an attempt; or the "
-    "empty gripper goes to and fro until the end, pushes nothing, and comes no nearer to what is asked for.",
+    "empty gripper goes to and fro until the end, moves nothing, and comes no nearer to what is asked for.",
     conclusion="It cannot tell which step is due: it freezes in half-finished scenes, or goes to and fro.",
     sharper=sharper_by_rule(
         {
@@ -65,9 +66,10 @@ def _find(trial: TrialView) -> Evidence | None:
 
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Tell whether a way to and fro pushes something about, or leads to what is asked for."""
-    pushes = any(s.means is Means.PUSH and s.grasp.end >= rows[0] for s in episode.others)
-    return pushes or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
+    """Tell whether a way to and fro moves something aside, or leads to what is asked for."""
+    grasps = tuple(step.grasp for step in episode.steps)
+    moves = any(shove.end >= rows[0] for shove in find_shoves(episode.trace, grasps))
+    return moves or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:
