@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import le
 from typing import Any, NoReturn
 
 import numpy as np
@@ -106,6 +107,8 @@ class ActionSpace:
             )
         # Plain floats: between two physics steps the caches are cold, and an array operation takes 3 us instead of 1.
         values: list[float] = given.tolist()
+        if all(map(le, self.low, values)) and all(map(le, values, self.high)):
+            return np.array(values, dtype=np.float64)
         for i, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
             if not low <= value <= high:
                 if not math.isfinite(value):

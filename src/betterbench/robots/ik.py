@@ -21,7 +21,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import add, sub
+from operator import add, le, sub
 
 import daqp  # type: ignore[import-not-found]
 import mujoco
@@ -122,7 +122,9 @@ class ArmIK:
         self._quaternion = np.zeros(4)
         self._site_position, self._site_matrix = self._data.site_xpos[site], self._data.site_xmat[site]
         self._bounds = tuple(zip(self.low.tolist(), self.high.tolist(), self._speed.tolist(), strict=True))
-        self._roomy = tuple((low + _FAR * v, high - _FAR * v, v) for low, high, v in self._bounds)
+        self._roomy_low = [low + _FAR * v for low, _, v in self._bounds]
+        self._roomy_high = [high - _FAR * v for _, high, v in self._bounds]
+        self._speeds = [speed for _, _, speed in self._bounds]
         self._home = self.home.tolist()
         self._gradient, self._newton = np.zeros(n), np.zeros(n)
         self._weights = np.array([1.0] * 3 + [ORIENTATION_COST**2] * 3)
@@ -197,11 +199,10 @@ class ArmIK:
     def _in_window(self, moved: Sequence[float], window: _Window) -> bool:
         """Tell whether joint angles are inside what :meth:`window` returns."""
         q, centers, lead = window
-        for x, now, center, (least, most, speed) in zip(moved, q, centers, self._roomy, strict=True):
-            # Far from its position limits a joint is bound by its speed and its lead alone.
-            if not (least <= now <= most and now - speed <= x <= now + speed and center - lead <= x <= center + lead):
-                break
-        else:
+        # Far from its position limits a joint is bound by its speed and its lead alone.
+        far = all(map(le, self._roomy_low, q)) and all(map(le, q, self._roomy_high))
+        slow = far and all(map(le, map(abs, map(sub, moved, q)), self._speeds))
+        if slow and (lead == math.inf or max(map(abs, map(sub, moved, centers))) <= lead):
             return True
         low, high = self.window(q, centers, lead)
         return all(least <= x <= most for least, x, most in zip(low, moved, high, strict=True))

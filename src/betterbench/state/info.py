@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from betterbench.errors import UnknownNameError, find_named
@@ -127,6 +127,12 @@ class SceneInfo:
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        form = asdict(self)
+        objects = [{**_form(o), "regions": [_form(region) for region in o.regions]} for o in self.objects]
+        form = {**_form(self), "objects": objects, "slots": [_form(slot) for slot in self.slots]}
         del form["_index"]
         return form
+
+
+def _form(value: Region | ObjectInfo | SlotInfo | SceneInfo) -> dict[str, Any]:
+    """Return the fields of a value by name; ``asdict`` would copy every number, and takes ten times as long."""
+    return {f.name: getattr(value, f.name) for f in fields(value)}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -83,7 +84,7 @@ class Targets:
         """Return where every subject is, strictly."""
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
-    def places_after(self, state: WorldState, before: Places, changed: Collection[str]) -> Places:
+    def places_after(self, state: WorldState, before: Places, changed: AbstractSet[str]) -> Places:
         """Return where every subject is, strictly, after some changes.
 
         Args:
@@ -93,15 +94,23 @@ class Targets:
         """
         return tuple(
             [
-                tuple(
-                    [
-                        place
-                        if watch.relation.pairwise and name not in changed and watch.target not in changed
-                        else watch.relation.where(state, name, watch.target)
-                        for name, place in zip(watch.subjects, places, strict=True)
-                    ]
-                )
+                places
+                if watch.relation.pairwise and watch.target not in changed and changed.isdisjoint(watch.subjects)
+                else self._places_of(watch, state, places, changed)
                 for watch, places in zip(self.watches, before, strict=True)
+            ]
+        )
+
+    def _places_of(
+        self, watch: Watch, state: WorldState, before: tuple[str | None, ...], changed: AbstractSet[str]
+    ) -> tuple[str | None, ...]:
+        """Return where every subject of one target is, after some changes."""
+        if not watch.relation.pairwise or watch.target in changed:
+            return tuple([watch.relation.where(state, name, watch.target) for name in watch.subjects])
+        return tuple(
+            [
+                watch.relation.where(state, name, watch.target) if name in changed else place
+                for name, place in zip(watch.subjects, before, strict=True)
             ]
         )
 
