@@ -37,7 +37,7 @@ FASTEST = 20.0
 
 TASKS = [t.id for t in all_tasks()]
 VARIATIONS = [(t.id, v.name) for t in all_tasks() for v in t.variations]
-BUSIEST = {
+BUSIEST = {t.id: t.variations[-1].name for t in all_tasks()} | {
     "desk_meeting": "T1",
     "breakfast_table": "O2",
     "fruit_lunch": "T1",
@@ -49,7 +49,8 @@ BUSIEST = {
     "seasoning_rack": "L2",
     "dinner_plates": "T2",
 }
-"""The variation of each task with most to go wrong: things stacked, inserted or opened before the trial starts."""
+"""The variation of each task with most to go wrong: things stacked, inserted or opened before the trial starts. It is
+the last one of a task that is not listed."""
 
 
 def condition_of(task_id: str, name: str) -> Condition:
