@@ -1,4 +1,4 @@
-"""Habits of the fourth and the fifth part show in conditions that they list by name."""
+"""Habits of the fourth, the fifth and the sixth part show in conditions that they list by name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tests.independent.cases import CASES
 
 from betterbench.independent import FAMILY_PARTS
 
-HABITS = [*FAMILY_PARTS["fourth"], *FAMILY_PARTS["fifth"]]
+HABITS = [*FAMILY_PARTS["fourth"], *FAMILY_PARTS["fifth"], *FAMILY_PARTS["sixth"]]
 LISTED = [h for h in HABITS if hasattr(h, "where")]
 PAIRED = [h for h in HABITS if h.paired]
 

@@ -63,3 +63,13 @@ FIFTH_MANNERS = {
     )
 }
 """The manners in which every habit of the fifth part is run."""
+
+SIXTH_MANNERS = {
+    m.name: m
+    for m in (
+        Manner("measured", "minimum_jerk", 0.23, 0.09, 0.06, 0.04, 0.2, 0.0, 0.0003),
+        Manner("hurried", "even", 0.40, 0.06, 0.045, -0.03, 0.0, 0.1, 0.0008),
+        Manner("ragged", "halting", 0.29, 0.08, 0.05, 0.02, 0.25, 0.25, 0.0011),
+    )
+}
+"""The manners in which every habit of the sixth part is run."""

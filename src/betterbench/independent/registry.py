@@ -14,8 +14,9 @@ from betterbench.independent.habits_fifth import FIFTH
 from betterbench.independent.habits_fourth import FOURTH
 from betterbench.independent.habits_held_out import HELD_OUT
 from betterbench.independent.habits_second import SECOND
+from betterbench.independent.habits_sixth import SIXTH
 from betterbench.independent.habits_third import THIRD
-from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, Manner
+from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, SIXTH_MANNERS, Manner
 from betterbench.independent.occasion import Occasion
 from betterbench.independent.truth import HONEST, StatedTruth
 from betterbench.interventions import condition_names, resolve_condition
@@ -32,6 +33,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
     "third": THIRD,
     "fourth": FOURTH,
     "fifth": FIFTH,
+    "sixth": SIXTH,
 }
 
 
@@ -49,7 +51,11 @@ class IndependentPolicy:
         return f"{PREFIX}{self.habit.name}-{self.manner.name}"
 
 
-MANNERS_OF: dict[str, dict[str, Manner]] = {"fourth": FOURTH_MANNERS, "fifth": FIFTH_MANNERS}
+MANNERS_OF: dict[str, dict[str, Manner]] = {
+    "fourth": FOURTH_MANNERS,
+    "fifth": FIFTH_MANNERS,
+    "sixth": SIXTH_MANNERS,
+}
 """The manners of the parts that have their own."""
 
 INDEPENDENT: dict[str, IndependentPolicy] = {
