@@ -1,8 +1,11 @@
-"""The sixth part of the independent family: its bodies do what its habits say."""
+"""The sixth part of the independent family: its bodies do what its habits say, and its truths are the stated ones."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
+from pathlib import Path
 
 import pytest
 from tests.independent.cases import CASES
@@ -16,6 +19,26 @@ from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNER
 from betterbench.tasks import suite_tasks
 
 SIXTH = FAMILY_PARTS["sixth"]
+CHECKSUM = Path(__file__).with_name("sixth_truths.sha256")
+
+
+def stated_truths() -> str:
+    """Return what each habit states of each condition in which it shows, as one JSON text."""
+    truths = {
+        habit.name: {
+            name: [str(stated.label), stated.first_right, stated.debatable, stated.left_out]
+            for name, case in sorted(CASES.items())
+            for stated in (habit.truth(case),)
+            if stated is not None
+        }
+        for habit in SIXTH
+    }
+    return json.dumps(truths, indent=1, sort_keys=True)
+
+
+def test_its_truths_are_those_that_were_stated_before_it_was_judged():
+    recorded = dict(reversed(line.split()) for line in CHECKSUM.read_text().splitlines())
+    assert hashlib.sha256(stated_truths().encode()).hexdigest() == recorded["stated_truths.json"]
 
 
 def test_it_moves_in_three_manners_of_its_own():
