@@ -5,7 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from betterbench.independent.address import PREFIX, is_independent
+from betterbench.independent.address import PREFIX
+from betterbench.independent.membership import is_independent
 
 if TYPE_CHECKING:
     from betterbench.independent.registry import (
