@@ -381,6 +381,15 @@ def test_a_server_that_is_gone_stops_the_run_and_the_trial_is_run_again(plugin, 
     assert {e.seed: e.status for e in again.entries()} == dict.fromkeys(range(4), "done")
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_server_that_is_gone_in_the_last_trial_stops_the_run_too(plugin, tiny_plan, tmp_path, workers):
+    plan = tiny_plan(f"{plugin}:Gone", trials=3)
+    with pytest.raises(PolicyUnavailableError, match="the server is gone"):
+        evaluate(plan, tmp_path / "run", workers=workers)
+    entries = {e.seed: e.status for e in RunFolder.open(tmp_path / "run").entries()}
+    assert entries == {0: "done", 1: "done", 2: "error"}
+
+
 def test_a_worker_of_a_cluster_tells_of_a_server_that_is_gone_with_the_trial_that_it_cost(plugin, tiny_plan, tmp_path):
     # There may be no later turn to tell it in: the trial may be the last one of the run.
     plan = tiny_plan(f"{plugin}:Gone", trials=3)

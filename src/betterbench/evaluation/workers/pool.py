@@ -85,6 +85,8 @@ class WorkerPool:
                 worker.connection.send(None)
         for worker in self._processes:
             worker.process.join(_END_S)
+            for _ in self._receive(worker):
+                raise AssertionError("every trial has ended")
 
     def close(self) -> None:
         """End all processes at once; unfinished trials leave nothing behind."""
@@ -230,3 +232,5 @@ def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
             worker.start(trial)
         for entry in worker.finished(_TURN_S):
             connection.send(entry)
+        if worker.problem is not None:
+            raise worker.problem
