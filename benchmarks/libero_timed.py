@@ -31,7 +31,7 @@ class TimedSimulator(LiberoSimulator):
         document, arrays = super().step(action, look=look)
         return self.with_times(document), arrays
 
-    def _make(self, path: str, size: int) -> None:
+    def _make(self, path: str, size: int | None) -> None:
         super()._make(path, size)
         for name in ("reset", "set_init_state", "step"):
             setattr(self._wrapper, name, self.timed(getattr(self._wrapper, name)))

@@ -3,6 +3,7 @@
 import json
 import socket
 import struct
+import threading
 
 import numpy as np
 import pytest
@@ -42,9 +43,9 @@ def test_an_array_arrives_as_it_was_sent(link, array):
         assert found.astype(array.dtype).tobytes() == np.ascontiguousarray(array).tobytes()
 
 
-def _frame(head, body=b"", lengths=None):
-    text = head if isinstance(head, bytes) else json.dumps(head).encode()
-    return struct.pack(">IQ", *(lengths or (len(text), len(body)))) + text + body
+def _frame(document, forms=b"{}", body=b"", lengths=None):
+    head, names = (text if isinstance(text, bytes) else json.dumps(text).encode() for text in (document, forms))
+    return struct.pack(">IIQ", *(lengths or (len(head), len(names), len(body)))) + head + names + body
 
 
 @pytest.mark.parametrize(
@@ -52,15 +53,23 @@ def _frame(head, body=b"", lengths=None):
     [
         b"Warning: something that a library prints",
         b"",
-        _frame(b"{no json", b""),
+        b"short",
+        _frame(b"{no json"),
+        _frame(b"\xff"),
+        _frame({}, b"{no json"),
         _frame([1, 2]),
-        _frame({"document": [], "arrays": {}}),
-        _frame({"document": {}, "arrays": {"a": ["|O8", [1]]}}, b"12345678"),
-        _frame({"document": {}, "arrays": {"a": ["<f8", [-1]]}}, b"12345678"),
-        _frame({"document": {}, "arrays": {"a": ["<f8", [2]]}}, b"12345678"),
-        _frame({"document": {}, "arrays": {"a": ["<f8", [1]]}}, b"1234567890"),
-        _frame({"document": {}, "arrays": {"a": ["<f8", [True]]}}, b"12345678"),
-        _frame({"document": {}, "arrays": {}}, lengths=(1 << 30, 0)),
+        _frame({}, [1, 2]),
+        _frame({}, {"a": 1}),
+        _frame({}, {"a": ["|O8", [1]]}, b"12345678"),
+        _frame({}, {"a": [1, [1]]}, b"12345678"),
+        _frame({}, {"a": ["<f8", [-1]]}, b"12345678"),
+        _frame({}, {"a": ["<f8", [2]]}, b"12345678"),
+        _frame({}, {"a": ["<f8", [1]]}, b"1234567890"),
+        _frame({}, {"a": ["<f8", [True]]}, b"12345678"),
+        _frame({}, {"a": ["<f8", 1]}, b"12345678"),
+        _frame({}, lengths=(1 << 30, 0, 0)),
+        _frame({}, lengths=(0, 0, 1 << 40)),
+        _frame({"step": 1}) + b"and more",
     ],
 )
 def test_what_is_no_frame_is_refused(link, data):
@@ -69,6 +78,29 @@ def test_what_is_no_frame_is_refused(link, data):
     ours.shutdown(socket.SHUT_WR)
     with pytest.raises(FrameError):
         receive_frame(theirs)
+
+
+def test_the_form_of_a_frame_may_change_at_any_time(link):
+    ours, theirs = link
+    for step, length in enumerate([3, 3, 0, 5, 3]):
+        forces = np.arange(float(length))
+        send_frame(ours, {"step": step}, {"forces": forces, "holds": np.array([True]), "qpos": np.arange(2.0)})
+        document, arrays = receive_frame(theirs)
+        assert document == {"step": step}
+        assert {name: array.tolist() for name, array in arrays.items()} == {
+            "forces": forces.tolist(),
+            "holds": [True],
+            "qpos": [0.0, 1.0],
+        }
+
+
+def test_a_large_frame_comes_in_many_pieces(link):
+    ours, theirs = link
+    image = np.random.default_rng(0).integers(0, 256, (256, 256, 3), np.uint8)
+    sender = threading.Thread(target=send_frame, args=(ours, {}, {"image": image}))
+    sender.start()
+    assert receive_frame(theirs)[1]["image"].tobytes() == image.tobytes()
+    sender.join()
 
 
 def test_waiting_for_a_frame_ends(link):

@@ -12,6 +12,7 @@ from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import PRESETS
 from betterbench.worlds import ForeignScene, WorldProcesses, world_named
+from betterbench.worlds.registry import start_code
 from betterbench.worlds.scene import quat2axisangle
 
 pytestmark = [
@@ -99,3 +100,43 @@ assert not env.env._eval_predicate(relation)
 """
     python = world_named("libero").folder / "bin" / "python"
     subprocess.run([str(python), "-c", code], check=True, capture_output=True)
+
+
+READ = """
+import os, sys
+import numpy as np
+os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
+simulator = LiberoSimulator()
+request = {"suite": sys.argv[1], "task": int(sys.argv[2]), "state": 0, "seed": 7, "settle": 10, "images": False}
+_, before = simulator.start(request)
+mujoco, env, reader = simulator._mujoco, simulator._env, simulator._reader
+model, data = env.sim.model._model, env.sim.data._data
+random, seen = np.random.default_rng(0), set()
+for _ in range(60):
+    document, arrays = simulator.step(random.uniform(-1.0, 1.0, 7) * (1, 1, 0.3, 1, 1, 1, 1), look=False)
+    assert arrays["holds"].tolist() == [bool(env._eval_predicate(p)) for p in reader._relations]
+    sums = {}
+    for i in range(data.ncon):
+        a, b = sorted(reader._body_labels[int(model.geom_bodyid[g])] for g in data.contact[i].geom)
+        if a != b and not {a, b} <= {"arm", "table", "floor"}:
+            force = np.zeros(6)
+            mujoco.mj_contactForce(model, data, i, force)
+            sums[a, b] = sums.get((a, b), 0.0) + float(force[0])
+    for i, root in enumerate(reader._roots):
+        velocity, quaternion = np.zeros(6), np.zeros(4)
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, root, velocity, 0)
+        mujoco.mju_mulQuat(quaternion, data.xquat[root], reader._turned[i])
+        assert arrays["velocities"][i].tolist() == velocity.tolist()
+        assert arrays["quaternions"][i].tolist() == quaternion.tolist()
+    assert document["pairs"] == [list(pair) for pair in sorted(sums)]
+    assert arrays["forces"].tolist() == [sums[pair] for pair in sorted(sums)]
+"""
+
+
+@pytest.mark.parametrize(("suite", "task"), [("libero_object", 0), ("libero_goal", 8), ("libero_10", 3)])
+def test_what_is_read_by_numbers_is_what_libero_and_mujoco_say(suite, task):
+    world = world_named("libero")
+    code = start_code("betterbench.worlds.libero_simulator").replace("import main\nmain()", "import LiberoSimulator")
+    command = [str(world.folder / "bin" / "python"), "-c", code + READ, suite, str(task)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]

@@ -326,7 +326,7 @@ class ChainScene(ForeignScene):
             if found is None or found.shape != shape:
                 shown = "nothing" if found is None else f"shape {found.shape}"
                 raise WorldError(f"the simulator sent {shown} as {name}; {shape} is agreed")
-            require_finite(name, found)
+        require_finite(arrays)
         self._document, self._arrays = document, dict(arrays)
 
     def _read(self) -> PlayTable:

@@ -12,19 +12,24 @@ import re
 import socket
 import struct
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 MAX_HEAD_BYTES = 16 << 20
-"""Largest JSON document of a frame [byte]."""
+"""Largest JSON of a frame [byte]."""
 
 MAX_ARRAY_BYTES = 256 << 20
 """Largest sum of the arrays of a frame [byte]."""
 
-_LENGTHS = struct.Struct(">IQ")
+_LENGTHS = struct.Struct(">IIQ")
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _MAX_AXES = 8
+_BLOCK = 1 << 16
+_ALIGNED = 8
+"""Arrays begin at a multiple of so many bytes, as far as those before them let them."""
+_ENCODE = json.JSONEncoder(allow_nan=False).encode
 
 
 class FrameError(Exception):
@@ -33,68 +38,87 @@ class FrameError(Exception):
 
 def send_frame(link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
     """Send a document and arrays by name; FrameError if the other side has gone or does not read in time."""
-    plain = {name: np.ascontiguousarray(array).reshape(np.shape(array)) for name, array in arrays.items()}
-    forms = {name: [array.dtype.newbyteorder("<").str, list(array.shape)] for name, array in plain.items()}
-    head = json.dumps({"document": document, "arrays": forms}, allow_nan=False).encode()
-    blocks = [array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes() for array in plain.values()]
-    body = b"".join(blocks)
+    plain = [a if a.dtype.str[0] in "<|" else a.astype(a.dtype.newbyteorder("<")) for a in arrays.values()]
+    forms = _forms_text(tuple(arrays), tuple([(array.dtype.str, array.shape) for array in plain]))
+    head = _ENCODE(document).encode()
+    head += b" " * (-(len(head) + len(forms)) % _ALIGNED)
+    blocks = [array.tobytes() for array in plain]
+    lengths = _LENGTHS.pack(len(head), len(forms), sum(map(len, blocks)))
     try:
-        link.sendall(_LENGTHS.pack(len(head), len(body)) + head + body)
+        link.sendall(b"".join((lengths, head, forms, *blocks)))
     except OSError as error:
         raise FrameError(f"it cannot be reached ({error})") from error
 
 
 def receive_frame(link: socket.socket) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return the next document and its arrays.
+    """Return the next document and its arrays, which cannot be written to.
 
     Raises:
         FrameError: If the other side has gone, sends what is no frame, or does not send in time.
     """
-    head_bytes, body_bytes = _LENGTHS.unpack(_received(link, _LENGTHS.size))
-    if head_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
-        raise FrameError(f"a frame of {head_bytes} and {body_bytes} bytes is too large")
-    head, body = _received(link, head_bytes), _received(link, body_bytes)
+    frame = _more(link, _BLOCK)
+    if len(frame) < _LENGTHS.size:
+        frame += _received(link, _LENGTHS.size - len(frame))
+    head_bytes, forms_bytes, body_bytes = _LENGTHS.unpack_from(frame)
+    if head_bytes + forms_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
+        raise FrameError(f"a frame of {head_bytes + forms_bytes} and {body_bytes} bytes is too large")
+    forms_at = _LENGTHS.size + head_bytes
+    body_at = forms_at + forms_bytes
+    left = body_at + body_bytes - len(frame)
+    if left > 0:
+        frame += _received(link, left)
+    elif left < 0:
+        raise FrameError(f"{-left} bytes follow a frame")
     try:
-        form = json.loads(head)
-        document, forms = form["document"], form["arrays"]
-        arrays, at = {}, 0
-        for name, (kind, shape) in forms.items():
-            arrays[name], at = _array(kind, shape, body, at)
+        document = json.loads(frame[_LENGTHS.size : forms_at].decode())
+        places, end = _places(frame[forms_at:body_at])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
     if not isinstance(document, dict):
         raise FrameError(f"a frame holds a {type(document).__name__} and no document")
-    if at != body_bytes:
-        raise FrameError(f"a frame holds {body_bytes} bytes of arrays and names {at}")
-    return document, arrays
+    if end != body_bytes:
+        raise FrameError(f"a frame holds {body_bytes} bytes of arrays and names {end}")
+    return document, {name: np.ndarray(shape, dtype, frame, body_at + at) for name, dtype, shape, at in places}
 
 
-def _array(kind: object, shape: object, body: bytes, at: int) -> tuple[np.ndarray, int]:
-    """Return the array that begins at a place of the body, read-only, and where the next one begins."""
-    if not isinstance(kind, str) or not _TYPES.fullmatch(kind):
-        raise ValueError(f"an array has the type {str(kind)[:40]!r}")
-    if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
-    dtype = np.dtype(kind)
-    count = math.prod(shape)
-    end = at + count * dtype.itemsize
-    if end > len(body):
-        raise ValueError("an array is longer than its frame")
-    return np.frombuffer(body, dtype, count, at).reshape(shape), end
+@lru_cache(maxsize=64)
+def _forms_text(names: tuple[str, ...], forms: tuple[tuple[str, tuple[int, ...]], ...]) -> bytes:
+    """Return the names, types and shapes of arrays as JSON; most frames have those of the one before."""
+    return json.dumps(dict(zip(names, forms, strict=True))).encode()
+
+
+@lru_cache(maxsize=64)
+def _places(text: bytes) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...], int], ...], int]:
+    """Return name, type and shape of arrays and where each begins, and where the last one ends [byte]."""
+    found, at = [], 0
+    for name, (kind, shape) in json.loads(text).items():
+        if not isinstance(kind, str) or not _TYPES.fullmatch(kind):
+            raise ValueError(f"an array has the type {str(kind)[:40]!r}")
+        if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
+            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
+        dtype = np.dtype(kind)
+        found.append((name, dtype, tuple(shape), at))
+        at += math.prod(shape) * dtype.itemsize
+    return tuple(found), at
 
 
 def _received(link: socket.socket, count: int) -> bytes:
     """Return exactly so many bytes."""
-    blocks, left = [], count
-    while left:
-        try:
-            block = link.recv(min(left, 1 << 20))
-        except TimeoutError as error:
-            raise FrameError("no answer in time") from error
-        except OSError as error:
-            raise FrameError(f"it cannot be reached ({error})") from error
-        if not block:
-            raise FrameError("it has ended")
-        blocks.append(block)
-        left -= len(block)
+    blocks = []
+    while count:
+        blocks.append(_more(link, min(count, 1 << 20)))
+        count -= len(blocks[-1])
     return b"".join(blocks)
+
+
+def _more(link: socket.socket, most: int) -> bytes:
+    """Return the bytes that come next, at least one."""
+    try:
+        block = link.recv(most)
+    except TimeoutError as error:
+        raise FrameError("no answer in time") from error
+    except OSError as error:
+        raise FrameError(f"it cannot be reached ({error})") from error
+    if not block:
+        raise FrameError("it has ended")
+    return block

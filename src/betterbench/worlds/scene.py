@@ -188,6 +188,7 @@ class ForeignScene:
         self._processes, self._images, self._draws_next = processes, images, images
         self._process: WorldProcess | None = None
         self._fixed: dict[str, Any] = {}
+        self._goal: list[int] = []
         self._document: dict[str, Any] = {}
         self._arrays: dict[str, np.ndarray] = {}
         self._step = 0
@@ -269,6 +270,7 @@ class ForeignScene:
             )
         )
         self._fixed = self._document
+        self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
         self._step, self._gripper_command = 0, -1.0
         self._info = self._describe()
         holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
@@ -305,18 +307,18 @@ class ForeignScene:
 
     def state(self) -> WorldState:
         """Return everything that is true now."""
-        arrays, velocities = self._arrays, self._arrays["velocities"]
+        arrays, velocities = self._arrays, self._arrays["velocities"].tolist()
         contacts = tuple(
-            Contact(a, b, f) for (a, b), f in zip(self._document["pairs"], arrays["forces"].tolist(), strict=True)
+            [Contact(a, b, f) for (a, b), f in zip(self._document["pairs"], arrays["forces"].tolist(), strict=True)]
         )
         return WorldState(
             info=self._info,
             step=self._step,
             time_s=self._step / self.control_rate_hz,
-            positions=tuple(map(vector_of, arrays["positions"])),
-            quaternions=tuple(_quaternion(q) for q in arrays["quaternions"]),
-            linear_speeds=tuple(np.linalg.norm(velocities[:, 3:], axis=1).tolist()),
-            angular_speeds=tuple(np.linalg.norm(velocities[:, :3], axis=1).tolist()),
+            positions=tuple([(x, y, z) for x, y, z in arrays["positions"].tolist()]),
+            quaternions=tuple([normalize(q) for q in arrays["quaternions"].tolist()]),
+            linear_speeds=tuple([math.sqrt(x * x + y * y + z * z) for _, _, _, x, y, z in velocities]),
+            angular_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z, _, _, _ in velocities]),
             ee_pose=Pose(vector_of(arrays["ee_position"]), _from_matrix(arrays["ee_rotation"])),
             commanded_pose=Pose(vector_of(arrays["goal_position"]), _from_matrix(arrays["goal_rotation"])),
             finger_width_m=float(self._document["width"]),
@@ -333,10 +335,10 @@ class ForeignScene:
 
     def truth(self) -> Truth:
         """Return what holds now; success is what the world itself calls so."""
-        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
-        subgoals = tuple(holds[name] for name in self.subgoal_names)
+        holds = self._arrays["holds"].tolist()
+        subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
-            relations=tuple(holds.values()),
+            relations=tuple(holds),
             subgoals=subgoals,
             in_order=True,
             goal=all(subgoals),
@@ -369,8 +371,8 @@ class ForeignScene:
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep an answer; WorldError if it holds something that is no number or has another size than the first."""
         document, arrays = answer
+        require_finite(arrays)
         for name, array in arrays.items():
-            require_finite(name, array)
             there = self._arrays.get(name)
             if there is not None and name != "forces" and there.shape != array.shape:
                 raise WorldError(f"the simulator sent {name} of shape {array.shape}, and {there.shape} before")
@@ -451,21 +453,26 @@ def _role(thing: Mapping[str, Any], goal: str) -> str:
 
 def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
     """Return the object that both fingers touch and that nothing else supports."""
-    touched: dict[str, set[str]] = {}
-    for a, b, _ in contacts:
-        touched.setdefault(a, set()).add(b)
-        touched.setdefault(b, set()).add(a)
-    for thing in info.objects:
-        others = touched.get(thing.name, set())
-        if not thing.fixed and {"left_finger", "right_finger"} <= others and others <= GRIPPER_BODIES:
-            return thing.name
+    left = _touching(contacts, "left_finger")
+    between = left & _touching(contacts, "right_finger") if left else left
+    if between:
+        for thing in info.objects:
+            if thing.name in between and not thing.fixed and _touching(contacts, thing.name) <= GRIPPER_BODIES:
+                return thing.name
     return None
 
 
-def require_finite(name: str, array: np.ndarray) -> None:
+def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
+    """Return what something touches."""
+    return {b if a == name else a for a, b, _ in contacts if name in (a, b)}
+
+
+def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
     """Raise WorldError if an array that a simulator sent holds what is no number."""
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        raise WorldError(f"the simulator sent {name} with a number that is not finite")
+    floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
+    if floats and not np.isfinite(np.concatenate(floats)).all():
+        wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
+        raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
 
 
 def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
@@ -474,22 +481,19 @@ def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
     return (x, y, z)
 
 
-def _quaternion(values: np.ndarray) -> Quaternion:
-    return normalize(values.tolist())
-
-
-def _from_matrix(m: np.ndarray) -> Quaternion:
+def _from_matrix(matrix: np.ndarray) -> Quaternion:
     """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3), by its largest component (Shepperd 1978)."""
-    trace = float(np.trace(m))
-    squares = [trace, *np.diag(m).tolist()]
-    largest = int(np.argmax(squares))
+    m = matrix.tolist()
+    trace = m[0][0] + m[1][1] + m[2][2]
+    squares = [trace, m[0][0], m[1][1], m[2][2]]
+    largest = squares.index(max(squares))
     if largest == 0:
-        return normalize((1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]))
+        return normalize((1.0 + trace, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]))
     i = largest - 1
     j, k = (i + 1) % 3, (i + 2) % 3
     found = [0.0] * 4
-    found[0] = m[k, j] - m[j, k]
-    found[1 + i] = 1.0 + m[i, i] - m[j, j] - m[k, k]
-    found[1 + j] = m[j, i] + m[i, j]
-    found[1 + k] = m[k, i] + m[i, k]
+    found[0] = m[k][j] - m[j][k]
+    found[1 + i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
+    found[1 + j] = m[j][i] + m[i][j]
+    found[1 + k] = m[k][i] + m[i][k]
     return normalize(found)
