@@ -1,4 +1,7 @@
-"""Illusion gaps across worlds: what a policy loses when its scene changes, on the same initial states or chains."""
+"""Illusion gaps across worlds: what a policy loses when its scene changes, on the same trials or chains.
+
+A trial in LIBERO-PRO and that of the base suite share the number of the initial state: the states are not the same.
+"""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ OURS = "better60"
 """What stands for the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed: an initial state, which twins and policies share."""
+"""Task and seed: the number of an initial state, which twins and policies share."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,12 +48,13 @@ AXES = {
 NOTE = (
     "LIBERO's tasks have one training condition each, and its suites ask for one thing at a time: habits of order, "
     "skipped steps and rightful refusals cannot show here. Success is what LIBERO says, and harm to other things is "
-    "not judged."
+    "not judged. Each suite of LIBERO-PRO has initial states of its own: a trial and its twin share the task and the "
+    "number of the state, while the robot and the things stand a little differently."
 )
 """What is said beside every diagnosis of a run in LIBERO."""
 
 
-TWINS_CURE = "run the base suite with the same initial states, and name that run with --twins"
+TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
 BASE = "base"
 """Name of the one training condition of a task."""

@@ -71,7 +71,7 @@ def diagnose_run(
         folder: The run, or its folder.
         allow_mixed: True to diagnose records of several versions, engines or policies together.
         whole: True to count the trials that a running run has not reached as trials without a record, too.
-        twins_in: For a run in LIBERO-PRO, one of its base suite: the twins are its trials from the same initial states.
+        twins_in: For a run in LIBERO-PRO, one of its base suite: the twins are its trials of the same numbers.
         on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
 
     Raises:
