@@ -38,11 +38,13 @@ class FrameError(Exception):
 
 def send_frame(link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
     """Send a document and arrays by name; FrameError if the other side has gone or does not read in time."""
-    plain = [a if a.dtype.str[0] in "<|" else a.astype(a.dtype.newbyteorder("<")) for a in arrays.values()]
-    forms = _forms_text(tuple(arrays), tuple([(array.dtype.str, array.shape) for array in plain]))
+    forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _ENCODE(document).encode()
     head += b" " * (-(len(head) + len(forms)) % _ALIGNED)
-    blocks = [array.tobytes() for array in plain]
+    if kinds is None:
+        blocks = [array.tobytes() for array in arrays.values()]
+    else:
+        blocks = [array.astype(kind).tobytes() for array, kind in zip(arrays.values(), kinds, strict=True)]
     lengths = _LENGTHS.pack(len(head), len(forms), sum(map(len, blocks)))
     try:
         link.sendall(b"".join((lengths, head, forms, *blocks)))
@@ -82,9 +84,16 @@ def receive_frame(link: socket.socket) -> tuple[dict[str, Any], dict[str, np.nda
 
 
 @lru_cache(maxsize=64)
-def _forms_text(names: tuple[str, ...], forms: tuple[tuple[str, tuple[int, ...]], ...]) -> bytes:
-    """Return the names, types and shapes of arrays as JSON; most frames have those of the one before."""
-    return json.dumps(dict(zip(names, forms, strict=True))).encode()
+def _forms_text(
+    names: tuple[str, ...], forms: tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
+) -> tuple[bytes, list[np.dtype[Any]] | None]:
+    """Return names, types and shapes of arrays as JSON, and the types to send where an array has another byte order.
+
+    Most frames have the arrays of the one before.
+    """
+    kinds = [kind.newbyteorder("<") for kind, _ in forms]
+    shapes = {name: (kind.str, shape) for name, kind, (_, shape) in zip(names, kinds, forms, strict=True)}
+    return json.dumps(shapes).encode(), kinds if any(kind.str[0] == ">" for kind, _ in forms) else None
 
 
 @lru_cache(maxsize=64)
