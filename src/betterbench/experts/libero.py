@@ -27,6 +27,12 @@ FINGER_ROOM_M = 0.074
 TOOL_TIP_M = 0.011
 """Length of the fingers below the tool center point [m]."""
 
+HAND_ABOVE_M = 0.035
+"""Height of the hand above the tool center point [m]."""
+
+HAND_HALF_M = (0.04, 0.11)
+"""Half of the room that the hand takes across the fingers' axis and along it [m]."""
+
 HOME_YAW = 0.5 * math.pi
 """Heading of the fingers' axis at home [rad]."""
 
@@ -283,10 +289,37 @@ def grasp_of(state: WorldState, thing: ObjectInfo) -> Pose:
         yaw = HOME_YAW + _turned(min(options)[1])
         return Pose((x, y, low), multiply(from_yaw(yaw), TOOL_DOWN))
     radius = 0.5 * min(depth, width) - 0.004
-    others = [state.positions[i] for i, o in enumerate(state.info.objects) if o.name != thing.name]
-    sides = ((x, y + radius), (x, y - radius))
-    side = max(sides, key=lambda s: min((math.dist(s, other[:2]) for other in others), default=0.0))
-    return Pose((side[0], side[1], z + height - 0.012), multiply(from_yaw(HOME_YAW), TOOL_DOWN))
+    others = [o for o in state.info.objects if o.name != thing.name]
+    grasps = [
+        Pose((x, side, z + height - 0.012), multiply(from_yaw(HOME_YAW), TOOL_DOWN))
+        for side in (y + radius, y - radius)
+    ]
+
+    def room(grasp: Pose) -> tuple[bool, float]:
+        gaps = [horizontal_distance(grasp.position, state.pose(o.name).position) for o in others]
+        return not any(_strikes(state, grasp, o) for o in others), min(gaps, default=0.0)
+
+    return max(grasps, key=room)
+
+
+def _strikes(state: WorldState, grasp: Pose, other: ObjectInfo) -> bool:
+    """Tell whether the hand, with its fingers along the y axis of the world, comes down into the box of a thing."""
+    pose = state.pose(other.name)
+    if _top(state, other) < grasp.position[2] + HAND_ABOVE_M:
+        return False
+    across, along = (rotate(pose.quaternion, axis)[:2] for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    (dx, dy), (width, length) = HAND_HALF_M, other.size_m[:2]
+    x, y = grasp.position[0] - pose.position[0], grasp.position[1] - pose.position[1]
+    # Two rectangles are apart where one of their sides lies between them.
+    return all(
+        abs(x * a + y * b)
+        <= dx * abs(a) + dy * abs(b) + 0.5 * width * abs(_dot(across, (a, b))) + 0.5 * length * abs(_dot(along, (a, b)))
+        for a, b in ((1.0, 0.0), (0.0, 1.0), across, along)
+    )
+
+
+def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
+    return a[0] * b[0] + a[1] * b[1]
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
