@@ -50,6 +50,7 @@ class LiberoSimulator:
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
         self._mujoco: Any = importlib.import_module("mujoco")
+        self._versions = {package: version(package) for package in _PACKAGES}
         self._made: tuple[str, int, int | None] | None = None
         self._wrapper: Any = None
         self._env: Any = None
@@ -75,7 +76,7 @@ class LiberoSimulator:
                     "bddl_sha256": digest,
                 }
             )
-        return {"tasks": tasks, "versions": {package: version(package) for package in _PACKAGES}}
+        return {"tasks": tasks, "versions": self._versions}
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Reset to an initial state and settle.
@@ -104,7 +105,7 @@ class LiberoSimulator:
         fixed = {
             **self._reader.fixed(),
             "bddl": Path(path).read_text(encoding="utf-8"),
-            "engine": {package: version(package) for package in _PACKAGES},
+            "engine": self._versions,
         }
         document, arrays = self._row(seen, done=bool(self._env._check_success()))
         return {**fixed, **document}, arrays
@@ -140,7 +141,7 @@ class LiberoSimulator:
         document = {
             "premises": [_named(p) for p in reader.premises],
             "objects": list(reader.names),
-            "engine": {package: version(package) for package in _PACKAGES},
+            "engine": self._versions,
         }
         return document, {"holds": np.array(holds, bool).reshape(len(moved), -1), "moved": np.array(moved)}
 
@@ -435,8 +436,8 @@ class _Reader:
             corners.append((there - origin) @ rotation)
         if not corners:
             return np.zeros(3), np.zeros(3)
-        every = np.concatenate(corners)
-        low, high = every.min(axis=0), every.max(axis=0)
+        every = np.ascontiguousarray(np.concatenate(corners).T)  # three times as fast, by coordinate
+        low, high = every.min(axis=1), every.max(axis=1)
         return np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]]), high - low
 
     def _corners(self, geom: int) -> np.ndarray:
