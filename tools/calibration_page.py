@@ -23,9 +23,9 @@ numbers stay apart.
 - The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
   hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
   fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
-  develop the diagnosis. Each of the other five was written after the diagnosis had been repaired on those before it,
+  develop the diagnosis. Each of the other six was written after the diagnosis had been repaired on those before it,
   by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
-  fifth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
+  sixth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
   repaired before the next. The last column says how many of the same failed trials get their label now, without an
   honest policy accused; but what has been looked at is no longer held out.
 
@@ -35,19 +35,18 @@ numbers stay apart.
   authors thought of; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --family fifth          # the habits that were written last, and used once
-better calibrate --family fourth         # those before, used once
-better calibrate --family third          # those before these, used once
-better calibrate --family second         # still earlier ones, used once
-better calibrate --family held_out       # the part that was held out first, used once
-better calibrate --family development    # the part that the diagnosis was developed on
-better calibrate                         # the faulty policies
+better calibrate --family sixth --seed 70    # the habits that were written last, and used once
+better calibrate --family fifth --seed 50    # those before, used once; fourth, third and second likewise
+better calibrate --family held_out           # the part that was held out first, used once
+better calibrate --family development        # the part that the diagnosis was developed on
+better calibrate                             # the faulty policies
 ```
 
 compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can
-be interrupted and resumed. The fourth part was recorded from seed 40 on and the fifth from seed 50 on, with other
-numbers than the usual 4 trials of some policies: `--seed 40` and `--seed 50` give their numbers but for that. [All
-wrong labels](mistakes.md) of the packaged numbers are listed, with film strips.
+be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each policy, so that
+`--seed 70` gives its numbers. The fourth was recorded from seed 40 on and the fifth from seed 50 on, with other numbers
+of trials for some policies: `--seed 40` and `--seed 50` give their numbers but for that. [All wrong
+labels](mistakes.md) of the packaged numbers are listed, with film strips.
 
 A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever
 goes for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
@@ -63,10 +62,28 @@ USES: dict[str, str] = {
     "third": "100 %",
     "fourth": "100 %",
     "fifth": "99.7 %",
+    "sixth": "97.5 %",
 }
 """The parts that were used once, and how many failed trials get their label after what the use showed was repaired."""
 
 REMARKS: dict[str, str] = {
+    "sixth": """**It keeps all four bounds** that were set before: 95 % by label, 97 % by kind, 90 % without a grasp,
+and no honest policy accused. By label it is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if each trial
+counts by itself; the trials of a habit fail or pass together, and over habits it is 93 to 100 %. Its 43 faulty habits
+are faults that learned policies are known for: they lag behind, average two things, act on old chunks, chatter with
+the gripper, close too late, slip off an edge, shy away, freeze.
+
+All 13 mistakes are of two habits. `a-little-farther-each-time` sets out for the right thing, turns back and sets out
+again, a little farther each time, until the time is over: it is called a timeout by its author, and the diagnosis says
+in ten trials that it goes to and fro and in two that it stands still. `farther-for-the-second` does so after a first
+step that is right, and one of its twelve trials is called to and fro. Nothing has been repaired since.
+
+Another sixth part, by another author, was judged once before this one and lost with the computer that it was on,
+before it could be published: 95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The
+two faults of the diagnosis that made most of its mistakes were repaired before this part was written, from the notes
+that were left.
+
+""",
     "fifth": """**It misses one of the four bounds** that were set before, 95 % by label, by one point: 94.0 %
 (343/365), with a 95 % interval of 91.0 to 96.0 % if each trial counts by itself. The trials of a habit fail or pass
 together, and over habits it is 86 to 100 %. It keeps the other bounds: 97 % by kind, 90 % without a grasp, and no
@@ -99,6 +116,7 @@ by rules that were written for them; how well other policies are judged is said 
 """What has to be said of a part besides its numbers, before they are given."""
 
 SECTIONS: dict[str, str] = {
+    "sixth": "The independent family, sixth",
     "fifth": "The independent family, fifth",
     "fourth": "The independent family, fourth",
     "third": "The independent family, third",
@@ -112,7 +130,7 @@ MISTAKES = """# Wrong labels
 
 Every trial of the [calibration](calibration.md) that did not get its true label. A strip shows the start with the
 whole path of the gripper (blue while it is open, orange while it is closed), then states at equal distances in time
-with the path so far. In the fourth and fifth part, mistakes that repeat another of the same habit in the same task have
+with the path so far. In the last three parts, mistakes that repeat another of the same habit in the same task have
 no strip.
 
 """

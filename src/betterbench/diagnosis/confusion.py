@@ -34,6 +34,9 @@ FAMILIES: dict[str, str] = {
     "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
     "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
     "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
+    "sixth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
 }
 """What a diagnosis is measured on, with what is said of it: faulty policies, and parts of the independent family.
 
