@@ -1,17 +1,20 @@
-"""Where LIBERO's expert takes a thing that is too wide for its fingers: at its rim, where the hand has room."""
+"""Where LIBERO's privileged policies take things that are too wide for their fingers, and where they let go of them."""
+
+from types import SimpleNamespace
 
 import pytest
 
-from betterbench.experts.libero import grasp_of
+from betterbench.experts.libero import CarriedStep, LiberoAgent, grasp_of
 from betterbench.geometry import Pose, from_yaw
-from betterbench.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
+from betterbench.worlds.regime import TrainedTask
 
 BOWL = ("akita_black_bowl_1", (0.112, 0.111, 0.053), False)
 COOKIES = ("cookies_1", (0.062, 0.084, 0.020), False)
 CABINET = ("wooden_cabinet_1", (0.256, 0.222, 0.218), True)
 
 
-def scene(things, yaws=()):
+def scene(things, yaws=(), slots=()):
     """Return a state with things at rest: name, size and whether it is fixed, and where each stands [m]."""
     info = SceneInfo(
         tuple(
@@ -31,7 +34,7 @@ def scene(things, yaws=()):
             )
             for (name, size, fixed), _ in things
         ),
-        (),
+        slots,
         (0.0, 0.0, 0.0),
         0.08,
     )
@@ -79,3 +82,21 @@ def test_between_two_walls_it_is_taken_where_the_next_thing_is_farther_away():
     things = [(BOWL, (0.0, 0.0, 0.9)), (wall, (0.0, -0.2, 0.9)), (("wall2", *wall[1:]), (0.0, 0.25, 0.9))]
     state = scene(things)
     assert grasp_of(state, state.info.object(BOWL[0])).position[1] == pytest.approx(0.0515, abs=1e-9)
+
+
+def test_the_memorized_place_is_as_high_as_it_was_in_training():
+    """libero_spatial_swap task 6: the plate stands on the stove, and the place where it stood is the table."""
+    slot = SlotInfo("x 6 y 20", (0.06, 0.2, 0.9), 0.0)
+    plate = ("plate_1", (0.138, 0.138, 0.019), False)
+    state = scene([(BOWL, (0.13, -0.07, 0.898)), (plate, (-0.26, -0.14, 0.930))], slots=(slot,))
+    task = SimpleNamespace(id="libero_spatial-06", instruction="pick up the black bowl and place it on the plate")
+    trained = TrainedTask(task.instruction, (("on", BOWL[0], BOWL[0], "plate_1"),), {"plate_1": ("plate_1", slot.name)})
+    played = SimpleNamespace(
+        task=task, seed=0, condition=SimpleNamespace(name="swap"), settings=SimpleNamespace(regime=(trained,))
+    )
+    step = CarriedStep(0, "on", BOWL[0], "plate_1")
+    wrong = LiberoAgent("zoo:habit-place", played)._decide(state, step, 0)
+    assert wrong.place == pytest.approx((0.06, 0.2, 0.9 + 0.6 * 0.019))
+    assert wrong.fault.text == "brings akita_black_bowl_1 to x 6 y 20"
+    right = LiberoAgent("expert", played)._decide(state, step, 0)
+    assert right.place == pytest.approx((-0.26, -0.14, 0.930 + 0.6 * 0.019))

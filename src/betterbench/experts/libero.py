@@ -148,10 +148,9 @@ class LiberoAgent:
             for slot in state.info.slots:
                 gap = horizontal_distance(slot.position, target.position)
                 if kind in slots.get(slot.name, ()) and gap > _STANDS_WITHIN_M:
-                    x, y, _ = slot.position
                     text = f"brings {step.object} to {slot.name}"
                     fault = Fault(Label.BEHAVIORAL_INERTIA, number, text)
-                    return _Aim(step.object, (x, y, right.place[2]), fault)
+                    return _Aim(step.object, _place_at(state, step, slot.position), fault)
             return right
         label, slots_asked = self._slots_of_rule(state, step)
         for name in slots_asked:
@@ -323,9 +322,13 @@ def _dot(a: tuple[float, ...], b: tuple[float, float]) -> float:
 
 
 def _place_of(state: WorldState, step: CarriedStep) -> Vector:
-    """Return the middle of the bottom of where a step brings its object [m]: over the rim of what it goes into."""
-    target = state.info.object(step.target)
-    x, y, z = state.pose(step.target).position
+    """Return the middle of the bottom of where a step brings its object [m]."""
+    return _place_at(state, step, state.pose(step.target).position)
+
+
+def _place_at(state: WorldState, step: CarriedStep, there: Vector) -> Vector:
+    """Return the same if the target stood at a place [m]: over the rim of what the object goes into."""
+    target, (x, y, z) = state.info.object(step.target), there
     if step.relation == "in":
         return (x, y, z + target.size_m[2] + 0.01)
     return (x, y, z + 0.6 * target.size_m[2])
