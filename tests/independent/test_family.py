@@ -184,9 +184,13 @@ def test_a_habit_of_the_second_half_never_takes_anything(play, policy, task, con
         ("carries-into-target-brisk", "seasoning_rack", "train1", 200),
         ("sweeps-away-after-put-brisk", "cheeseburger", "train1", 200),
         ("lets-go-too-high-brisk", "morning_coffee", "train3", 200),
+        ("chatters-with-load-hurried", "morning_coffee", "train1", 160),
+        ("almost-there-hurried", "morning_coffee", "train1", 180),
+        ("lets-go-too-late-hurried", "fast_food", "train1", 180),
+        ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
     ],
 )
-def test_a_put_of_the_second_half_that_is_meant_to_fail_fails(play, policy, task, condition, most):
+def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):
     body = play(policy, task, condition, 1, most).agent.body
     name = body.situation.first_thing()
     assert name in body.taken

@@ -12,7 +12,6 @@ from tests.independent.cases import CASES
 
 from betterbench.geometry import distance
 from betterbench.independent import FAMILY_PARTS, INDEPENDENT, shown_in
-from betterbench.independent.events import in_gripper
 from betterbench.independent.habits_fourth import LOOK_ALIKES
 from betterbench.independent.habits_sixth import EMPTY_SLOTS, FAVORITES, FOLLOWERS, OPEN_DRAWER, SHUT_DRAWER
 from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, SIXTH_MANNERS
@@ -128,24 +127,6 @@ def test_a_habit_without_a_grasp_touches_what_it_says_and_nothing_else(play, pol
     body = play(policy, task, condition, 1, 190).agent.body
     assert body.arm.log.closings == []
     assert set(body.arm.log.first_touch) == touched
-
-
-@pytest.mark.physics
-@pytest.mark.parametrize(
-    ("policy", "task", "condition", "most"),
-    [
-        ("chatters-with-load-hurried", "morning_coffee", "train1", 160),
-        ("almost-there-hurried", "morning_coffee", "train1", 180),
-        ("lets-go-too-late-hurried", "fast_food", "train1", 180),
-        ("runs-load-into-neighbor-hurried", "seasoning_rack", "train1", 160),
-    ],
-)
-def test_a_put_that_is_meant_to_fail_fails(play, policy, task, condition, most):
-    body = play(policy, task, condition, 1, most).agent.body
-    name = body.situation.first_thing()
-    assert name in body.taken
-    assert in_gripper(body.state) is None
-    assert not body.situation.done(body.state, body.situation.ahead[0])
 
 
 @pytest.mark.physics

@@ -255,13 +255,9 @@ def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, .
     What moves while a gripper that has closed on it is still at it is carried or dragged, and not pushed. What a
     gripper runs into with something else between its fingers is hit.
     """
-    pushes: list[Stay] = []
-    for i in trace.items:
-        spans = _touches(trace, grasps, i)
-        shoved = [(a, b) for a, b in spans if _shoved(trace, i, a, b)]
-        again = len(shoved) >= PUSH_AGAIN
-        pushes += [Stay(a, b, i) for a, b in spans if _pushed(trace, i, a, b) or (again and (a, b) in shoved)]
-    return tuple(sorted(pushes, key=lambda s: (s.start, s.object)))
+    shoves = find_shoves(trace, grasps)
+    times = Counter(shove.object for shove in shoves)
+    return tuple(s for s in shoves if times[s.object] >= PUSH_AGAIN or _pushed(trace, s.object, s.start, s.end))
 
 
 def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:

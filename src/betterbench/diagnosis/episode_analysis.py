@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes
+from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves
 from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout
 from betterbench.diagnosis.verdict import Attempt, Evidence
@@ -153,6 +153,11 @@ class EpisodeAnalysis:
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
+
+    @property
+    def shoves(self) -> tuple[Stay, ...]:
+        """Rows in which the empty gripper moves an object, be it by less than a push, in time."""
+        return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
         """Return clauses for what was done to things that were not asked for, in time."""

@@ -369,7 +369,7 @@ def ratchet(body: Body, target: Vector, until: int) -> Actions[None]:
         x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
         return (x + extra * ux, y + extra * uy, z)
 
-    yield from _follow(body, at, until)
+    yield from keep_to(body, at, until)
 
 
 def draw_eights(body: Body, target: Vector, until: int) -> Actions[None]:
@@ -381,18 +381,25 @@ def draw_eights(body: Body, target: Vector, until: int) -> Actions[None]:
         x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
         return (x + size * EIGHT_X_M * math.sin(2.0 * phase), y + size * EIGHT_Y_M * math.sin(phase), z)
 
-    yield from _follow(body, at, until)
+    yield from keep_to(body, at, until)
 
 
-def _follow(body: Body, at: Callable[[float, float], Vector], until: int) -> Actions[None]:
+def keep_to(
+    body: Body,
+    at: Callable[[float, float], Vector],
+    until: int,
+    *,
+    most_m: float = MOST_M,
+    highest_m: float = math.inf,
+) -> Actions[None]:
     """Follow points given by the part of the time that is over and the time [s], until a control step."""
     begin, turn = body.state.step, body.arm.here.quaternion
     while body.state.step < until:
         gone = body.state.step - begin
         x, y, z = at(gone / max(1, until - begin), gone / RATE_HZ)
-        goal = (min(max(x, 0.32), 0.70), min(max(y, -0.36), 0.36), z)
+        goal = (min(max(x, 0.32), 0.70), min(max(y, -0.36), 0.36), min(z, highest_m))
         here = body.arm.here.position
-        f = min(1.0, MOST_M / max(math.dist(here, goal), 1e-9))
+        f = min(1.0, most_m / max(math.dist(here, goal), 1e-9))
         step = (here[0] + f * (goal[0] - here[0]), here[1] + f * (goal[1] - here[1]), here[2] + f * (goal[2] - here[2]))
         yield from body.arm.step(Pose(step, turn))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from betterbench.independent.events import in_gripper
 from betterbench.independent.oddities import set_back
 from betterbench.independent.room import crowding, lowest_of
 from betterbench.independent.routines import CAREFUL, LIFT_M, NO_SHIFT, Hold, Routines
-from betterbench.independent.ways_fifth import rise_free, straddle
+from betterbench.independent.ways_fifth import keep_to, rise_free, straddle
 from betterbench.tasks import Subgoal
 from betterbench.tasks.relations import PlaceGoal, relation
 
@@ -42,7 +42,7 @@ LOW_M, INTO_M = 0.015, 0.03
 SHY_M, SHY_LOW_M, SHY_GAP_M = 0.10, 0.07, 0.06
 BOUND_M, BOUND_S = 0.06, 1.2
 SORTIES = 7
-FASTEST_STEP_M = 0.016
+FASTEST_STEP_M, HIGHEST_M = 0.016, 0.46
 SCRATCH_M = 0.025
 TRIANGLE_M = 0.09
 ROCK_RAD = 0.25
@@ -499,7 +499,7 @@ def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
         x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
         return (x, y, z + BOUND_M * abs(math.sin(math.pi * t / BOUND_S)))
 
-    yield from keep_to(body, at, until)
+    yield from keep_to(body, at, until, most_m=FASTEST_STEP_M, highest_m=HIGHEST_M)
 
 
 def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
@@ -513,20 +513,7 @@ def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
         x, y, z = (a + out * (b - a) for a, b in zip(start, target, strict=True))
         return (x, y, z)
 
-    yield from keep_to(body, at, until)
-
-
-def keep_to(body: Body, at: Callable[[float, float], Vector], until: int) -> Actions[None]:
-    """Follow points given by the part of the time that is over and the time [s], until a control step."""
-    begin, turn = body.state.step, body.arm.here.quaternion
-    while body.state.step < until:
-        gone = body.state.step - begin
-        x, y, z = at(gone / max(1, until - begin), gone / RATE_HZ)
-        goal = (min(max(x, 0.32), 0.70), min(max(y, -0.36), 0.36), min(z, 0.46))
-        here = body.arm.here.position
-        f = min(1.0, FASTEST_STEP_M / max(math.dist(here, goal), 1e-9))
-        hx, hy, hz = (a + f * (b - a) for a, b in zip(here, goal, strict=True))
-        yield from body.arm.step(Pose((hx, hy, hz), turn))
+    yield from keep_to(body, at, until, most_m=FASTEST_STEP_M, highest_m=HIGHEST_M)
 
 
 # --- no attempt

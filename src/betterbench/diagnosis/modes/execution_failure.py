@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import SHOVED_AGAIN, Stay, closes_in_part, comes_shut, find_shoves, runs_into
+from betterbench.diagnosis.approaches import SHOVED_AGAIN, Stay, closes_in_part, comes_shut, runs_into
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
@@ -150,9 +150,8 @@ def _pushed(episode: EpisodeAnalysis) -> Evidence | None:
 
 def _shoved_aside(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if the right target was moved aside again and again, by less than a push, and never grasped."""
-    grasps = tuple(step.grasp for step in episode.steps)
     times: dict[int, list[Stay]] = {}
-    for shove in find_shoves(episode.trace, grasps):
+    for shove in episode.shoves:
         due = episode.wanted(shove.start)
         if shove.object in due and not any(s.at == shove.object for s in episode.steps):
             times.setdefault(shove.object, []).append(shove)

@@ -8,7 +8,6 @@ from betterbench.diagnosis.approaches import (
     closes_in_part,
     comes_nearer,
     comes_shut,
-    find_shoves,
     find_stays,
     returns_to,
     runs_into,
@@ -67,8 +66,7 @@ def _find(trial: TrialView) -> Evidence | None:
 
 def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
     """Tell whether a way to and fro moves something aside, or leads to what is asked for."""
-    grasps = tuple(step.grasp for step in episode.steps)
-    moves = any(shove.end >= rows[0] for shove in find_shoves(episode.trace, grasps))
+    moves = any(shove.end >= rows[0] for shove in episode.shoves)
     return moves or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
 
 

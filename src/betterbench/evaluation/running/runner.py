@@ -286,9 +286,9 @@ def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEnt
         while worker.free and (trial := next(waiting, None)) is not None:
             worker.start(trial)
             running += 1
-        if not running and worker.problem is not None:
-            raise worker.problem  # in the last trial
         if not running:
+            if worker.problem is not None:
+                raise worker.problem  # in the last trial
             return
         for entry in worker.finished(_TURN_S):
             running -= 1
