@@ -160,7 +160,7 @@ def episode_steps(
             clipped += meant.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
-            append_row(builder, scene, state, truth, action=action.astype(np.float64), applied=applied)
+            append_row(builder, scene, state, truth, action=action, applied=applied)
             if on_step is not None:
                 on_step(state.step)
             if foreign is not None and foreign.instructed_anew:

@@ -108,7 +108,7 @@ class ActionSpace:
         # Plain floats: between two physics steps the caches are cold, and an array operation takes 3 us instead of 1.
         values: list[float] = given.tolist()
         if all(map(le, self.low, values)) and all(map(le, values, self.high)):
-            return np.array(values, dtype=np.float64)
+            return given.astype(np.float64)
         for i, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
             if not low <= value <= high:
                 if not math.isfinite(value):

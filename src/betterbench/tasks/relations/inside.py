@@ -31,10 +31,14 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     """
     if state.touching(name, "table"):
         return False
-    info = state.info.object(name)
+    height = state.info.object(name).size_m[2]
     region = state.info.object(container).region("inside")
-    center = state.pose(name).apply((0.0, 0.0, 0.5 * info.size_m[2]))
-    x, y, z = (state.pose(container) @ region.pose).inverse().apply(center)
+    pose, frame = state.pose(name), state.pose(container)
+    # Most things are farther away than all of this together is long, and nothing has to be turned for them.
+    reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
+    if math.dist(pose.position, frame.position) > reach:
+        return False
+    x, y, z = (frame @ region.pose).inverse().apply(pose.apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
 
