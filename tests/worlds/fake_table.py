@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 
+from betterbench.worlds.rows import form_of, packed
 from betterbench.worlds.simulator_loop import answer_requests
 
 PLACES = {"x -12 y -24": (-0.12, -0.24), "x 5 y -10": (0.05, -0.10), "x 0 y 26": (0.0, 0.26)}
@@ -17,6 +18,8 @@ BASE = {"cube_1": "x -12 y -24", "ball_1": "x 5 y -10", "basket_1": "x 0 y 26"}
 SWAPPED = {"cube_1": "x 5 y -10", "ball_1": "x -12 y -24", "basket_1": "x 0 y 26"}
 BASKET_MOVED = {"cube_1": "x -12 y -24", "ball_1": "x 0 y 26", "basket_1": "x 5 y -10"}
 SIDE, TALL = 0.04, 0.05
+PAIRS = [["basket_1", "floor"]]
+PAIRS += [[thing, other] for thing in ("ball_1", "cube_1") for other in ("floor", "left_finger", "right_finger")]
 DOWN = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
@@ -78,7 +81,7 @@ class FakeTable:
         fixed |= {"places": [[name, [*place, 0.0]] for name, place in PLACES.items()], "base": [0.0, 0.0, 0.0]}
         fixed |= {"bddl": "(define)", "engine": {"mujoco": "3.3.7"}}
         document, arrays = self.row()
-        return {**fixed, **document}, arrays
+        return {**fixed, **document, "pairs": PAIRS, "row": form_of(self.numbers())}, arrays
 
     def draw(self, request, qpos):
         assert request["suite"].startswith("libero_object")
@@ -114,20 +117,21 @@ class FakeTable:
     def row(self):
         apart = self.at[self.wanted] - self.at["basket_1"]
         inside = bool(np.abs(apart[:2]).max() < 0.06 and self.at[self.wanted][2] == 0.01 and self.held is None)
-        pairs = [["basket_1", "floor"]]
-        for name in ("ball_1", "cube_1"):
-            if name == self.held:
-                pairs += [[name, "left_finger"], [name, "right_finger"]]
-            else:
-                pairs.append([name, "floor"])
+        touching = [0]
+        for i, name in enumerate(("ball_1", "cube_1")):
+            touching += [3 * i + 2, 3 * i + 3] if name == self.held else [3 * i + 1]
+        arrays = {"row": packed(self.numbers()), "touching": np.array(touching), "forces": np.ones(len(touching))}
+        return {"done": inside}, {**arrays, "holds": np.array([inside])}
+
+    def numbers(self):
         arrays = {name: np.zeros(3) for name in ("qpos", "qvel", "ctrl")}
-        arrays |= {"act": np.zeros(0), "forces": np.ones(len(pairs)), "velocities": np.zeros((3, 6))}
-        arrays |= {"positions": np.array([self.at[n] for n in self.names]), "holds": np.array([inside])}
-        arrays |= {"quaternions": np.array([[1.0, 0.0, 0.0, 0.0]] * 3), "joints": np.zeros(7)}
+        arrays |= {"act": np.zeros(0), "velocities": np.zeros((3, 6)), "fingers": np.full(2, 0.5 * self.width)}
+        arrays |= {"positions": np.array([self.at[n] for n in self.names]), "joints": np.zeros(7)}
+        arrays |= {"quaternions": np.array([[1.0, 0.0, 0.0, 0.0]] * 3), "joint_speeds": np.zeros(7)}
         arrays |= {"ee_position": self.tool, "ee_rotation": DOWN, "goal_position": self.tool, "goal_rotation": DOWN}
-        arrays |= {"joint_speeds": np.zeros(7), "native_position": self.tool, "native_gripper": np.zeros(2)}
+        arrays |= {"native_position": self.tool, "native_gripper": np.zeros(2)}
         arrays["native_quaternion"] = np.array([1.0, 0.0, 0.0, 0.0])
-        return {"width": self.width, "pairs": pairs, "time": 0.05 * self.steps, "done": inside}, arrays
+        return arrays
 
 
 def main():

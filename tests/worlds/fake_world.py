@@ -9,6 +9,7 @@ import sys
 import numpy as np
 from fake_faults import fail, fault_due
 
+from betterbench.worlds.rows import form_of, packed
 from betterbench.worlds.simulator_loop import answer_requests
 
 SENTENCE = "pick up the cube and place it on the plate"
@@ -54,6 +55,8 @@ class FakeSimulator:
             "base": [0.0, 0.0, 0.0],
             "bddl": "(define (problem cube))",
             "engine": {"mujoco": "3.3.7"},
+            "pairs": [["cube_1", "table"], ["cube_1", "plate_1"]],
+            "row": form_of(self.numbers()),
         }
         document, arrays = self.row(look=self.images)
         return {**fixed, **document}, arrays
@@ -73,8 +76,16 @@ class FakeSimulator:
 
     def row(self, *, look):
         there = bool(self.at[0] > 0.2)
+        arrays = {"row": packed(self.numbers()), "touching": np.array([1]), "forces": np.array([1.5])}
+        arrays["holds"] = np.array([self.state != 40, there])
+        if look:
+            draw = np.random.default_rng([self.state, self.steps])
+            arrays["image_front"], arrays["image_wrist"] = draw.integers(0, 256, (2, 256, 256, 3), dtype=np.uint8)
+        return {"done": there}, arrays
+
+    def numbers(self):
         arrays = {name: np.arange(3.0) + self.steps for name in ("qpos", "qvel", "ctrl")}
-        arrays |= {"act": np.zeros(0), "forces": np.array([1.5]), "velocities": np.zeros((2, 6))}
+        arrays |= {"act": np.zeros(0), "velocities": np.zeros((2, 6)), "fingers": np.array([0.0262, -0.0261])}
         arrays |= {
             "positions": np.array([self.at, [0.3, 0.0, 0.0]]),
             "quaternions": np.array([[1.0, 0.0, 0.0, 0.0]] * 2),
@@ -85,13 +96,10 @@ class FakeSimulator:
             "goal_position": self.at,
             "goal_rotation": np.eye(3),
         }
-        arrays |= {"joints": np.arange(7.0), "joint_speeds": np.zeros(7), "holds": np.array([self.state != 40, there])}
+        arrays |= {"joints": np.arange(7.0), "joint_speeds": np.zeros(7)}
         arrays |= {"native_position": self.at, "native_gripper": np.array([0.0262, -0.0261])}
         arrays["native_quaternion"] = np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154])
-        if look:
-            draw = np.random.default_rng([self.state, self.steps])
-            arrays["image_front"], arrays["image_wrist"] = draw.integers(0, 256, (2, 256, 256, 3), dtype=np.uint8)
-        return {"width": 0.0523, "pairs": [["cube_1", "plate_1"]], "time": 0.05 * self.steps, "done": there}, arrays
+        return arrays
 
 
 def main():

@@ -105,15 +105,17 @@ assert not env.env._eval_predicate(relation)
 READ = """
 import os, sys
 import numpy as np
+from betterbench.worlds.rows import RowForm
 os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
 simulator = LiberoSimulator()
 request = {"suite": sys.argv[1], "task": int(sys.argv[2]), "state": 0, "seed": 7, "settle": 10, "images": False}
-_, before = simulator.start(request)
+fixed, _ = simulator.start(request)
+form = RowForm(fixed["row"])
 mujoco, env, reader = simulator._mujoco, simulator._env, simulator._reader
 model, data = env.sim.model._model, env.sim.data._data
 random, seen = np.random.default_rng(0), set()
 for _ in range(60):
-    document, arrays = simulator.step(random.uniform(-1.0, 1.0, 7) * (1, 1, 0.3, 1, 1, 1, 1), look=False)
+    _, arrays = simulator.step(random.uniform(-1.0, 1.0, 7) * (1, 1, 0.3, 1, 1, 1, 1), look=False)
     assert arrays["holds"].tolist() == [bool(env._eval_predicate(p)) for p in reader._relations]
     sums = {}
     for i in range(data.ncon):
@@ -126,9 +128,9 @@ for _ in range(60):
         velocity, quaternion = np.zeros(6), np.zeros(4)
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, root, velocity, 0)
         mujoco.mju_mulQuat(quaternion, data.xquat[root], reader._turned[i])
-        assert arrays["velocities"][i].tolist() == velocity.tolist()
-        assert arrays["quaternions"][i].tolist() == quaternion.tolist()
-    assert document["pairs"] == [list(pair) for pair in sorted(sums)]
+        assert form.array(arrays["row"], "velocities")[i].tolist() == velocity.tolist()
+        assert form.array(arrays["row"], "quaternions")[i].tolist() == quaternion.tolist()
+    assert [fixed["pairs"][i] for i in arrays["touching"]] == [list(pair) for pair in sorted(sums)]
     assert arrays["forces"].tolist() == [sums[pair] for pair in sorted(sums)]
 """
 

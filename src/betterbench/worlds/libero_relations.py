@@ -36,22 +36,23 @@ class Touching:
         names = sorted(set(labels))
         rank = {name: i for i, name in enumerate(names)}
         self._ranks = np.array([rank[labels[body]] for body in self._model.geom_bodyid.tolist()], np.int64)
-        self._pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
+        self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
+        """All pairs that may touch and involve the gripper or an object."""
         # Number of a pair by the ranks of both, in either order; all that is not kept has the last number.
-        self._codes = np.full((len(names), len(names)), len(self._pairs), np.int64)
-        for code, (a, b) in enumerate(self._pairs):
+        self._codes = np.full((len(names), len(names)), len(self.pairs), np.int64)
+        for code, (a, b) in enumerate(self.pairs):
             self._codes[rank[a], rank[b]] = self._codes[rank[b], rank[a]] = code
         self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
         self._masks: dict[Any, np.ndarray] = {}
 
-    def pairs(self) -> tuple[list[list[str]], np.ndarray]:
-        """Return the touching pairs that involve the gripper or an object, and their normal forces [N]."""
-        contacts, count = self._data.contact, len(self._pairs)
+    def now(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the numbers of the pairs that touch, in rising order, and their normal forces [N]."""
+        contacts, count = self._data.contact, len(self.pairs)
         ranks = self._ranks[contacts.geom]
         codes = self._codes[ranks[:, 0], ranks[:, 1]]
         sums = np.bincount(codes, self._forces(contacts), count + 1)
-        found = sorted(set(codes.tolist()) - {count})
-        return [self._pairs[code] for code in found], sums[found]
+        found = np.array(sorted(set(codes.tolist()) - {count}), np.int64)
+        return found, sums[found]
 
     def _forces(self, contacts: Any) -> np.ndarray:  # noqa: ANN401 - MuJoCo's own
         """Return the normal forces of all contacts [N]."""

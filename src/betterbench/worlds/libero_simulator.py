@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.worlds.libero_relations import Relations, Touching
+from betterbench.worlds.rows import form_of, packed
 from betterbench.worlds.simulator_loop import FrameContent, answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
@@ -108,7 +109,8 @@ class LiberoSimulator:
             "engine": self._versions,
         }
         document, arrays = self._row(seen, done=bool(self._env._check_success()))
-        return {**fixed, **document}, arrays
+        form = form_of(self._reader.numbers(seen))
+        return {**fixed, **document, "row": form}, arrays
 
     def premises(self, request: Mapping[str, Any]) -> FrameContent:
         """Settle every initial state of a task; return the names of its premises, and which hold in which state.
@@ -199,15 +201,12 @@ class LiberoSimulator:
     def _row(self, seen: Mapping[str, np.ndarray], *, done: bool) -> FrameContent:
         if self._reader is None:
             raise RuntimeError("no episode has begun")
-        document, arrays = self._reader.row()
-        arrays["native_position"] = seen["robot0_eef_pos"]
-        arrays["native_quaternion"] = seen["robot0_eef_quat"]
-        arrays["native_gripper"] = seen["robot0_gripper_qpos"]
+        arrays = self._reader.row(seen)
         if self.look:
             for name, camera in CAMERAS.items():
                 # Turned by 180 degrees, as LIBERO's clients do.
                 arrays[f"image_{name}"] = seen[f"{camera}_image"][::-1, ::-1]
-        return {**document, "done": done}, arrays
+        return {"done": done}, arrays
 
 
 class _Camera:
@@ -284,6 +283,7 @@ class _Reader:
             "relations": [_named(p) for p in self._relations],
             "goal": [_named(self._relations[i]) for i in self._goal],
             "premises": [_named(p) for p in self.premises],
+            "pairs": self._touching.pairs,
             "places": [[name, place] for name, place in self._places.items()],
             "arena": str(env._arena_type),
             "base": [float(x) for x in self._data.body("robot0_base").xpos],
@@ -311,13 +311,21 @@ class _Reader:
             named = ", ".join(_named(self._relations[i]) for i in np.flatnonzero(ours != theirs))
             raise RuntimeError(f"our reading of {named} is not LIBERO's")
 
-    def row(self) -> FrameContent:
-        """Return the state now."""
+    def row(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the state now: "row" for all that is numbers, what touches, and which relations hold."""
+        touching, forces = self._touching.now()
+        return {
+            "row": packed(self.numbers(seen)),
+            "touching": touching,
+            "forces": forces,
+            "holds": self._holds.hold(),
+        }
+
+    def numbers(self, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return all that is numbers now, float64; ``seen`` is robosuite's observation."""
         data, roots, controller = self._data, self._root_numbers, self._env.robots[0].controller
         rotations = data.xmat[roots].reshape(-1, 3, 3)
-        pairs, forces = self._touching.pairs()
-        left, right = data.qpos[self._fingers].tolist()
-        arrays = {
+        return {
             "qpos": data.qpos,
             "qvel": data.qvel,
             "act": data.act,
@@ -326,15 +334,16 @@ class _Reader:
             "quaternions": self._quaternions(),
             "velocities": self._velocities(),
             "ee_position": data.site_xpos[self._hand],
-            "ee_rotation": data.site_xmat[self._hand].reshape(3, 3),
-            "goal_position": np.array(controller.goal_pos, float),
-            "goal_rotation": np.array(controller.goal_ori, float).reshape(3, 3),
+            "ee_rotation": data.site_xmat[self._hand],
+            "goal_position": np.asarray(controller.goal_pos, float),
+            "goal_rotation": np.asarray(controller.goal_ori, float),
             "joints": data.qpos[self._joints],
             "joint_speeds": data.qvel[self._speeds],
-            "forces": forces,
-            "holds": self._holds.hold(),
+            "fingers": data.qpos[self._fingers],
+            "native_position": np.asarray(seen["robot0_eef_pos"], float),
+            "native_quaternion": np.asarray(seen["robot0_eef_quat"], float),
+            "native_gripper": np.asarray(seen["robot0_gripper_qpos"], float),
         }
-        return {"width": abs(left) + abs(right), "pairs": pairs, "time": float(data.time)}, arrays
 
     def _quaternions(self) -> np.ndarray:
         """Return how the objects are turned, (n, 4): what ``mju_mulQuat`` makes of each, to the bit."""

@@ -12,26 +12,34 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, Quaternion, Vector, normalize
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, unit
 from betterbench.interface.actions import ActionSpace
 from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
 from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
 from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
 from betterbench.worlds.regime import TrainedTask
+from betterbench.worlds.rows import RowForm
 
 PANDA_OPENING_M = 0.08
 """Largest distance of the finger pads of robosuite's Panda gripper [m]."""
 
 _STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
-_ROW = frozenset(
-    {
-        *("qpos", "qvel", "act", "ctrl", "joints", "joint_speeds", "forces", "holds"),
-        *("positions", "quaternions", "velocities"),
-        *("ee_position", "ee_rotation", "goal_position", "goal_rotation"),
-        *("native_position", "native_quaternion", "native_gripper"),
-    }
-)
+_NUMBERS: Mapping[str, int | None] = {
+    **dict.fromkeys(("qpos", "qvel", "act", "ctrl", "joints", "joint_speeds")),
+    "ee_position": 3,
+    "ee_rotation": 9,
+    "goal_position": 3,
+    "goal_rotation": 9,
+    "fingers": 2,
+    "native_position": 3,
+    "native_quaternion": 4,
+    "native_gripper": 2,
+}
+"""What a row holds, and how many numbers each of it has where that is the same for all tasks."""
+_PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
+"""What a row holds of each object."""
+_ARRAYS = frozenset({"row", "touching", "forces", "holds"})
 _IMAGES = frozenset({"image_front", "image_wrist"})
 
 
@@ -191,7 +199,8 @@ class ForeignScene:
         self._goal: list[int] = []
         self._document: dict[str, Any] = {}
         self._arrays: dict[str, np.ndarray] = {}
-        self._form: object = None
+        self._row, self._numbers = RowForm([]), list[float]()
+        self._pairs: tuple[tuple[str, str], ...] = ()
         self._step = 0
         self._gripper_command = -1.0
         self._info = SceneInfo((), (), (0.0, 0.0, 0.0), PANDA_OPENING_M)
@@ -257,7 +266,7 @@ class ForeignScene:
         """
         protocol = self.settings.protocol
         self._process = self._processes.take(self._process_key)
-        self._take(
+        self._begin(
             self._process.start(
                 {
                     "suite": self.task.suite,
@@ -270,7 +279,6 @@ class ForeignScene:
                 }
             )
         )
-        self._fixed = self._document
         self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
         self._step, self._gripper_command = 0, -1.0
         self._info = self._describe()
@@ -308,31 +316,40 @@ class ForeignScene:
 
     def state(self) -> WorldState:
         """Return everything that is true now."""
-        arrays, velocities = self._arrays, self._arrays["velocities"].tolist()
-        contacts = tuple(
-            [Contact(a, b, f) for (a, b), f in zip(self._document["pairs"], arrays["forces"].tolist(), strict=True)]
-        )
+        arrays, pairs = self._arrays, self._pairs
+        try:
+            touching = [pairs[number] for number in arrays["touching"].tolist()]
+            forces = arrays["forces"].tolist()
+            contacts = tuple([Contact(a, b, force) for (a, b), force in zip(touching, forces, strict=True)])
+        except (IndexError, TypeError, ValueError) as problem:
+            raise WorldError(f"the simulator sent contacts that cannot be read ({problem})") from None
+        v = self._get("velocities")
+        turning, moving = zip(v[0::6], v[1::6], v[2::6], strict=True), zip(v[3::6], v[4::6], v[5::6], strict=True)
+        p, q = self._get("positions"), self._get("quaternions")
+        quaternions = zip(q[0::4], q[1::4], q[2::4], q[3::4], strict=True)
+        left, right = self._get("fingers")
         return WorldState(
             info=self._info,
             step=self._step,
             time_s=self._step / self.control_rate_hz,
-            positions=tuple([(x, y, z) for x, y, z in arrays["positions"].tolist()]),
-            quaternions=tuple([normalize(q) for q in arrays["quaternions"].tolist()]),
-            linear_speeds=tuple([math.sqrt(x * x + y * y + z * z) for _, _, _, x, y, z in velocities]),
-            angular_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z, _, _, _ in velocities]),
-            ee_pose=Pose(vector_of(arrays["ee_position"]), _from_matrix(arrays["ee_rotation"])),
-            commanded_pose=Pose(vector_of(arrays["goal_position"]), _from_matrix(arrays["goal_rotation"])),
-            finger_width_m=float(self._document["width"]),
+            positions=tuple(zip(p[0::3], p[1::3], p[2::3], strict=True)),
+            quaternions=tuple(map(unit, quaternions)),
+            linear_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in moving]),
+            angular_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in turning]),
+            ee_pose=Pose(vector_of(self._get("ee_position")), _from_matrix(self._get("ee_rotation"))),
+            commanded_pose=Pose(vector_of(self._get("goal_position")), _from_matrix(self._get("goal_rotation"))),
+            finger_width_m=abs(left) + abs(right),
             gripper_command=self._gripper_command,
-            joint_positions=tuple(arrays["joints"].tolist()),
-            joint_velocities=tuple(arrays["joint_speeds"].tolist()),
+            joint_positions=tuple(self._get("joints")),
+            joint_velocities=tuple(self._get("joint_speeds")),
             contacts=contacts,
             held=held_object(contacts, self._info),
         )
 
     def simulator_state(self) -> dict[str, np.ndarray]:
         """Return the arrays of the simulator: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
-        return {name: self._arrays[name] for name in ("qpos", "qvel", "act", "ctrl")}
+        row, places = self._arrays["row"], self._row.places
+        return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
         """Return what holds now; success is what the world itself calls so."""
@@ -353,10 +370,11 @@ class ForeignScene:
 
     def native(self) -> dict[str, np.ndarray]:
         """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
+        row, places = self._arrays["row"], self._row.places
         return {
-            "ee_position": self._arrays["native_position"],
-            "ee_axis_angle": quat2axisangle(self._arrays["native_quaternion"]),
-            "gripper_fingers": self._arrays["native_gripper"],
+            "ee_position": row[places["native_position"]],
+            "ee_axis_angle": quat2axisangle(row[places["native_quaternion"]]),
+            "gripper_fingers": row[places["native_gripper"]],
         }
 
     def close(self, *, well: bool) -> None:
@@ -370,23 +388,45 @@ class ForeignScene:
             process.kill()
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if it holds something that is no number or has another size than the first."""
+        """Keep an answer; WorldError if it holds something that is no number or has another size than it should."""
         document, arrays = answer
-        require_finite(arrays)
-        form = (self._draws_next, tuple(arrays), [array.shape for array in arrays.values()])
-        if form != self._form:
-            self._check_form(arrays)
-            self._form = form
-        self._document, self._arrays = document, arrays
-
-    def _check_form(self, arrays: Mapping[str, np.ndarray]) -> None:
-        for name, array in arrays.items():
-            there = self._arrays.get(name)
-            if there is not None and name != "forces" and there.shape != array.shape:
-                raise WorldError(f"the simulator sent {name} of shape {array.shape}, and {there.shape} before")
-        missing = (_ROW | (_IMAGES if self._draws_next else frozenset())) - arrays.keys()
+        missing = (_ARRAYS | _IMAGES if self._draws_next else _ARRAYS) - arrays.keys()
         if missing:
             raise WorldError(f"the simulator did not send {', '.join(sorted(missing))}")
+        row, forces = arrays["row"], arrays["forces"]
+        if row.shape != (self._row.size,) or row.dtype != np.float64:
+            raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
+        if arrays["holds"].shape != (len(self._fixed["relations"]),):
+            raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
+        for name in _IMAGES if self._draws_next else ():
+            if arrays[name].shape != (IMAGE_SIDE, IMAGE_SIDE, 3):
+                raise WorldError(f"the simulator sent {name} of shape {arrays[name].shape}")
+        numbers = row.tolist()
+        # A sum is finite only if all its terms are, and takes a third of the time of asking each.
+        if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
+            raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+        require_finite({"forces": forces})
+        self._document, self._arrays, self._numbers = document, arrays, numbers
+
+    def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
+        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold."""
+        try:
+            self._row = RowForm(answer[0].get("row"))
+            self._pairs = tuple((str(a), str(b)) for a, b in answer[0].get("pairs", ()))
+        except (TypeError, ValueError) as problem:
+            raise WorldError(f"the simulator began an episode, and {problem}") from None
+        objects = len(answer[0]["objects"])
+        due = {**_NUMBERS, **{name: width * objects for name, width in _PER_OBJECT.items()}}
+        for name, count in due.items():
+            shape = self._row.shapes.get(name)
+            if shape is None or (count is not None and math.prod(shape) != count):
+                raise WorldError(f"the simulator's rows hold {name} of the shape {shape}")
+        self._fixed = answer[0]
+        self._take(answer)
+
+    def _get(self, name: str) -> list[float]:
+        """Return the numbers of one array of the row."""
+        return self._numbers[self._row.places[name]]
 
     def _describe(self) -> SceneInfo:
         goal = " ".join(self._fixed["goal"])
@@ -410,7 +450,7 @@ class ForeignScene:
             for o in self._fixed["objects"]
         )
         slots = tuple(SlotInfo(str(name), vector_of(place), 0.0) for name, place in self._fixed["places"])
-        return SceneInfo(objects, slots, vector_of(self._arrays["ee_position"]), PANDA_OPENING_M)
+        return SceneInfo(objects, slots, vector_of(self._get("ee_position")), PANDA_OPENING_M)
 
 
 class ForeignTracker:
@@ -484,13 +524,13 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
 
 def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
     """Return three numbers as a vector of floats."""
-    x, y, z = np.asarray(values, np.float64).tolist()
+    x, y, z = map(float, values)
     return (x, y, z)
 
 
-def _from_matrix(matrix: np.ndarray) -> Quaternion:
-    """Return the quaternion (w, x, y, z) of a rotation matrix (3, 3), by its largest component (Shepperd 1978)."""
-    m = matrix.tolist()
+def _from_matrix(numbers: Sequence[float]) -> Quaternion:
+    """Return the quaternion (w, x, y, z) of a rotation matrix given row by row, by its largest part (Shepperd 1978)."""
+    m = (numbers[0:3], numbers[3:6], numbers[6:9])
     trace = m[0][0] + m[1][1] + m[2][2]
     squares = [trace, m[0][0], m[1][1], m[2][2]]
     largest = squares.index(max(squares))
