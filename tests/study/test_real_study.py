@@ -35,6 +35,7 @@ recipe:
   rollouts: 0
   warmup: 5
 """
+ARMS = ("confounded", "balanced")
 PAUSE_S = 0.05
 PATIENCE_S = 600.0
 
@@ -46,8 +47,8 @@ def plan(tmp_path):
     return path
 
 
-def begin(plan: Path, out: Path) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "betterbench.cli", "study", plan, "--out", out, "--workers", "1"]
+def begin(plan: Path, out: Path, workers: int = 1) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "betterbench.cli", "study", plan, "--out", out, "--workers", str(workers)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
@@ -62,10 +63,30 @@ def kill_once_there(plan: Path, out: Path, sign: str) -> None:
     process.communicate()
 
 
-def finish(plan: Path, out: Path) -> None:
-    process = begin(plan, out)
+def finish(plan: Path, out: Path, workers: int = 1) -> None:
+    process = begin(plan, out, workers)
     _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0, said.decode()
+
+
+def test_a_learner_whose_process_is_killed_stops_the_study_and_nothing_is_lost(plan, tmp_path):
+    out = tmp_path / "study"
+    process, began = begin(plan, out, workers=2), time.monotonic()
+    while not all((out / "learners" / f"fruit_lunch-{arm}-seed0" / "loss.csv").exists() for arm in ARMS):
+        assert process.poll() is None, process.stderr and process.stderr.read().decode()
+        assert time.monotonic() - began < PATIENCE_S
+        time.sleep(PAUSE_S)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    named = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(int(named[-1]), signal.SIGKILL)
+    said = process.communicate(timeout=PATIENCE_S)[1].decode()
+    if process.returncode == 0:
+        pytest.skip("the learners were ready before one could be killed")
+    assert "has ended (SIGKILL" in said
+    assert "run the same command again" in said
+    assert said.count("Traceback") == 0
+    finish(plan, out, workers=2)
+    assert (out / "study.html").exists()
 
 
 def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, tmp_path):
@@ -81,7 +102,7 @@ def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, t
     finish(plan, out)
     killed = {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
     out.rename(tmp_path / "killed")
-    finish(plan, out)
+    finish(plan, out, workers=2)  # and both learners are trained side by side
     assert killed == {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
     found = json.loads((out / "study.json").read_text())
     assert found["learners"] == 2

@@ -61,6 +61,31 @@ def test_every_learner_is_trained_and_evaluated_once(undisturbed):
     )
 
 
+def test_learners_that_are_trained_side_by_side_are_the_same(undisturbed, tmp_path):
+    whole, _, _, calls, _ = undisturbed
+    workshop, again = made_up_workshop(threads=4)
+    told = []
+    write_page(run_study(small(), tmp_path, workshop, on_progress=told.append), tmp_path)
+    assert contents(tmp_path) == contents(whole)
+    assert sorted(again) == sorted(calls)
+    kinds = [call.partition(" ")[0] for call in again]
+    assert kinds == ["set"] * 3 + ["train"] * 4 + ["evaluate"] * 4 + ["train"] * 2 + ["evaluate"] * 2
+    assert [p.number for p in told] == sorted(p.number for p in told)
+    assert {p.stages for p in told} == {15}
+    assert f"learner {TASK}-balanced-seed1, {TASK}-covered-seed1" in {p.name for p in told}
+
+
+def test_a_group_of_which_some_are_trained_already_trains_the_others(undisturbed, tmp_path):
+    calls = undisturbed[3]
+    run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
+    (tmp_path / "stages" / f"learners-{TASK}-balanced-seed0.json").unlink()
+    workshop, again = made_up_workshop(threads=8)
+    write_page(run_study(small(), tmp_path, workshop), tmp_path)
+    trained = [call for call in again if call.startswith("train")]
+    assert trained == [f"train {TASK}-balanced-seed0", *(c for c in calls if c.startswith("train") and "seed1" in c)]
+    assert contents(tmp_path) == contents(undisturbed[0])
+
+
 @pytest.mark.slow
 def test_a_study_that_is_killed_anywhere_ends_with_the_same_numbers(undisturbed, tmp_path):
     whole, _, _, calls, _ = undisturbed

@@ -13,8 +13,9 @@ from betterbench.interventions.regimes import conditions_of
 from betterbench.shortcuts.examine import audit_dataset
 from betterbench.shortcuts.facts import facts_of_condition
 from betterbench.shortcuts.prediction import predict
+from betterbench.study.learning import TrainedPolicy
 from betterbench.study.outcomes import TrialOutcome
-from betterbench.study.work import TrainedPolicy, Workshop
+from betterbench.study.work import Workshop
 from betterbench.tasks import get_task
 
 
@@ -37,7 +38,9 @@ def played(policy: str, task: str, variation: str | None, condition: str, seed: 
     )
 
 
-def made_up_workshop(stop_at: int | None = None, stop: Callable[[], None] = lambda: None) -> tuple[Workshop, list[str]]:
+def made_up_workshop(
+    stop_at: int | None = None, stop: Callable[[], None] = lambda: None, threads: int = 1
+) -> tuple[Workshop, list[str]]:
     """Return a workshop and the list of what it did; at call ``stop_at`` it calls ``stop`` in the midst of the work."""
     calls: list[str] = []
 
@@ -54,10 +57,13 @@ def made_up_workshop(stop_at: int | None = None, stop: Callable[[], None] = lamb
         (out / "prediction.json").write_bytes(prediction_bytes(recipe.tasks[0]))
         return hashlib.sha256(json.dumps(asdict(recipe)).encode()).hexdigest()
 
-    def train(recipe, out, tell):
-        did("train", out)
-        tell(1, recipe.steps, "loss 0.5")
-        return TrainedPolicy(f"learned:{out}", "+".join(data.rpartition("/")[2] for data in recipe.data))
+    def train(jobs, tell):
+        assert sum(job.recipe.threads for job in jobs) <= threads
+        for job in jobs:
+            did("train", job.out)
+            tell(1, job.recipe.steps, "loss 0.5")
+        names = ["+".join(data.rpartition("/")[2] for data in job.recipe.data) for job in jobs]
+        return tuple(TrainedPolicy(f"learned:{job.out}", name) for job, name in zip(jobs, names, strict=True))
 
     def evaluate(policy, task, trials, out, tell):
         did("evaluate", out)
@@ -66,4 +72,4 @@ def made_up_workshop(stop_at: int | None = None, stop: Callable[[], None] = lamb
         tell(len(planned), len(planned), "trials")
         return tuple(played(policy.digest, task, t.variation, t.base_condition or t.condition, t.seed) for t in planned)
 
-    return Workshop(make_set, train, evaluate), calls
+    return Workshop(make_set, train, evaluate, threads), calls

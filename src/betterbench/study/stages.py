@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,9 +28,10 @@ from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
+from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
-from betterbench.study.work import OnWork, TrainedPolicy, Workshop
+from betterbench.study.work import Workshop
 
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
@@ -133,11 +134,25 @@ def _require_certified(plan: StudyPlan, certificate: Path | None) -> None:
     require_coverage(coverage, trials, seed=0, trials_per_variation=plan.trials)
 
 
+@dataclass(frozen=True, slots=True)
+class _Learning:
+    """A learner that is due.
+
+    Attributes:
+        job: How it is trained.
+        inputs: Hash of all that decides what it becomes.
+    """
+
+    learner: PlannedLearner
+    job: TrainingJob
+    inputs: str
+
+
 class _Study:
     """A study while it goes on."""
 
     def __init__(self, plan: StudyPlan, out: Path, workshop: Workshop, on_progress: OnStudy | None) -> None:
-        self._plan, self._out, self._workshop, self._tell = plan, out, workshop, on_progress
+        self._plan, self._out, self._workshop, self._on_progress = plan, out, workshop, on_progress
         self._learners = tuple(plan.learners())
         self._sets = dict(self._all_sets())
         self._stages = len(self._sets) + 2 * len(self._learners)
@@ -158,12 +173,16 @@ class _Study:
         return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
 
     def run(self) -> StudyOutcome:
-        """Do all stages: the sets, then learner by learner."""
+        """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
-        found = tuple(self._learn(learner, hashes) for learner in self._learners)
+        found: list[LearnerOutcome] = []
+        while len(found) < len(self._learners):
+            group = self._side_by_side(self._learners[len(found) :], hashes)
+            policies = self._train(group)
+            found += [self._evaluate(one.learner, policy) for one, policy in zip(group, policies, strict=True)]
         confounded = (self._set_name(task, "training", self._plan.demos) for task in self._plan.tasks)
         folders = {n.rpartition("-")[0]: self._out / "sets" / n for n in confounded if n in hashes}
-        return StudyOutcome(self._plan, found, folders, dict(self._seconds))
+        return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _make_set(self, name: str, recipe: SetRecipe) -> str:
         form = asdict(recipe)
@@ -175,22 +194,45 @@ class _Study:
         )
         return str(found["sha256"])
 
-    def _learn(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> LearnerOutcome:
-        """Train and evaluate one learner."""
+    def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
+        """Return the first learners, as many as there are threads for, with what goes into them."""
+        group: list[_Learning] = []
+        threads = 0
+        for learner in learners:
+            one = self._learning(learner, hashes)
+            threads += one.job.recipe.threads
+            if group and threads > self._workshop.threads:
+                break
+            group.append(one)
+        return group
+
+    def _learning(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> _Learning:
         names = [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
         recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names))
-        inputs: dict[str, Any] = {
-            "recipe": {**recipe.to_json(), "data": names},
-            "sets": [hashes[name] for name in names],
-        }
-        out = self._out / "learners" / learner.name
+        inputs = {"recipe": {**recipe.to_json(), "data": names}, "sets": [hashes[name] for name in names]}
+        return _Learning(learner, TrainingJob(recipe, self._out / "learners" / learner.name), _hash_of(inputs))
 
-        def train(tell: OnWork) -> dict[str, Any]:
-            made = self._workshop.train(recipe, out, tell)
-            return {"address": made.address.replace(str(self._out), _HERE), "digest": made.digest}
+    def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
+        """Train those of a group that are not trained yet, and return the policies of all."""
+        self._number += len(group)
+        due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
+        if due:
+            began = time.perf_counter()
+            names = ", ".join(one.learner.name for one in due)
+            made = self._workshop.train([one.job for one in due], self._teller(f"learner {names}"))
+            seconds = (time.perf_counter() - began) / len(due)
+            for one, policy in zip(due, made, strict=True):
+                output = {"address": policy.address.replace(str(self._out), _HERE), "digest": policy.digest}
+                self._keep("learners", one.learner.name, _Done(one.inputs, output, round(seconds, 1)))
+        policies = []
+        for one in group:
+            output = self._counted("learners", one.learner.name, one.inputs)
+            address = str(output["address"]).replace(_HERE, str(self._out))
+            policies.append(TrainedPolicy(address, str(output["digest"])))
+        return policies
 
-        made = self._stage("learners", learner.name, inputs, train)
-        policy = TrainedPolicy(str(made["address"]).replace(_HERE, str(self._out)), str(made["digest"]))
+    def _evaluate(self, learner: PlannedLearner, policy: TrainedPolicy) -> LearnerOutcome:
+        """Evaluate one learner."""
         run = self._out / "runs" / learner.name
 
         def evaluate(tell: OnWork) -> dict[str, Any]:
@@ -202,31 +244,53 @@ class _Study:
         where = str(self._marker("runs", learner.name))
         return LearnerOutcome(learner, read_trials(found.get("trials"), where))
 
-    def _marker(self, kind: str, name: str) -> Path:
-        return self._out / STAGES / f"{kind}-{name}.json"
-
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
         """Return what a stage gave: of its file, if that is complete with the same inputs, else of its work."""
         self._number += 1
-        hashed = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        hashed = _hash_of(inputs)
+        if self._there(kind, name, hashed) is None:
+            began = time.perf_counter()
+            output = work(self._teller(f"{kind.removesuffix('s')} {name}"))
+            self._keep(kind, name, _Done(hashed, output, round(time.perf_counter() - began, 1)))
+        return self._counted(kind, name, hashed)
+
+    def _teller(self, label: str) -> OnWork:
+        """Return what tells how the stage under way goes on, and tell that it begins."""
+
+        def tell(done: int, planned: int, note: str) -> None:
+            if self._on_progress is not None:
+                self._on_progress(StudyProgress(self._number, self._stages, label, done, planned, note))
+
+        tell(0, 0, "")
+        return tell
+
+    def _marker(self, kind: str, name: str) -> Path:
+        return self._out / STAGES / f"{kind}-{name}.json"
+
+    def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
+        """Return what a complete stage left, or None if it is not done with these inputs."""
         path = self._marker(kind, name)
         there = _read(path) if path.exists() else None
-        if there is None or there.inputs != hashed:
-            began = time.perf_counter()
-            label = f"{kind.removesuffix('s')} {name}"
+        return there if there is not None and there.inputs == inputs else None
 
-            def tell(done: int, planned: int, note: str) -> None:
-                if self._tell is not None:
-                    self._tell(StudyProgress(self._number, self._stages, label, done, planned, note))
+    def _keep(self, kind: str, name: str, done: _Done) -> None:
+        path = self._marker(kind, name)
+        with on_disk(path):
+            write_durably(path, (json.dumps(asdict(done), indent=1) + "\n").encode())
 
-            tell(0, 0, "")
-            there = _Done(hashed, work(tell), round(time.perf_counter() - began, 1))
-            with on_disk(path):
-                write_durably(path, (json.dumps(asdict(there), indent=1) + "\n").encode())
+    def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
+        """Return what a complete stage gave, and count its time."""
+        there = self._there(kind, name, inputs)
+        if there is None:
+            raise AssertionError(f"{kind} {name} is done")
         self._seconds[kind] = round(self._seconds.get(kind, 0.0) + there.seconds, 1)
         return there.output
+
+
+def _hash_of(inputs: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
 def _read(path: Path) -> _Done:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,26 +10,9 @@ from betterbench.datasets.build import make_dataset
 from betterbench.datasets.recipe import SetRecipe
 from betterbench.diagnosis import diagnose_run, stored
 from betterbench.evaluation import Progress, evaluate, make_plan
-from betterbench.learned.address import PREFIX, require_torch
-from betterbench.learned.recipe import TrainingRecipe
-from betterbench.recording.parquet import file_digest
+from betterbench.learned.address import require_torch
+from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob, train_learners
 from betterbench.study.outcomes import TrialOutcome, outcomes_of
-
-OnWork = Callable[[int, int, str], None]
-"""Called with how much of a piece of work is done, of how much, and a note."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrainedPolicy:
-    """A learner that is ready.
-
-    Attributes:
-        address: Address of the policy.
-        digest: Hash of what it is.
-    """
-
-    address: str
-    digest: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +21,15 @@ class Workshop:
 
     Attributes:
         make_set: Makes the set of a recipe in a folder and returns its hash.
-        train: Trains by a recipe in a folder.
+        train: Trains some learners, side by side if there are several.
         evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it.
+        threads: How many threads learners may take that are trained side by side.
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
-    train: Callable[[TrainingRecipe, Path, OnWork], TrainedPolicy]
+    train: Callable[[Sequence[TrainingJob], OnWork], tuple[TrainedPolicy, ...]]
     evaluate: Callable[[TrainedPolicy, str, int, Path, OnWork], tuple[TrialOutcome, ...]]
+    threads: int = 1
 
 
 def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
@@ -68,18 +53,8 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
         stored.store_diagnosis(run, found)
         return outcomes_of(found)
 
-    return Workshop(make_set, _trainer(device), evaluated)
+    def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
+        return train_learners(jobs, device, tell)
 
-
-def _trainer(device: str) -> Callable[[TrainingRecipe, Path, OnWork], TrainedPolicy]:
-    def trained(recipe: TrainingRecipe, out: Path, tell: OnWork) -> TrainedPolicy:
-        from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
-        from betterbench.training.loop import train  # noqa: PLC0415
-
-        data = read_training_set(recipe, on_read=lambda done, of: tell(done, of, "reading"))
-        result = train(
-            recipe, data, out, device=device, on_progress=lambda p: tell(p.step, p.steps, f"loss {p.loss:.4f}")
-        )
-        return TrainedPolicy(f"{PREFIX}{out}", file_digest(result.checkpoint))
-
-    return trained
+    # On a card the learners would only take turns.
+    return Workshop(make_set, trained, evaluated, threads=workers if device == "cpu" else 1)

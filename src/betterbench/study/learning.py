@@ -1,0 +1,156 @@
+"""Training the learners of a study: one here, or several side by side, each in a process of its own.
+
+A learner of this size keeps one processor busy: two that are trained side by side take as long as one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from betterbench.errors import BetterError, TrainingError, described
+from betterbench.evaluation.workers.pool import interrupts_blocked
+from betterbench.learned.address import PREFIX
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.policies.policy_process import exit_text
+from betterbench.recording.parquet import file_digest
+from betterbench.recording.worker_process import prepare_process
+
+_STOP_S = 5.0
+
+
+OnWork = Callable[[int, int, str], None]
+"""Called with how much of a piece of work is done, of how much, and a note."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedPolicy:
+    """A learner that is ready.
+
+    Attributes:
+        address: Address of the policy.
+        digest: Hash of what it is.
+    """
+
+    address: str
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingJob:
+    """A learner to be trained, and the folder in which that is done."""
+
+    recipe: TrainingRecipe
+    out: Path
+
+
+@dataclass(slots=True)
+class _Learner:
+    """A learner whose process is at work.
+
+    Attributes:
+        done: Of its steps.
+        note: What it last said.
+    """
+
+    job: TrainingJob
+    process: BaseProcess
+    link: Connection
+    done: int = 0
+    planned: int = 0
+    note: str = ""
+    policy: TrainedPolicy | None = None
+
+
+def train_learners(jobs: Sequence[TrainingJob], device: str, tell: OnWork) -> tuple[TrainedPolicy, ...]:
+    """Train all jobs at once, and return the policies in their order; a single one is trained in this process.
+
+    Raises:
+        TrainingError: If a process dies.
+        BetterError: Whatever stops one of them; the others are stopped too, and what each has saved stays.
+    """
+    if len(jobs) == 1:
+        return (_train(jobs[0], device, tell),)
+    learners = [_begin(job, device) for job in jobs]
+    try:
+        while any(learner.policy is None for learner in learners):
+            at_work = {learner.link: learner for learner in learners if learner.policy is None}
+            for link in wait(list(at_work)):
+                _listen(at_work[link])  # type: ignore[index]
+            tell(
+                sum(p.done for p in learners),
+                sum(p.planned for p in learners),
+                ", ".join(p.note for p in learners if p.note),
+            )
+    finally:
+        for learner in learners:
+            _end(learner)
+    return tuple(learner.policy for learner in learners if learner.policy is not None)
+
+
+def _begin(job: TrainingJob, device: str) -> _Learner:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_learn, args=(job, device, theirs), name="betterbench-learner")
+    with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
+        process.start()
+    theirs.close()
+    return _Learner(job, process, ours)
+
+
+def _listen(learner: _Learner) -> None:
+    """Take one message; raise what the process raised, or a TrainingError if it has ended without a word."""
+    try:
+        said = learner.link.recv()
+    except (EOFError, OSError):
+        learner.process.join(_STOP_S)
+        how = exit_text(learner.process.exitcode)
+        raise TrainingError(
+            f"the process that trained {learner.job.out.name} has ended ({how}). What it saved stays: "
+            "run the same command again, with fewer --workers if the memory was too small."
+        ) from None
+    if isinstance(said, BaseException):
+        raise said
+    if isinstance(said, TrainedPolicy):
+        learner.policy, learner.done = said, learner.planned
+    else:
+        learner.done, learner.planned, learner.note = said
+
+
+def _end(learner: _Learner) -> None:
+    """End a process that is still at work; it has saved what it needs to go on."""
+    if learner.policy is None:
+        learner.process.kill()
+    learner.process.join(_STOP_S)
+    learner.link.close()
+
+
+def _learn(job: TrainingJob, device: str, link: Connection) -> None:
+    """Train one learner and say how it goes; the main function of a process."""
+    prepare_process()
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the study has ended
+        try:
+            link.send(_train(job, device, lambda *said: link.send(said)))
+        except BetterError as problem:
+            link.send(problem)
+        except (BrokenPipeError, ConnectionResetError):
+            raise
+        except Exception as problem:  # noqa: BLE001 - it is told where somebody reads it
+            link.send(TrainingError(f"{job.out.name}: {described(problem)}"))
+
+
+def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
+    """Train a learner in this process; the errors are those of the training loop."""
+    from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
+    from betterbench.training.loop import train  # noqa: PLC0415
+
+    data = read_training_set(job.recipe, on_read=lambda done, of: tell(done, of, "reading"))
+    result = train(
+        job.recipe, data, job.out, device=device, on_progress=lambda p: tell(p.step, p.steps, f"loss {p.loss:.4f}")
+    )
+    return TrainedPolicy(f"{PREFIX}{job.out}", file_digest(result.checkpoint))
