@@ -22,6 +22,7 @@ class FakeSimulator:
         self.at = np.zeros(3)
         self.state = 0
         self.steps = 0
+        self.wrong = None
 
     def suite(self, name):
         assert name.startswith("libero_")
@@ -72,12 +73,24 @@ class FakeSimulator:
         kind = fault_due(lambda state: int(state) == self.state)
         if kind == "nan":
             self.at = self.at * np.nan
+        self.wrong = kind
         fail(kind)
 
     def row(self, *, look):
         there = bool(self.at[0] > 0.2)
         arrays = {"row": packed(self.numbers()), "touching": np.array([1]), "forces": np.array([1.5])}
         arrays["holds"] = np.array([self.state != 40, there])
+        wrong, self.wrong = self.wrong, None
+        if wrong == "short row":
+            arrays["row"] = arrays["row"][:-1]
+        if wrong == "unknown pair":
+            arrays["touching"] = np.array([9])
+        if wrong == "pair without force":
+            arrays["forces"] = np.zeros(0)
+        if wrong == "few truths":
+            arrays["holds"] = arrays["holds"][:1]
+        if wrong == "no row":
+            del arrays["row"]
         if look:
             draw = np.random.default_rng([self.state, self.steps])
             arrays["image_front"], arrays["image_wrist"] = draw.integers(0, 256, (2, 256, 256, 3), dtype=np.uint8)

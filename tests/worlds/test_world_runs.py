@@ -80,7 +80,11 @@ def undisturbed(fake_command, tmp_path_factory):
     return _bytes(evaluate(plan, tmp_path_factory.mktemp("undisturbed") / "run"))
 
 
-@pytest.mark.parametrize("fault", ["dies", "hangs", "raises", "nan", "garbage"])
+FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
+FAULTS += ["short row", "unknown pair", "pair without force", "few truths", "no row"]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
 def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
     plan_of, tmp_path, monkeypatch, undisturbed, fault
 ):
