@@ -87,6 +87,8 @@ class FakeSimulator:
             arrays["touching"] = np.array([9])
         if wrong == "pair without force":
             arrays["forces"] = np.zeros(0)
+        if wrong == "endless force":
+            arrays["forces"] = np.array([np.inf])
         if wrong == "few truths":
             arrays["holds"] = arrays["holds"][:1]
         if wrong == "no row":

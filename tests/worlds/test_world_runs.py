@@ -81,7 +81,7 @@ def undisturbed(fake_command, tmp_path_factory):
 
 
 FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
-FAULTS += ["short row", "unknown pair", "pair without force", "few truths", "no row"]
+FAULTS += ["short row", "unknown pair", "pair without force", "endless force", "few truths", "no row"]
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -35,37 +35,44 @@ class Touching:
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))
         rank = {name: i for i, name in enumerate(names)}
-        self._ranks = np.array([rank[labels[body]] for body in self._model.geom_bodyid.tolist()], np.int64)
+        ranks = [rank[labels[body]] for body in self._model.geom_bodyid.tolist()]
         self.pairs = [[a, b] for a in names for b in names if a < b and not {a, b} <= _RESTS]
         """All pairs that may touch and involve the gripper or an object."""
-        # Number of a pair by the ranks of both, in either order; all that is not kept has the last number.
-        self._codes = np.full((len(names), len(names)), len(self.pairs), np.int64)
+        # Number of a pair by the ranks of both, in either order; -1 for what is not kept.
+        codes = [[-1] * len(names) for _ in names]
         for code, (a, b) in enumerate(self.pairs):
-            self._codes[rank[a], rank[b]] = self._codes[rank[b], rank[a]] = code
+            codes[rank[a]][rank[b]] = codes[rank[b]][rank[a]] = code
+        # By the numbers of two geoms; geoms of one thing share a row.
+        rows = [[row[other] for other in ranks] for row in codes]
+        self._codes = [rows[own] for own in ranks]
         self._elliptic = self._model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
         self._masks: dict[Any, np.ndarray] = {}
 
     def now(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the numbers of the pairs that touch, in rising order, and their normal forces [N]."""
-        contacts, count = self._data.contact, len(self.pairs)
-        ranks = self._ranks[contacts.geom]
-        codes = self._codes[ranks[:, 0], ranks[:, 1]]
-        sums = np.bincount(codes, self._forces(contacts), count + 1)
-        found = np.array(sorted(set(codes.tolist()) - {count}), np.int64)
-        return found, sums[found]
+        """Return the numbers of the pairs that touch, in rising order, and their normal forces [N].
 
-    def _forces(self, contacts: Any) -> np.ndarray:  # noqa: ANN401 - MuJoCo's own
+        Plain numbers: there are a few dozen contacts, and each operation on a cold array costs as much as ten of them.
+        """
+        contacts, codes = self._data.contact, self._codes
+        sums: dict[int, float] = {}
+        for (one, other), force in zip(contacts.geom.tolist(), self._forces(contacts), strict=True):
+            code = codes[one][other]
+            if code >= 0:
+                sums[code] = sums.get(code, 0.0) + force
+        found = sorted(sums)
+        return np.array(found, np.int64), np.array([sums[code] for code in found], np.float64)
+
+    def _forces(self, contacts: Any) -> list[float]:  # noqa: ANN401 - MuJoCo's own
         """Return the normal forces of all contacts [N]."""
-        address = contacts.efc_address
+        address = contacts.efc_address.tolist()
         if self._elliptic and self._data.nefc:
             # As mj_contactForce reads it; a contact without a row is too far away to push.
-            forces = self._data.efc_force[address]
-            forces[address < 0] = 0.0
-            return np.asarray(forces)
+            forces = self._data.efc_force.tolist()
+            return [forces[row] if row >= 0 else 0.0 for row in address]
         rows = np.zeros((len(address), 6))
         for i, row in enumerate(rows):
             self._read_force(self._model, self._data, i, row)
-        return rows[:, 0]
+        return list(rows[:, 0].tolist())
 
     def between(self, one: Any, other: Any) -> bool:  # noqa: ANN401 - models of robosuite
         """Tell whether two models touch: robosuite's ``check_contact`` by numbers."""

@@ -320,6 +320,8 @@ class ForeignScene:
         try:
             touching = [pairs[number] for number in arrays["touching"].tolist()]
             forces = arrays["forces"].tolist()
+            if not math.isfinite(sum(forces)):
+                require_finite({"forces": arrays["forces"]})
             contacts = tuple([Contact(a, b, force) for (a, b), force in zip(touching, forces, strict=True)])
         except (IndexError, TypeError, ValueError) as problem:
             raise WorldError(f"the simulator sent contacts that cannot be read ({problem})") from None
@@ -393,7 +395,7 @@ class ForeignScene:
         missing = (_ARRAYS | _IMAGES if self._draws_next else _ARRAYS) - arrays.keys()
         if missing:
             raise WorldError(f"the simulator did not send {', '.join(sorted(missing))}")
-        row, forces = arrays["row"], arrays["forces"]
+        row = arrays["row"]
         if row.shape != (self._row.size,) or row.dtype != np.float64:
             raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
@@ -405,7 +407,6 @@ class ForeignScene:
         # A sum is finite only if all its terms are, and takes a third of the time of asking each.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
             raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
-        require_finite({"forces": forces})
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
