@@ -24,12 +24,12 @@ class TimedSimulator(LiberoSimulator):
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin an episode."""
         document, arrays = super().start(request)
-        return self.with_times(document), arrays
+        return document, self.with_times(arrays)
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step."""
         document, arrays = super().step(action, look=look)
-        return self.with_times(document), arrays
+        return document, self.with_times(arrays)
 
     def _make(self, path: str, size: int | None) -> None:
         super()._make(path, size)
@@ -48,9 +48,9 @@ class TimedSimulator(LiberoSimulator):
 
         return counted
 
-    def with_times(self, document: Mapping[str, Any]) -> dict[str, Any]:
-        """Return a document with both times so far."""
-        return {**document, "raw_s": self.raw_s, "all_s": time.process_time()}
+    def with_times(self, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return arrays with both times so far, "times" (2,) [s]: LIBERO's own, and all of the process."""
+        return {**arrays, "times": np.array([self.raw_s, time.process_time()])}
 
 
 def main() -> None:

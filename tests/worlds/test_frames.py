@@ -43,6 +43,26 @@ def test_an_array_arrives_as_it_was_sent(link, array):
         assert found.astype(array.dtype).tobytes() == np.ascontiguousarray(array).tobytes()
 
 
+@pytest.mark.parametrize(
+    "documents",
+    [
+        [{"look": True}, {"look": 1}, {"look": 1.0}, {"look": "1"}, {"look": None}],
+        [{"a": [1]}, {"a": [1]}, {"a": {"b": 1}}, {}],
+        [{"do": "step", "look": False}] * 3,
+    ],
+)
+def test_documents_that_are_alike_are_told_apart_and_belong_to_who_receives_them(link, documents):
+    ours, theirs = link
+    for sent in documents + documents[::-1]:
+        send_frame(ours, sent, {})
+        document, _ = receive_frame(theirs)
+        assert json.dumps(document) == json.dumps(sent)
+        for value in document.values():
+            if isinstance(value, list):
+                value.append("mine")
+        document["look"] = "changed"
+
+
 def _frame(document, forms=b"{}", body=b"", lengths=None):
     head, names = (text if isinstance(text, bytes) else json.dumps(text).encode() for text in (document, forms))
     return struct.pack(">IIQ", *(lengths or (len(head), len(names), len(body)))) + head + names + body

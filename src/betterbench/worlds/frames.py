@@ -27,6 +27,8 @@ _LENGTHS = struct.Struct(">IIQ")
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _MAX_AXES = 8
 _BLOCK = 1 << 16
+_SHORT_BYTES = 64
+"""Longest JSON that is remembered [byte]."""
 _ALIGNED = 8
 """Arrays begin at a multiple of so many bytes, as far as those before them let them."""
 _ENCODE = json.JSONEncoder(allow_nan=False).encode
@@ -39,7 +41,7 @@ class FrameError(Exception):
 def send_frame(link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
     """Send a document and arrays by name; FrameError if the other side has gone or does not read in time."""
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
-    head = _ENCODE(document).encode()
+    head = _encoded(document)
     head += b" " * (-(len(head) + len(forms)) % _ALIGNED)
     if kinds is None:
         blocks = [array.tobytes() for array in arrays.values()]
@@ -72,7 +74,7 @@ def receive_frame(link: socket.socket) -> tuple[dict[str, Any], dict[str, np.nda
     elif left < 0:
         raise FrameError(f"{-left} bytes follow a frame")
     try:
-        document = json.loads(frame[_LENGTHS.size : forms_at].decode())
+        document = _decoded(frame[_LENGTHS.size : forms_at])
         places, end = _places(frame[forms_at:body_at])
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
         raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
@@ -81,6 +83,34 @@ def receive_frame(link: socket.socket) -> tuple[dict[str, Any], dict[str, np.nda
     if end != body_bytes:
         raise FrameError(f"a frame holds {body_bytes} bytes of arrays and names {end}")
     return document, {name: np.ndarray(shape, dtype, frame, body_at + at) for name, dtype, shape, at in places}
+
+
+def _encoded(document: Mapping[str, Any]) -> bytes:
+    """Return a document as JSON; the short ones of control steps are alike and remembered."""
+    for value in document.values():
+        if value is not True and value is not False and type(value) is not str:  # 1 and True are one key
+            return _ENCODE(document).encode()
+    return _short_text(tuple(document.items()))
+
+
+@lru_cache(maxsize=64)
+def _short_text(items: tuple[tuple[str, bool | str], ...]) -> bytes:
+    return _ENCODE(dict(items)).encode()
+
+
+def _decoded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
+    """Return what a JSON text holds; the short ones of control steps are alike and remembered."""
+    known = _short_items(text) if len(text) <= _SHORT_BYTES else None
+    return json.loads(text.decode()) if known is None else dict(known)
+
+
+@lru_cache(maxsize=64)
+def _short_items(text: bytes) -> tuple[tuple[str, Any], ...] | None:
+    """Return the entries of a short document, or None if it is none or holds what can be changed."""
+    document = json.loads(text.decode())
+    if not isinstance(document, dict) or any(isinstance(value, (dict, list)) for value in document.values()):
+        return None
+    return tuple(document.items())
 
 
 @lru_cache(maxsize=64)

@@ -41,6 +41,7 @@ _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """What a row holds of each object."""
 _ARRAYS = frozenset({"row", "touching", "forces", "holds"})
 _IMAGES = frozenset({"image_front", "image_wrist"})
+_SHOWN = _ARRAYS | _IMAGES
 
 
 @dataclass(frozen=True, slots=True)
@@ -392,11 +393,11 @@ class ForeignScene:
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep an answer; WorldError if it holds something that is no number or has another size than it should."""
         document, arrays = answer
-        missing = (_ARRAYS | _IMAGES if self._draws_next else _ARRAYS) - arrays.keys()
-        if missing:
-            raise WorldError(f"the simulator did not send {', '.join(sorted(missing))}")
+        due = _SHOWN if self._draws_next else _ARRAYS
+        if not arrays.keys() >= due:
+            raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
         row = arrays["row"]
-        if row.shape != (self._row.size,) or row.dtype != np.float64:
+        if row.shape != (self._row.size,) or row.dtype.char != "d":
             raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
             raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
