@@ -28,6 +28,7 @@ from betterbench.tasks.harm import NO_HARM
 from betterbench.tasks.registry import notes_of
 from betterbench.tasks.relations import RELATIONS
 from betterbench.tasks.template_form import template_to_json
+from construct_validity import validity_text
 
 LETTERS = tuple(axis.letter for axis in Axis)
 HEADINGS = ("Randomizations", "Success", "Premise")
@@ -329,6 +330,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         *broken,
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
         f"- power: {_power((task.id, variation.name))}",
+        f"- construct validity: {validity_text(task.id, variation.name)}",
         "",
     ]
 

@@ -23,6 +23,7 @@ from betterbench.shortcuts.prediction import read_prediction
 from betterbench.statistics.wording import p_text, plural
 from betterbench.study.findings import SOLVED, StudyFindings, findings_of
 from betterbench.study.stages import StudyOutcome
+from betterbench.tasks import get_task
 
 FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 
@@ -88,6 +89,7 @@ def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
     return {
         "betterbench": betterbench.__version__,
         "plan": outcome.plan.to_json(),
+        "task_versions": {task: get_task(task).version for task in outcome.plan.tasks},
         "learners": len(outcome.learners),
         "trials": sum(len(f.trials) for f in outcome.learners),
         **form,

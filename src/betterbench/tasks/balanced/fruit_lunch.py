@@ -1,4 +1,6 @@
-"""Fruit lunch, balanced: every fruit in every slot, the apple first or second."""
+"""Fruit lunch, balanced: every order of the fruits in the slots, the apple first or second."""
+
+import itertools
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -17,24 +19,26 @@ from betterbench.tasks.suite.fruit_lunch import (
 )
 
 CROSSED = (
-    "each fruit lies in each slot equally often",
+    "the three fruits lie in the three slots in every order",
     "the apple comes first or second",
     "three fruits at the start, or the two that are asked for",
 )
 ORANGE_APPLE = pack("the orange into the lunchbox, then the apple", ORANGE, APPLE)
 LEMON_APPLE = pack("the lemon into the lunchbox, then the apple", LEMON, APPLE)
 ASKED = ((APPLE_ORANGE, LEMON), (APPLE_LEMON, ORANGE), (ORANGE_APPLE, LEMON), (LEMON_APPLE, ORANGE))
-SLOTS = (FIRST, SECOND, THIRD)
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return three cyclic layouts with four orders each; the unasked fruit is left out of every other one."""
+    """Return six layouts with four instructions each; the unasked fruit is left out of one in four.
+
+    So the other fruit is mostly there, and only the words tell which one comes second. The start of L1 is among those
+    that are left incomplete.
+    """
     found = []
-    for turn in range(3):
-        for number, (asked, unasked) in enumerate(ASKED):
-            things = (APPLE, ORANGE, LEMON)
-            layout = {thing: SLOTS[(place + turn) % 3] for place, thing in enumerate(things)}
-            if (turn + number) % 2:
+    for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):
+        for which, (asked, unasked) in enumerate(ASKED):
+            layout = dict(zip((APPLE, ORANGE, LEMON), slots, strict=True))
+            if (number + which) % 4 == 2:
                 del layout[unasked]
             found.append(a.condition({**layout, LUNCHBOX: STAND}, asked))
     return found

@@ -1,0 +1,49 @@
+"""What the study of learned policies showed of a variation, as its card says it.
+
+The numbers are those of ``docs/study/study.json``, which ``better study`` wrote.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+from betterbench.statistics import percent
+from betterbench.tasks import get_task
+
+STUDY = Path(__file__).resolve().parents[1] / "docs" / "study" / "study.json"
+LINK = "[study](../learned.md#the-study)"
+
+
+def validity_text(task: str, variation: str, study: Path = STUDY) -> str:
+    """Return the line of a card: who solved the variation, and how much of the gap balancing removed."""
+    found = _read(study)
+    row = next((v for v in found["variations"] if (v["task"], v["variation"]) == (task, variation)), None)
+    if row is None:
+        return "not measured: no learners were trained on this task yet"
+    version = found["task_versions"][task]
+    if version != get_task(task).version:
+        return f"measured for version {version} of the task only ({LINK})"
+    solved = "; ".join(f"{arm} {_share(row['success'][arm])}" for arm in found["plan"]["arms"])
+    removed = row["validity"]
+    share = ""
+    if removed is not None:
+        low, high = (_whole(removed[end]) for end in ("low", "high"))
+        share = f"; balancing removes {_whole(removed['value'])} % of the gap ({low} to {high})"
+    return f"learners that solve it, by what they were trained on: {solved}{share}: {row['verdict']} ({LINK})"
+
+
+@functools.cache
+def _read(study: Path) -> dict[str, Any]:
+    form: dict[str, Any] = json.loads(study.read_text(encoding="utf-8"))
+    return form
+
+
+def _share(figure: dict[str, Any]) -> str:
+    return f"{percent(figure['k'], figure['n'])} % ({figure['k']}/{figure['n']})"
+
+
+def _whole(share: float) -> str:
+    return f"{100.0 * share:.0f}".replace("-", "−")
