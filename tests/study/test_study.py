@@ -18,6 +18,7 @@ import yaml
 from workshop import made_up_workshop
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError, UnknownNameError
+from betterbench.study import stages
 from betterbench.study.findings import contrast_of, findings_of
 from betterbench.study.page import FILES, expectations, write_page
 from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
@@ -120,6 +121,17 @@ def test_ctrl_c_keeps_what_is_done_and_a_larger_plan_goes_on(undisturbed, tmp_pa
     workshop, more = made_up_workshop()
     run_study(small(trials=5), tmp_path, workshop)
     assert more == [call for call in calls if call.startswith("evaluate")]  # more trials need no other learners
+
+
+def test_a_set_whose_conditions_have_changed_is_made_again(undisturbed, tmp_path, monkeypatch):
+    run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
+    known = stages.conditions_of
+    monkeypatch.setattr(
+        stages, "conditions_of", lambda task, regime: known(task, regime)[: 3 if regime == "balanced" else None]
+    )
+    workshop, again = made_up_workshop()
+    run_study(small(seeds=[0]), tmp_path, workshop)
+    assert again == [f"set {TASK}-balanced"]  # which came out the same here, so that its learner stands
 
 
 def test_a_stage_file_that_is_damaged_is_named(undisturbed, tmp_path):

@@ -22,7 +22,7 @@ from betterbench.certification.refusal import require_coverage
 from betterbench.datasets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
-from betterbench.interventions.regimes import Regime
+from betterbench.interventions.regimes import Regime, conditions_of
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
@@ -32,6 +32,7 @@ from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
 from betterbench.study.work import Workshop
+from betterbench.tasks import get_task
 
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
@@ -185,7 +186,7 @@ class _Study:
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
 
     def _make_set(self, name: str, recipe: SetRecipe) -> str:
-        form = asdict(recipe)
+        form = {**asdict(recipe), "conditions": _conditions(recipe)}
         found = self._stage(
             "sets",
             name,
@@ -287,6 +288,13 @@ class _Study:
             raise AssertionError(f"{kind} {name} is done")
         self._seconds[kind] = round(self._seconds.get(kind, 0.0) + there.seconds, 1)
         return there.output
+
+
+def _conditions(recipe: SetRecipe) -> list[list[Any]]:
+    """Return what a set shows: a task that has changed since needs another one."""
+    tasks = [get_task(name) for name in recipe.tasks]
+    shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
+    return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
 
 
 def _hash_of(inputs: Mapping[str, Any]) -> str:
