@@ -22,7 +22,6 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.evaluation.figures.films import Shot, render_shots
-from betterbench.evaluation.figures.show import wrap_text
 from betterbench.recording import Record, RunFolder
 from betterbench.statistics import wilson_interval
 from betterbench.study.outcomes import TrialOutcome, read_trials
@@ -72,8 +71,8 @@ def strip(run: RunFolder, drawn: Drawn, number: int) -> Image.Image:
     images = render_shots(run, shots, size=SIDE_PX, quality="fast")
     sheet = Image.new("RGB", (FRAMES * (SIDE_PX + _MARGIN_PX), SIDE_PX + _HEAD_PX + _MARGIN_PX), (253, 252, 250))
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(20)
-    head = f"{number}.  {record.metadata.instruction}   (ended after {record.time[-1]:.1f} s)"
-    draw.text((4, 2), wrap_text(head, font, sheet.width - 8)[0], fill=(28, 30, 33), font=font)
+    head = f"{number}.  “{record.metadata.instruction}”   (ended after {record.time[-1]:.1f} s)"
+    draw.text((4, 2), head, fill=(28, 30, 33), font=font)
     for i, shot in enumerate(shots):
         at = i * (SIDE_PX + _MARGIN_PX)
         sheet.paste(Image.open(io.BytesIO(images[shot])), (at, _HEAD_PX))
