@@ -13,7 +13,7 @@ from pathlib import Path
 
 def fault_due(here):
     """Return what goes wrong now in a trial for which ``here`` is true of the place that the fault names, or None."""
-    kind, where, file = (os.environ.get("FAKE_FAULT") or "none:0:none").split(":")
+    kind, where, file = (os.environ.get("FAKE_FAULT") or "none:0:none").rsplit(":", 2)
     if kind == "none" or Path(file).exists() or not here(where):
         return None
     Path(file).touch()

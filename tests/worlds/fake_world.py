@@ -4,6 +4,8 @@ It runs where betterbench is not installed, as LIBERO's process does. ``FAKE_FAU
 state.
 """
 
+import json
+import os
 import sys
 
 import numpy as np
@@ -60,6 +62,11 @@ class FakeSimulator:
             "row": form_of(self.numbers()),
         }
         document, arrays = self.row(look=self.images)
+        kind = fault_due(lambda state: self.state == int(state)) if os.environ.get("FAKE_START") else None
+        if kind is not None:
+            name, _, value = kind.partition("=")
+            del fixed[name]
+            fixed |= {name: json.loads(value)} if value else {}
         return {**fixed, **document}, arrays
 
     def step(self, action, *, look):
@@ -85,6 +92,8 @@ class FakeSimulator:
             arrays["row"] = arrays["row"][:-1]
         if wrong == "unknown pair":
             arrays["touching"] = np.array([9])
+        if wrong == "pair from the end":
+            arrays["touching"] = np.array([-1])
         if wrong == "pair without force":
             arrays["forces"] = np.zeros(0)
         if wrong == "endless force":

@@ -81,7 +81,15 @@ def undisturbed(fake_command, tmp_path_factory):
 
 
 FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
-FAULTS += ["short row", "unknown pair", "pair without force", "endless force", "few truths", "no row"]
+FAULTS += [
+    "short row",
+    "unknown pair",
+    "pair from the end",
+    "pair without force",
+    "endless force",
+    "few truths",
+    "no row",
+]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
@@ -90,6 +98,35 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
 ):
     plan = short(plan_of(policy="noop", trials=3))
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
+    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    run = evaluate(plan, tmp_path / "run")
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "simulator" in broken[0].message
+    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "pairs",
+        "pairs=[1]",
+        'pairs=["abc"]',
+        "row",
+        'row=[["qpos", [3]]]',
+        'row=[["qpos", [-3]]]',
+        "objects",
+        "objects=7",
+        'objects=[{"name": "cube_1"}, {}]',
+        "relations",
+        "goal=[7]",
+        "premises=[[]]",
+        "places=[[1]]",
+    ],
+)
+def test_a_start_that_cannot_be_read_costs_one_trial(plan_of, tmp_path, monkeypatch, undisturbed, fault):
+    plan = short(plan_of(policy="noop", trials=3))
+    monkeypatch.setenv("FAKE_START", "1")
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
     run = evaluate(plan, tmp_path / "run")
     broken = [e for e in run.entries() if e.status == "error"]

@@ -267,24 +267,22 @@ class ForeignScene:
         """
         protocol = self.settings.protocol
         self._process = self._processes.take(self._process_key)
-        self._begin(
-            self._process.start(
-                {
-                    "suite": self.task.suite,
-                    "task": self.task.number,
-                    "state": self.seed,
-                    "seed": protocol.seed,
-                    "settle": protocol.settling_steps,
-                    "images": self._images,
-                    "size": IMAGE_SIDE,
-                }
-            )
+        answer = self._process.start(
+            {
+                "suite": self.task.suite,
+                "task": self.task.number,
+                "state": self.seed,
+                "seed": protocol.seed,
+                "settle": protocol.settling_steps,
+                "images": self._images,
+                "size": IMAGE_SIDE,
+            }
         )
-        self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
-        self._step, self._gripper_command = 0, -1.0
-        self._info = self._describe()
-        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
-        self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
+        try:
+            self._begin(answer)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
+            said = " ".join(f"{type(problem).__name__}: {problem}".split())[:200]
+            raise WorldError(f"the simulator began an episode that cannot be read ({said})") from problem
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
@@ -319,7 +317,8 @@ class ForeignScene:
         """Return everything that is true now."""
         arrays, pairs = self._arrays, self._pairs
         try:
-            touching = [pairs[number] for number in arrays["touching"].tolist()]
+            # A number below 0 would count from the end.
+            touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
             forces = arrays["forces"].tolist()
             if not math.isfinite(sum(forces)):
                 require_finite({"forces": arrays["forces"]})
@@ -411,12 +410,12 @@ class ForeignScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold."""
-        try:
-            self._row = RowForm(answer[0].get("row"))
-            self._pairs = tuple((str(a), str(b)) for a, b in answer[0].get("pairs", ()))
-        except (TypeError, ValueError) as problem:
-            raise WorldError(f"the simulator began an episode, and {problem}") from None
+        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold.
+
+        What is malformed otherwise raises an AttributeError, IndexError, KeyError, TypeError or ValueError.
+        """
+        self._row = RowForm(answer[0].get("row"))
+        self._pairs = tuple((str(a), str(b)) for a, b in answer[0]["pairs"])
         objects = len(answer[0]["objects"])
         due = {**_NUMBERS, **{name: width * objects for name, width in _PER_OBJECT.items()}}
         for name, count in due.items():
@@ -425,6 +424,11 @@ class ForeignScene:
                 raise WorldError(f"the simulator's rows hold {name} of the shape {shape}")
         self._fixed = answer[0]
         self._take(answer)
+        self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
+        self._step, self._gripper_command = 0, -1.0
+        self._info = self._describe()
+        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
+        self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
 
     def _get(self, name: str) -> list[float]:
         """Return the numbers of one array of the row."""
