@@ -29,10 +29,10 @@ def normalize(q: Sequence[float]) -> Quaternion:
         ValueError: If all components are zero.
     """
     w, x, y, z = map(float, q)
-    return unit((w, x, y, z))
+    return unit_quaternion((w, x, y, z))
 
 
-def unit(q: Quaternion) -> Quaternion:
+def unit_quaternion(q: Quaternion) -> Quaternion:
     """Return what :func:`normalize` does, for plain floats alone and in less time."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
@@ -82,12 +82,12 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
     if angle < 1e-12:
         return normalize((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
     s = math.sin(0.5 * angle) / angle
-    return unit((math.cos(0.5 * angle), s * x, s * y, s * z))
+    return unit_quaternion((math.cos(0.5 * angle), s * x, s * y, s * z))
 
 
 def to_axis_angle(q: Quaternion) -> Vector:
     """Return the rotation vector (unit axis times angle [rad], angle in [0, pi]) of a unit quaternion."""
-    w, x, y, z = unit(q)
+    w, x, y, z = unit_quaternion(q)
     s = math.sqrt(x * x + y * y + z * z)
     if s < 1e-12:
         return (2.0 * x, 2.0 * y, 2.0 * z)
@@ -165,7 +165,7 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Return ``T_a_c`` for ``self = T_a_b`` and ``other = T_b_c``."""
-        return Pose(self.apply(other.position), unit(multiply(self.quaternion, other.quaternion)))
+        return Pose(self.apply(other.position), unit_quaternion(multiply(self.quaternion, other.quaternion)))
 
     def apply(self, point: Sequence[float]) -> Vector:
         """Return the coordinates in frame ``a`` of a point given in frame ``b``."""

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from betterbench.worlds.rows import form_of, packed
+from betterbench.worlds.rows import form_of, row_of
 from betterbench.worlds.simulator_loop import answer_requests
 
 PLACES = {"x -12 y -24": (-0.12, -0.24), "x 5 y -10": (0.05, -0.10), "x 0 y 26": (0.0, 0.26)}
@@ -120,7 +120,7 @@ class FakeTable:
         touching = [0]
         for i, name in enumerate(("ball_1", "cube_1")):
             touching += [3 * i + 2, 3 * i + 3] if name == self.held else [3 * i + 1]
-        arrays = {"row": packed(self.numbers()), "touching": np.array(touching), "forces": np.ones(len(touching))}
+        arrays = {"row": row_of(self.numbers()), "touching": np.array(touching), "forces": np.ones(len(touching))}
         return {"done": inside}, {**arrays, "holds": np.array([inside])}
 
     def numbers(self):

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from fake_faults import fail, fault_due
 
-from betterbench.worlds.rows import form_of, packed
+from betterbench.worlds.rows import form_of, row_of
 from betterbench.worlds.simulator_loop import answer_requests
 
 SENTENCE = "pick up the cube and place it on the plate"
@@ -85,7 +85,7 @@ class FakeSimulator:
 
     def row(self, *, look):
         there = bool(self.at[0] > 0.2)
-        arrays = {"row": packed(self.numbers()), "touching": np.array([1]), "forces": np.array([1.5])}
+        arrays = {"row": row_of(self.numbers()), "touching": np.array([1]), "forces": np.array([1.5])}
         arrays["holds"] = np.array([self.state != 40, there])
         wrong, self.wrong = self.wrong, None
         if wrong == "short row":

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from betterbench.worlds.rows import MAX_NUMBERS, RowForm, form_of, packed
+from betterbench.worlds.rows import MAX_NUMBERS, RowForm, form_of, row_of
 
 ARRAYS = {"one": np.arange(6.0).reshape(2, 3), "none": np.zeros(0), "number": np.array(7.5), "last": np.array([-1.0])}
 
 
 def test_what_is_packed_comes_out_again():
-    form, row = RowForm(json.loads(json.dumps(form_of(ARRAYS)))), packed(ARRAYS)
+    form, row = RowForm(json.loads(json.dumps(form_of(ARRAYS)))), row_of(ARRAYS)
     assert row.shape == (form.size,) == (8,)
     for name, array in ARRAYS.items():
         assert form.array(row, name).tolist() == array.tolist()
@@ -20,10 +20,10 @@ def test_what_is_packed_comes_out_again():
 
 
 def test_it_is_said_which_arrays_hold_what_is_no_number():
-    row = packed({**ARRAYS, "last": np.array([np.inf])})
+    row = row_of({**ARRAYS, "last": np.array([np.inf])})
     row[1] = np.nan
     assert RowForm(form_of(ARRAYS)).not_finite(row) == ["one", "last"]
-    assert not RowForm(form_of(ARRAYS)).not_finite(packed(ARRAYS))
+    assert not RowForm(form_of(ARRAYS)).not_finite(row_of(ARRAYS))
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from betterbench.geometry import (
     multiply,
     normalize,
     to_axis_angle,
-    unit,
+    unit_quaternion,
 )
 from betterbench.interface.actions import (
     EE_DELTA,
@@ -322,7 +322,7 @@ def _moved(pose: Pose, action: list[float]) -> Pose:
     rx, ry, rz = action[3], action[4], action[5]
     if rx != 0.0 or ry != 0.0 or rz != 0.0:
         a = ROTATION_PER_UNIT_RAD
-        quaternion = unit(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
+        quaternion = unit_quaternion(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
     return Pose(position, quaternion)
 
 
@@ -342,5 +342,5 @@ def _bounded(
     if abs(turn[0]) < (_COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)):
         rx, ry, rz = to_axis_angle(turn)
         f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
-        quaternion = unit(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
+        quaternion = unit_quaternion(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
     return Pose(position, quaternion)

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, distance, unit
+from betterbench.geometry import Pose, distance, unit_quaternion
 from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.robots.control import ControllerState
@@ -287,7 +287,7 @@ class Scene:
         """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
         if self._tool is None:
             mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
-            self._tool = Pose(self._tool_position(), unit(self._tool_quaternion()))
+            self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
         return self._tool
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.worlds.libero_relations import Relations, Touching
-from betterbench.worlds.rows import form_of, packed
+from betterbench.worlds.rows import form_of, row_of
 from betterbench.worlds.simulator_loop import FrameContent, answer_requests
 
 CAMERAS = {"front": "agentview", "wrist": "robot0_eye_in_hand"}
@@ -315,7 +315,7 @@ class _Reader:
         """Return the state now: "row" for all that is numbers, what touches, and which relations hold."""
         touching, forces = self._touching.now()
         return {
-            "row": packed(self.numbers(seen)),
+            "row": row_of(self.numbers(seen)),
             "touching": touching,
             "forces": forces,
             "holds": self._holds.hold(),

@@ -16,7 +16,7 @@ MAX_NUMBERS = 1 << 20
 """Most numbers of a row."""
 
 
-def packed(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+def row_of(arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the numbers of arrays of float64, one after the other, as one array (n,)."""
     return np.concatenate(tuple(arrays.values()), axis=None)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, Quaternion, Vector, normalize, unit
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, unit_quaternion
 from betterbench.interface.actions import ActionSpace
 from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
@@ -335,7 +335,7 @@ class ForeignScene:
             step=self._step,
             time_s=self._step / self.control_rate_hz,
             positions=tuple(zip(p[0::3], p[1::3], p[2::3], strict=True)),
-            quaternions=tuple(map(unit, quaternions)),
+            quaternions=tuple(map(unit_quaternion, quaternions)),
             linear_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in moving]),
             angular_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in turning]),
             ee_pose=Pose(vector_of(self._get("ee_position")), _from_matrix(self._get("ee_rotation"))),
