@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import re
 import sys
 from collections.abc import Callable
@@ -296,12 +297,29 @@ def test_the_next_trial_after_a_crash_is_untouched_by_it():
     assert run(Noop(), scene).same_bits(clean)
 
 
-def test_a_keyboard_interrupt_stops_the_run():
-    def stop(_):
-        raise KeyboardInterrupt
+def test_garbage_is_looked_for_seldom_in_an_episode_and_as_before_after_it():
+    """What an episode makes is kept to its end, so a search among it takes time and finds nothing."""
+    before, within = gc.get_threshold(), []
 
+    def look(_):
+        within.append(gc.get_threshold())
+        return STILL
+
+    run(Scripted(look))
+    assert all(young > 10_000 for young, *_ in within)
+    assert gc.get_threshold() == before
     with pytest.raises(KeyboardInterrupt):
-        run(Scripted(stop))
+        run(Scripted(interrupt))
+    assert gc.get_threshold() == before
+
+
+def interrupt(_):
+    raise KeyboardInterrupt
+
+
+def test_a_keyboard_interrupt_stops_the_run():
+    with pytest.raises(KeyboardInterrupt):
+        run(Scripted(interrupt))
 
 
 def test_a_policy_cannot_change_the_world_through_what_it_sees():

@@ -10,6 +10,7 @@ from betterbench.geometry import IDENTITY_QUATERNION, Pose, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.scenes import Scene
+from betterbench.scenes.contacts import ContactReader
 from betterbench.scenes.stage import TABLE_Y_M, quality_preset
 from betterbench.tasks import TargetRegion, all_tasks, get_task
 from betterbench.tasks.relations import RestWatch
@@ -97,6 +98,24 @@ def test_contacts_of_sleeping_objects_are_those_of_an_engine_without_sleep():
         finally:
             scene.model.opt.enableflags = flags
         assert with_sleep == pytest.approx(without, rel=0.05, abs=0.05), task_id
+
+
+def test_what_sleeps_on_while_others_wake_touches_what_it_touched():
+    """What the sleeping touch is computed when one falls asleep, and not again when another one wakes."""
+    for task_id, pushed in (("fruit_lunch", "lemon"), ("fast_food", "burger_1"), ("dinner_plates", "red_plate")):
+        scene = build_scene(task_id, "train1")
+        step(scene, 20)
+        before = scene.state()
+        push(scene, pushed, (0.0, 3.0, 0.0), steps=2)
+        awake = movable(scene) - asleep(scene)
+        assert pushed in awake, task_id
+        told = scene.state()
+        fresh = ContactReader(scene.compiled, tuple(o.name for o in scene.info.objects))
+        contacts, held = fresh.read(scene.data, told.positions)
+        assert told.held == held, task_id
+        computed = {(a, b): force for a, b, force in contacts}
+        assert {(a, b): force for a, b, force in told.contacts} == pytest.approx(computed, rel=0.02, abs=0.02), task_id
+        assert {c for c in before.contacts if not {c[0], c[1]} & awake} <= set(told.contacts), task_id
 
 
 def test_a_push_wakes_an_object_and_it_sleeps_again_when_it_has_come_to_rest():

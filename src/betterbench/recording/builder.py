@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import chain
+from itertools import accumulate, chain
 from operator import attrgetter
 from typing import Any
 
@@ -42,7 +42,7 @@ class RecordBuilder:
         self._metadata = metadata
         self._info = metadata.scene
         self._states: list[WorldState] = []
-        self._rows: list[npt.NDArray[np.float64]] = []
+        self._rows = np.empty((0, 0))
         self._truths: list[tuple[Sequence[bool], Sequence[bool], bool, bool]] = []
         self._shapes: tuple[tuple[int, ...], ...] = ()
         self._lengths = (len(metadata.predicate_names), len(metadata.subgoal_names))
@@ -100,15 +100,9 @@ class RecordBuilder:
             problem = f"{len(predicates)} and {len(subgoals)} truth values"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
-        rows = self._rows
-        if step == rows[0].shape[0]:
-            rows[:] = [np.concatenate([column, np.empty_like(column)]) for column in rows]
-        rows[0][step] = qpos
-        rows[1][step] = qvel
-        rows[2][step] = act
-        rows[3][step] = ctrl
-        rows[4][step] = action
-        rows[5][step] = applied
+        if step == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        np.concatenate((qpos, qvel, act, ctrl, action, applied), out=self._rows[step])
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)
 
@@ -133,7 +127,10 @@ class RecordBuilder:
         rows = len(self._states)
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
-        qpos, qvel, act, ctrl, action, applied = (column[:rows].copy() for column in self._rows)
+        ends = list(accumulate(shape[0] for shape in self._shapes))
+        qpos, qvel, act, ctrl, action, applied = (
+            self._rows[:rows, end - shape[0] : end].copy() for shape, end in zip(self._shapes, ends, strict=True)
+        )
         return Record(
             metadata=self._metadata,
             outcome=outcome,
@@ -206,7 +203,7 @@ class RecordBuilder:
             if shape != known:
                 raise InvalidInputError(name, f"has the shape {shape}, not {known}", "Keep the shape of the episode")
         self._shapes = shapes
-        self._rows = [np.empty((_FIRST_CAPACITY, *shape)) for shape in shapes]
+        self._rows = np.empty((_FIRST_CAPACITY, sum(shape[0] for shape in shapes)))
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:

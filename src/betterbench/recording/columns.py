@@ -112,29 +112,6 @@ def arrow_schema(widths: Widths) -> pa.Schema:
     return pa.schema(fields)
 
 
-def split_columns(schema: pa.Schema) -> list[str]:
-    """Return the Parquet paths of the float columns of the arm, whose bytes are regrouped before compression.
-
-    The arm moves smoothly and seldom stands still, and regrouping saves 7 % there. Objects mostly rest, so that whole
-    rows repeat; regrouping costs 25 % there (measured on 20 s of 15 objects).
-    """
-    paths = [field.name for field in schema if field.type == pa.float64()]
-    lists = (
-        "act",
-        "ctrl",
-        "action",
-        "applied",
-        "ee_position",
-        "ee_quaternion",
-        "commanded_position",
-        "commanded_quaternion",
-    )
-    for name in (*lists, "joint_positions", "joint_velocities"):
-        if name in schema.names:
-            paths.append(f"{name}.list.element")
-    return paths
-
-
 def to_table(arrays: Mapping[str, npt.NDArray[np.generic]], contacts: Contacts, widths: Widths) -> pa.Table:
     """Return the Parquet form of a record's columns."""
     schema = arrow_schema(widths)
