@@ -52,22 +52,22 @@ def failed_trials(study: Path) -> Iterator[tuple[Drawn, TrialOutcome]]:
                 yield Drawn(run, task, trial.variation or trial.condition, trial.seed), trial
 
 
-def moments(record: Record) -> list[int]:
+def moments(record: Record, count: int) -> list[int]:
     """Return the rows to be shown: the start, when the gripper was told to close or to open, the end, and between."""
     last = len(record) - 1
     turns = np.flatnonzero(np.diff(np.sign(record.gripper_command)) != 0) + 1
-    rows = {0, last, *(min(last, int(row) + 8) for row in turns[: FRAMES - 2])}
-    while len(rows) < min(FRAMES, last + 1):
+    rows = {0, last, *(min(last, int(row) + 8) for row in turns[: count - 2])}
+    while len(rows) < min(count, last + 1):
         known = sorted(rows)
         widest = max(range(len(known) - 1), key=lambda i: known[i + 1] - known[i])
         rows.add((known[widest] + known[widest + 1]) // 2)
-    return sorted(rows)[:FRAMES]
+    return sorted(rows)[:count]
 
 
 def strip(run: RunFolder, drawn: Drawn, number: int) -> Image.Image:
     """Return the frames of a trial beside each other, with its number, instruction and times."""
     record = run.read_record(drawn.task, drawn.condition, drawn.seed)
-    shots = [Shot(drawn.task, drawn.condition, drawn.seed, float(record.time[row])) for row in moments(record)]
+    shots = [Shot(drawn.task, drawn.condition, drawn.seed, float(record.time[row])) for row in moments(record, FRAMES)]
     images = render_shots(run, shots, size=SIDE_PX, quality="fast")
     sheet = Image.new("RGB", (FRAMES * (SIDE_PX + _MARGIN_PX), SIDE_PX + _HEAD_PX + _MARGIN_PX), (253, 252, 250))
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(20)

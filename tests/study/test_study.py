@@ -204,7 +204,8 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     workshop, calls = made_up_workshop()
     found = write_page(run_study(plan, tmp_path, workshop), tmp_path)
     assert {f"set {TASK}-training", f"set {TASK}-training-20", f"set {TASK}-balanced-20"} <= set(calls)
-    assert [(dose, arm) for dose, arm, _, _ in found.doses] == [(0.0, "free"), (0.5, "half"), (1.0, "confounded")]
+    overall = [d for d in found.doses if not d.task]
+    assert [(d.dose, d.arm) for d in overall] == [(0.0, "free"), (0.5, "half"), (1.0, "confounded")]
     assert [c.name for c in found.levers] == ["large on confounded"]
     assert found.levers[0].gap.value == pytest.approx(0.0)
     assert "Failure by dose" in (tmp_path / "study.html").read_text()
@@ -244,7 +245,12 @@ def test_unknown_tasks_and_trials_without_a_certificate_are_refused(tmp_path):
 def test_presets_are_plans(name):
     plan = read_study_plan(yaml.safe_load(preset_text(name)))
     assert isinstance(plan, StudyPlan)
-    assert all(plan.arm_in(role) for role in ("confounded", "balanced", "covered"))
+    if name == "doses":
+        planted = sorted(shares["training"] for shares in plan.arms.values())
+        assert planted == [0.5, 0.7, 0.85, 0.95, 1.0]
+        assert len(plan.tasks) == 2
+    else:
+        assert all(plan.arm_in(role) for role in ("confounded", "balanced", "covered"))
     if name == "full":
         assert len(plan.tasks) >= 4
         assert len(plan.seeds) >= 3

@@ -22,6 +22,7 @@ from betterbench.statistics import (
     sign_flip_p,
     wider_paired_difference,
 )
+from betterbench.study.doses import DoseFinding, doses_of
 from betterbench.study.outcomes import LearnerOutcome, TrialOutcome
 from betterbench.study.plan import ROLES, StudyPlan
 from betterbench.tasks import Expected, get_task, stream
@@ -134,8 +135,7 @@ class StudyFindings:
 
     Attributes:
         roles: Per role the arm that plays it.
-        doses: Arms by the share of their demonstrations that holds the confound, with success on the variations that
-            the audit says it breaks.
+        doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
     roles: Mapping[str, str]
@@ -145,7 +145,7 @@ class StudyFindings:
     levers: tuple[ArmContrast, ...]
     words: tuple[WordFinding, ...]
     prediction: PredictionFinding | None
-    doses: tuple[tuple[float, str, Figure, Figure], ...]
+    doses: tuple[DoseFinding, ...]
 
 
 def findings_of(
@@ -174,7 +174,7 @@ def findings_of(
         tuple(_levers(plan, learners)),
         tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
         score_of(confounded, predictions) if confounded and predictions else None,
-        tuple(_doses(plan, plain, predictions)),
+        tuple(doses_of(plan, plain, predictions)),
     )
 
 
@@ -393,24 +393,3 @@ def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Predi
         Figure.of_rate(Rate(named, count)),
         Figure.of_rate(Rate(exposed, count)),
     )
-
-
-def _doses(
-    plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
-) -> Iterator[tuple[float, str, Figure, Figure]]:
-    """Yield dose, arm, failure on the variations that the confound breaks, and its labels; nothing without mixtures."""
-    if all(len(shares) == 1 for shares in plan.arms.values()):
-        return
-    for arm, shares in sorted(plan.arms.items(), key=lambda item: (item[1].get("training", 0.0), item[0])):
-        if "covered" in shares:
-            continue
-        lost, named, n = 0, 0, 0
-        for f in _of_arm(learners, arm):
-            prediction = predictions.get(f.learner.task)
-            broken = [] if prediction is None else [v for v in prediction.variations if v.risk > 0.0]
-            for forecast in broken:
-                trials = f.of(forecast.variation)
-                n += len(trials)
-                lost += sum(not t.success for t in trials)
-                named += sum(not t.success and t.label == forecast.label for t in trials)
-        yield shares.get("training", 0.0), arm, Figure.of_rate(Rate(lost, n)), Figure.of_rate(Rate(named, lost))

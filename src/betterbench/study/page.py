@@ -21,6 +21,7 @@ from betterbench.report.table import Scalar, Table, to_csv
 from betterbench.report.wording import Figure
 from betterbench.shortcuts.prediction import read_prediction
 from betterbench.statistics.wording import p_text, plural
+from betterbench.study.doses import PLANTED, named_when_planted, rises
 from betterbench.study.findings import SOLVED, StudyFindings, findings_of
 from betterbench.study.stages import StudyOutcome
 from betterbench.tasks import get_task
@@ -32,6 +33,8 @@ LEAST_DIFFERENCE = 0.30
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
 """Share of reworded twins in which a confounded learner changes its target at most, and a balanced one at least."""
 GOOD_AREA = 0.9
+LEAST_NAMED = 0.90
+"""Share of the failed trials of learners with a planted confound in which the diagnosis has to name it."""
 
 _WHAT_VERDICTS_SAY = {
     "no gap": "the confounded learners solve it: there is nothing that balancing could remove",
@@ -161,13 +164,19 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
             (BarGroup("", tuple(Bar(f"{v.task} {v.variation}", v.validity or Figure(), "dot") for v in removed)),),
         )
     if found.doses:
-        rows = [Bar(f"{100 * dose:.0f} %", lost, "reasoning") for dose, _, lost, _ in found.doses]
+        groups = [
+            BarGroup(
+                task_title(task) if task else "All tasks",
+                tuple(Bar(f"{100 * d.dose:.0f} %", d.failure, "reasoning") for d in found.doses if d.task == task),
+            )
+            for task in dict.fromkeys(d.task for d in found.doses)
+        ]
         yield Chart(
             "doses",
             "Failure by dose",
-            "Share of the demonstrations that hold the confound, and how often variations that break it fail, in "
-            "percent, with its 95 % interval.",
-            (BarGroup("", tuple(rows)),),
+            "By the share of the demonstrations that hold the confounds: how often variations fail that break one of a "
+            "word, a place or a look, in percent, with its 95 % interval.",
+            tuple(groups),
         )
 
 
@@ -195,7 +204,22 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         held = None if area.value is None else area.value >= GOOD_AREA
         said = _area_text(area, found.prediction.failed)
         lines.append(_of_the_able(found, ("confounded",), Expectation(text, said, held)))
-    return tuple(lines)
+    return (*lines, *_expected_of_doses(found))
+
+
+def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
+    """Yield what was expected of mixtures; nothing of a study without them."""
+    overall = [d for d in found.doses if not d.task]
+    if not overall:
+        return
+    said = ", ".join(f"{d.failure.with_unit()} at {100 * d.dose:.0f} %" for d in overall)
+    yield Expectation("Variations that break a confound fail the oftener the more of it there is", said, rises(overall))
+    named = named_when_planted(found.doses)
+    text = (
+        f"Where {100 * PLANTED:.0f} % or more hold it, the diagnosis names a rule of the card in "
+        f"{100 * LEAST_NAMED:.0f} % of the failed trials whose cause it finds in reasoning"
+    )
+    yield Expectation(text, named.sentence(), None if named.value is None else named.value >= LEAST_NAMED)
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
@@ -242,8 +266,9 @@ def numbers_table(found: StudyFindings) -> Table:
     if found.prediction is not None:
         scored = found.prediction
         add("prediction", ("", "", ""), area=scored.area, label=scored.label, exposed=scored.exposed)
-    for dose, arm, lost, named in found.doses:
-        add("doses", ("", "", f"{arm} ({dose:g})"), failure=lost, predicted_label=named)
+    for d in found.doses:
+        label = f"{d.arm} ({d.dose:g})"
+        add("doses", (d.task, "", label), failure=d.failure, predicted_label=d.predicted, exposed_label=d.exposed)
     columns = ("table", "task", "variation", "arm", "number", "value", "low", "high", "k", "n", "p")
     return Table("numbers", "All numbers of the study.", columns, tuple(rows))
 

@@ -17,7 +17,7 @@ from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
 from betterbench.tasks import get_task
 
 CURE = "Correct the plan; docs/learned.md shows one"
-PRESETS = ("small", "full")
+PRESETS = ("small", "full", "doses")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start", "frozen")
 """Fields of a recipe that the study itself decides, or that need a checkpoint."""
 MOST_LEARNERS = 1000
