@@ -23,7 +23,9 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_seeing, learned_info, make_learned, make_seeing
 from betterbench.learned.checkpoint import Trained, write_checkpoint
 from betterbench.learned.families import new_network
-from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.network import ObjectsBatch, ObjectsNetwork, ShownBatch
+from betterbench.learned.pixels import PicturesBatch
+from betterbench.learned.policy import Learner
 from betterbench.recording import RunFolder
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -63,6 +65,38 @@ def test_the_same_checkpoint_acts_the_same(checkpoint):
     assert not np.array_equal(first, looking)
     served = ShadowSimulation(f"learned:{checkpoint}", TRIAL)
     assert np.array_equal(first, served.actions(0, 7))
+
+
+def test_what_is_made_of_words_alone_is_kept_and_changes_no_bit(checkpoint, seeing, monkeypatch):
+    monkeypatch.setattr("betterbench.learned.policy.KEPT_INSTRUCTIONS", 2)
+    draw = np.random.default_rng(0)
+    for path in (checkpoint, seeing):
+        learner, fresh = (Learner.load(path / "checkpoint.safetensors") for _ in range(2))
+        for word in (1, 2, 3, 1, 2, 1):  # the first is forgotten at the third
+            shown = something(learner, draw, words=np.array([word, 2, 0]))
+            kept, heard = learner.chunk(shown, 5), fresh.network.hear(shown.words)
+            fresh._heard.clear()
+            assert np.array_equal(kept, fresh.chunk(shown, 5))
+            noise = learner.batch(np.zeros((learner.network.chunk, 7), np.float32))
+            with torch.inference_mode():
+                assert torch.equal(learner.network.answer(shown, noise), learner.network.answer(shown, noise, heard))
+        assert len(learner._heard) == 2
+
+
+def something(learner: Learner, draw: np.random.Generator, *, words: np.ndarray) -> ShownBatch:
+    recipe, batch = learner.trained.recipe, learner.batch
+    common = {"words": batch(words), "tools": batch(draw.random((recipe.history, 10), np.float32))}
+    if recipe.family == "pixels":
+        size = recipe.eyes.size
+        pictures = draw.integers(0, 256, (len(recipe.eyes.windows), size, size, 3), dtype=np.uint8)
+        return PicturesBatch(**common, pictures=batch(pictures))
+    return ObjectsBatch(
+        **common,
+        poses=batch(draw.random((2, 9), np.float32)),
+        sizes=batch(draw.random((2, 3), np.float32)),
+        categories=batch(np.array([1, 2])),
+        colors=batch(np.array([1, 1])),
+    )
 
 
 def test_the_fingerprint_is_told(checkpoint):

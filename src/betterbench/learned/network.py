@@ -60,6 +60,23 @@ class ObjectsBatch(ShownBatch):
     colors: Tensor
 
 
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a network makes of U different instructions alone, which stays the same through an episode.
+
+    Attributes:
+        words: (U, w, width) tokens of their words.
+        told: (U, w) bool: which of these are there.
+        which: (B,) instruction of each sample.
+        memories: Per layer keys and values of the words, each (U, heads, w, width of a head).
+    """
+
+    words: Tensor
+    told: Tensor
+    which: Tensor
+    memories: tuple[_Memory, ...]
+
+
 class _Block(nn.Module):
     """A layer of a transformer that normalizes before attention and before its two linear maps."""
 
@@ -168,10 +185,22 @@ class LearnerNetwork(nn.Module):
             found[home.get(first, first)].append(parameter)
         return found
 
-    def summary(self, shown: ShownBatch) -> Tensor:
+    def hear(self, words: Tensor) -> Heard:
+        """Return what is made of instructions alone, (B, w) int64, to be given to :meth:`answer` again and again."""
+        tokens, told, which = self._instructions(words)
+        memories, seen = [], told[:, None, None, :]
+        heard = tokens
+        for block in self.trunk:
+            heard, memory = block(heard, seen)
+            memories.append(memory)
+        return Heard(tokens, told, which, tuple(memories))
+
+    def summary(self, shown: ShownBatch, heard: Heard | None = None) -> Tensor:
         """Return what the readout token has gathered, (B, width)."""
         batch = shown.words.shape[0]
-        words, told, which = self._instructions(shown.words)
+        words, told, which = (
+            self._instructions(shown.words) if heard is None else (heard.words, heard.told, heard.which)
+        )
         things, there = self.see(shown, words, told, which)
         parts = [self.readout.expand(batch, 1, -1), things]
         seen = [told[which], told.new_ones(batch, 1), there]
@@ -182,8 +211,11 @@ class LearnerNetwork(nn.Module):
             parts.append(state + self.state["when"].weight)
             seen.append(told.new_ones(batch, shown.tools.shape[1]))
         tokens, mask = torch.cat(parts, dim=1), torch.cat(seen, dim=1)[:, None, None, :]
-        for block in self.trunk:
-            words, (keys, values) = block(words, told[:, None, None, :])
+        for layer, block in enumerate(self.trunk):
+            if heard is None:
+                words, (keys, values) = block(words, told[:, None, None, :])
+            else:
+                keys, values = heard.memories[layer]
             tokens, _ = block(tokens, mask, (keys[which], values[which]))
         gathered: Tensor = self.last(tokens[:, 0])
         return gathered
@@ -223,9 +255,15 @@ class LearnerNetwork(nn.Module):
         """Return :meth:`loss`, which is what several processes share their gradients of."""
         return self.loss(shown, actions, counted)
 
-    def answer(self, shown: ShownBatch, noise: Tensor | None = None) -> Tensor:
-        """Return chunks of actions, (B, chunk, 7); a flow begins at ``noise``, (B, chunk, 7)."""
-        summary = self.summary(shown)
+    def answer(self, shown: ShownBatch, noise: Tensor | None = None, heard: Heard | None = None) -> Tensor:
+        """Return chunks of actions, (B, chunk, 7).
+
+        Args:
+            shown: What is shown.
+            noise: What a flow begins with, (B, chunk, 7).
+            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+        """
+        summary = self.summary(shown, heard)
         if self.recipe.loss == "flow":
             if noise is None:
                 raise ValueError("a flow begins with noise")

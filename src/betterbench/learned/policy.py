@@ -14,7 +14,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, PolicyInfo
 from betterbench.learned.checkpoint import Trained, read_checkpoint
 from betterbench.learned.eyes import looked_at
-from betterbench.learned.network import ACTION_NUMBERS, LearnerNetwork, ObjectsBatch, ShownBatch
+from betterbench.learned.network import ACTION_NUMBERS, Heard, LearnerNetwork, ObjectsBatch, ShownBatch
 from betterbench.learned.pixels import PicturesBatch
 from betterbench.learned.recipe import TrainingRecipe, require_asked
 from betterbench.learned.tokens import Things, moment_of, things_of, tool_numbers
@@ -22,6 +22,9 @@ from betterbench.recording.parquet import file_digest
 from betterbench.state import WorldState
 
 SeenT = TypeVar("SeenT")
+
+KEPT_INSTRUCTIONS = 64
+"""Instructions for which a learner keeps what it makes of them."""
 
 
 class Learner:
@@ -35,6 +38,7 @@ class Learner:
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
         self.network, self.trained, self.fingerprint = network, trained, fingerprint
         self._device = network.readout.device
+        self._heard = OrderedDict[bytes, Heard]()
 
     @classmethod
     def load(cls, path: Path) -> Learner:
@@ -76,9 +80,18 @@ class Learner:
             drawn = np.random.default_rng(seed).standard_normal((self.network.chunk, ACTION_NUMBERS), dtype=np.float32)
             noise = self.batch(drawn)
         with torch.inference_mode():
-            answer = self.network.answer(shown, noise)[0].cpu().numpy().astype(np.float64)
+            answer = self.network.answer(shown, noise, self._hear(shown.words))[0].cpu().numpy().astype(np.float64)
         limited: np.ndarray = np.clip(answer, -1.0, 1.0)
         return limited
+
+    def _hear(self, words: torch.Tensor) -> Heard:
+        """Return what the network makes of an instruction, which an episode asks for at each of its answers."""
+        key = words.cpu().numpy().tobytes()
+        heard = self._heard.pop(key, None)
+        self._heard[key] = heard = self.network.hear(words) if heard is None else heard
+        while len(self._heard) > KEPT_INSTRUCTIONS:
+            self._heard.popitem(last=False)
+        return heard
 
     def batch(self, values: np.ndarray) -> torch.Tensor:
         """Return an array as a batch of one sample on the network's device."""
