@@ -119,6 +119,7 @@ def test_each_lever_of_the_page_is_a_recipe():
     [
         {"proprioception": {"given": False}, "tasks": ["morning_coffee"]},
         {**PIXELS, "eyes": {"views": ["wrist", {"camera": "front", "window": [0.2, 0.2, 0.6, 0.6]}]}},
+        {"co_training": {"sets": ["questions"], "weight": 0.5}},
     ],
 )
 def test_a_recipe_is_read_back_from_its_json(changes):

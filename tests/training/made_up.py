@@ -17,7 +17,7 @@ STEPS = 20
 
 def made_up(episodes: int = 12, *, seed: int = 0) -> TrainingSet:
     draw = np.random.default_rng(seed)
-    known = Vocabulary(("blue", "red"), ("mug",), ("blue", "red"))
+    known = Vocabulary(("blue", "red", "side"), ("mug",), ("blue", "red"))
     places = draw.uniform(-0.2, 0.2, (episodes, 2, 3))
     wanted = np.arange(episodes) % 2
     goal = places[np.arange(episodes), wanted]

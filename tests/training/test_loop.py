@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from asked import with_questions
 from made_up import made_up, pictured
 from small_recipes import PIXELS, tiny
+from torch.nn import functional
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
@@ -30,6 +32,9 @@ FILES = (
     "curves.svg",
     "recipe.json",
 )
+
+
+ASKED = {"sets": ["questions"], "weight": 0.5}
 
 
 class StoppedError(Exception):
@@ -57,11 +62,14 @@ def stop_at(monkeypatch, step: int) -> None:
         {},
         {"loss": "flow", "dropout": 0.1, "proprioception": {"noise_m": 0.01, "dropout": 0.5}},
         {**PIXELS, "augmentation": {"light": 0.1}, "history": 2, "proprioception": {"noise_m": 0.01, "dropout": 0.5}},
+        {"co_training": ASKED, "proprioception": {"noise_m": 0.01}},
+        {**PIXELS, "co_training": ASKED},
     ],
 )
 def test_resumed_is_undisturbed(tmp_path, monkeypatch, changes):
     recipe = tiny(**changes)
     data = pictured(tmp_path / "frames") if recipe.family == "pixels" else made_up()
+    data = with_questions(data) if recipe.questions else data
     train(recipe, data, tmp_path / "whole")
     for step in (3, 5, 10):
         with monkeypatch.context() as patched:
@@ -192,6 +200,59 @@ def test_draws_follow_from_the_step_alone_and_are_shared_out():
     for rank in range(2):
         shared[rank::2] = batches.drawn(5, rank, 2)
     assert np.array_equal(shared, whole)
+
+
+@pytest.mark.parametrize("changes", [{}, PIXELS])
+def test_questions_show_what_is_asked_about_and_never_what_is_held_out(tmp_path, changes):
+    data = with_questions(pictured(tmp_path / "frames") if changes else made_up())
+    recipe = tiny(**changes, batch=4096, co_training=ASKED)
+    batches = Batches(data, recipe, "cpu")
+    chosen = batches.drawn_questions(0)
+    assert len(chosen) == recipe.questions == 2048
+    assert not data.held_out[data.questions.episodes[chosen]].any()
+    halves = [batches.drawn_questions(0, rank, 2) for rank in range(2)]
+    assert np.array_equal(np.stack(halves, axis=1).reshape(-1), chosen)
+    assert not np.array_equal(batches.drawn_questions(1), chosen)
+    asked = batches.questions(chosen[:3], training=False)
+    assert np.array_equal(asked.answers, data.questions.answers[chosen[:3]])
+    assert np.array_equal(asked.shown.words, data.questions.words[chosen[:3]])
+    if changes:
+        assert np.array_equal(asked.shown.pictures, data.frames_of.read(5 * chosen[:3]))
+    else:
+        assert np.array_equal(asked.shown.poses, data.questions.poses[chosen[:3]])
+        assert np.array_equal(asked.shown.colors, data.colors[data.questions.episodes[chosen[:3]]])
+
+
+def test_each_question_counts_as_much_as_each_frame():
+    data = with_questions(made_up())
+    recipe = tiny(co_training=ASKED)
+    torch.manual_seed(0)
+    network, batches = new_network(recipe, data.vocabulary), Batches(data, recipe, "cpu")
+    shown, actions, counted = batches.sample(np.arange(8), training=False)
+    asked = batches.questions(np.arange(4), training=False)
+    alone = functional.cross_entropy(network.reply(asked.shown), asked.answers)
+    both = network(shown, actions, counted, asked)
+    assert torch.allclose(both, network(shown, actions, counted) + 0.5 * alone)
+
+
+def test_what_is_asked_does_not_change_which_frames_are_drawn():
+    with_them = Batches(with_questions(made_up()), tiny(co_training=ASKED), "cpu")
+    assert np.array_equal(with_them.drawn(3), Batches(made_up(), tiny(), "cpu").drawn(3))
+
+
+def test_a_learner_learns_to_answer(tmp_path):
+    recipe = tiny(
+        steps=400, batch=32, learning_rate=3e-3, ema=0.9, capacity={"width": 32, "layers": 2, "heads": 4},
+        validate_every=400, save_every=400, co_training=ASKED,
+    )  # fmt: skip
+    result = train(recipe, with_questions(made_up(120)), tmp_path / "out")
+    (rate, overall) = result.log.answers
+    assert (rate.type, overall.type) == ("relation", "all")
+    assert overall.right == overall.asked == 8
+    assert (tmp_path / "out" / "answers.csv").read_text().splitlines()[1] == "400,relation,8,8"
+    network, trained = read_checkpoint(result.checkpoint)
+    assert trained.vocabulary.answers == ("left", "right")
+    assert "answers.weight" in network.state_dict()
 
 
 def test_held_out_demonstrations_are_never_drawn():

@@ -101,9 +101,10 @@ def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> 
 def _about(data: TrainingSet, epochs: float) -> str:
     held_out, frames = int(data.held_out.sum()), len(data.frames(held_out=False))
     store = "" if data.frames_of is None else f"; {data.frames_of.bytes / 1e6:,.0f} MB of drawn frames"
+    asked = "" if data.questions is None else f"; {len(data.asked(held_out=False)):,} questions about them"
     return (
         f"{len(data.trials) - held_out} demonstrations with {frames:,} frames, {held_out} held out; "
-        f"{epochs:.1f} passes over them{store}"
+        f"{epochs:.1f} passes over them{store}{asked}"
     )
 
 
@@ -112,6 +113,7 @@ def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
     log = result.log
     errors = [row for row in log.errors if row.step == log.losses[-1].step]
     rollouts = [row for row in log.rollouts if row.step == log.losses[-1].step]
+    answers = [row for row in log.answers if row.step == log.losses[-1].step]
     if json:
         print_json(
             {
@@ -121,6 +123,7 @@ def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
                 "samples_per_s": round(result.samples_per_s, 1),
                 "validation": [asdict(row) for row in errors],
                 "rollouts": [asdict(row) for row in rollouts],
+                "answers": [asdict(row) for row in answers],
             }
         )
         return
@@ -131,6 +134,12 @@ def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
             for e in errors
         ],
     )
+    if answers:
+        OUT.print()
+        print_table(
+            ["questions about", "right", "asked"],
+            [[a.type, f"{a.right / a.asked:.0%}", str(a.asked)] for a in answers],
+        )
     solved = sum(row.success for row in rollouts)
     OUT.print(
         f"\nloss {log.losses[-1].loss:.4f}; {solved} of {len(rollouts)} rollouts solved; "

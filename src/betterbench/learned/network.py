@@ -61,6 +61,18 @@ class ObjectsBatch(ShownBatch):
 
 
 @dataclass(frozen=True, slots=True)
+class AskedBatch:
+    """Questions of a batch: what is shown, with the words of the question in place of an instruction, and the answers.
+
+    Attributes:
+        answers: (B,) int64 numbers of the right answers.
+    """
+
+    shown: ShownBatch
+    answers: Tensor
+
+
+@dataclass(frozen=True, slots=True)
 class Heard:
     """What a network makes of U different instructions alone, which stays the same through an episode.
 
@@ -153,6 +165,8 @@ class LearnerNetwork(nn.Module):
             nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
             nn.Linear(2 * width, numbers),
         )  # fmt: skip
+        if vocabulary.answers:
+            self.answers = nn.Linear(width, len(vocabulary.answers))
         self.keep_scale("tool", TOOL_NUMBERS)
         self.keep_scale("action", ACTION_NUMBERS)
 
@@ -179,7 +193,7 @@ class LearnerNetwork(nn.Module):
     def parts(self) -> dict[str, list[nn.Parameter]]:
         """Return the parameters by the part of the network that recipes name."""
         found: dict[str, list[nn.Parameter]] = {"words": [], self.own_part: [], "state": [], "trunk": [], "head": []}
-        home = {"missing": "state", "readout": "trunk", "last": "trunk"}
+        home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
             found[home.get(first, first)].append(parameter)
@@ -251,9 +265,21 @@ class LearnerNetwork(nn.Module):
         weights = counted[:, :, None].to(error.dtype)
         return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
 
-    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
-        """Return :meth:`loss`, which is what several processes share their gradients of."""
-        return self.loss(shown, actions, counted)
+    def reply(self, shown: ShownBatch) -> Tensor:
+        """Return how much speaks for each answer to the questions that are shown, (B, answers)."""
+        found: Tensor = self.answers(self.summary(shown))
+        return found
+
+    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
+        """Return the loss of a step, which is what several processes share their gradients of.
+
+        Each question that is asked counts as much as each frame with actions; its loss is the cross-entropy.
+        """
+        loss = self.loss(shown, actions, counted)
+        if asked is None:
+            return loss
+        share = len(asked.answers) / len(actions)
+        return loss + share * functional.cross_entropy(self.reply(asked.shown), asked.answers)
 
     def answer(self, shown: ShownBatch, noise: Tensor | None = None, heard: Heard | None = None) -> Tensor:
         """Return chunks of actions, (B, chunk, 7).

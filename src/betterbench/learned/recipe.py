@@ -152,6 +152,21 @@ class Eyes:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class CoTraining:
+    """Questions that are learned beside the actions, by the same network.
+
+    Attributes:
+        sets: Folders of ``better vqa`` about the demonstrations that are trained on.
+        weight: Questions that are drawn for each frame with actions. The paper draws from actions with weight 8.0 and
+            from each of four sets of texts with 0.5 (appendix A.2), which is 0.25.
+    """
+
+    sets: Annotated[tuple[str, ...], Field(min_length=1)]
+    weight: Annotated[float, Field(gt=0.0, le=10.0)] = 0.25
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class TrainingRecipe:
     """How a learner is trained.
 
@@ -175,6 +190,7 @@ class TrainingRecipe:
         flow_steps: Steps of integration when a flow is drawn from.
         dropout: Share of activations that is dropped in training.
         gripper_weight: How much more often a sample at a change of the gripper is drawn than another one.
+        co_training: Questions that are learned beside the actions, or None.
         start: Checkpoint whose weights training begins with, or None.
         frozen: Parts whose weights stay as they began.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
@@ -206,6 +222,7 @@ class TrainingRecipe:
     flow_steps: Annotated[int, Field(ge=1, le=100)] = 10
     dropout: _Share = 0.0
     gripper_weight: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
+    co_training: CoTraining | None = None
     start: str | None = None
     frozen: tuple[_Part, ...] = ()
     steps: _Positive = 12_000
@@ -234,6 +251,9 @@ class TrainingRecipe:
         if foreign is not None:
             problem = f"the family {self.family} has no such thing"
             raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+        if self.co_training is not None and self.questions == 0:
+            problem = f"{self.co_training.weight} of a batch of {self.batch} is not one question"
+            raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
         if self.family == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
 
@@ -255,9 +275,16 @@ class TrainingRecipe:
         """The capacity in numbers."""
         return CAPACITIES[self.family][self.capacity] if isinstance(self.capacity, str) else self.capacity
 
+    @property
+    def questions(self) -> int:
+        """Questions that a step draws beside its batch."""
+        return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
+
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every value that the file left out."""
+        """Return the JSON form, with every value that the file left out; without co_training if there is none."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        if self.co_training is None:
+            del form["co_training"]  # so that trainings from before there was any go on
         return form
 
 

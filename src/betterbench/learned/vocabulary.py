@@ -1,10 +1,10 @@
-"""The words, categories and colors that a learner knows: those of its training data, and one for all others."""
+"""The words, categories, colors and answers that a learner knows: those of its training data, and one for others."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -27,17 +27,23 @@ def words_of(instruction: str) -> list[str]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """What a learner has numbers for."""
+    """What a learner has numbers for; ``answers`` are those to the questions of a co-training."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]
     colors: tuple[str, ...]
+    answers: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, instructions: Iterable[str], categories: Iterable[str], colors: Iterable[str]) -> Vocabulary:
+    def of(cls, texts: Iterable[str], categories: Iterable[str], colors: Iterable[str]) -> Vocabulary:
         """Return the vocabulary of training data, sorted."""
-        words = {word for text in instructions for word in words_of(text)}
+        words = {word for text in texts for word in words_of(text)}
         return cls(tuple(sorted(words)), tuple(sorted(set(categories))), tuple(sorted(set(colors))))
+
+    def to_json(self) -> dict[str, list[str]]:
+        """Return the JSON form; without answers if there are none."""
+        named = {name: list(values) for name, values in asdict(self).items()}
+        return named if self.answers else {name: values for name, values in named.items() if name != "answers"}
 
     def sizes(self) -> tuple[int, int, int]:
         """Return how many numbers there are for words, categories and colors."""

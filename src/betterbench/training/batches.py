@@ -6,10 +6,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from betterbench.learned.network import ObjectsBatch, ShownBatch
+from betterbench.learned.network import AskedBatch, ObjectsBatch, ShownBatch
 from betterbench.learned.pixels import PicturesBatch
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.training.data import TrainingSet
+from betterbench.training.frames import FrameStore
 
 
 class Batches:
@@ -25,14 +26,42 @@ class Batches:
             shown = np.ones(len(data.actions), bool) if data.shown is None else data.shown
             self._picture_of = np.cumsum(shown) - 1
         self._held = {name: torch.from_numpy(getattr(data, name)).to(device) for name in names}
+        self._questions, self._to_ask = data.questions, data.asked(held_out=False)
+        if data.questions is not None:
+            asked = ("words", "episodes", "tools", "poses", "answers")
+            self._asked = {name: torch.from_numpy(getattr(data.questions, name)).to(device) for name in asked}
         self._device = device
 
     def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
         """Return the frames of a step that one of several processes computes."""
-        # The counter of a Philox generator makes streams of their own for each step, without what came before it.
-        generator = np.random.Generator(np.random.Philox(key=self._recipe.seed, counter=[0, 0, 0, step]))
-        found = self._pool[generator.integers(len(self._pool), size=self._recipe.batch)]
+        found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
         return found[rank::world]
+
+    def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
+        """Return the questions of a step that one of several processes computes."""
+        chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
+        found: np.ndarray = self._to_ask[chosen]
+        return found[rank::world]
+
+    def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
+        """Return what is shown with questions, and the right answers."""
+        asked = self._questions
+        if asked is None:
+            raise AssertionError("nothing is asked without co-training")
+        at = torch.from_numpy(chosen).to(self._device)
+        held = self._asked
+        common = {"words": held["words"][at], "tools": held["tools"][at]}
+        shown: ShownBatch
+        if asked.frames_of is None or asked.frames is None:
+            things = {name: self._held[name][held["episodes"][at]] for name in ("sizes", "categories", "colors")}
+            shown = ObjectsBatch(**common, **things, poses=held["poses"][at])
+        else:
+            shown = PicturesBatch(
+                **common, pictures=self._pictures(asked.frames_of, asked.frames[chosen], training=training)
+            )
+        if training:
+            self._augment(shown)
+        return AskedBatch(shown, held["answers"][at])
 
     def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
         """Return what frames show, their chunks of actions, (B, chunk, 7), and which of these count, (B, chunk)."""
@@ -48,20 +77,19 @@ class Batches:
             things = {name: held[name][episode] for name in ("sizes", "categories", "colors")}
             shown = ObjectsBatch(**common, **things, poses=held["poses"][at])
         else:
-            shown = PicturesBatch(**common, pictures=self._pictures(frames, training=training))
+            pictures = self._pictures(self._store, self._picture_of[frames], training=training)
+            shown = PicturesBatch(**common, pictures=pictures)
         if training:
             self._augment(shown)
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
 
-    def _pictures(self, frames: np.ndarray, *, training: bool) -> Tensor:
+    def _pictures(self, store: FrameStore, numbers: np.ndarray, *, training: bool) -> Tensor:
         """Return what frames look like, (B, views, size, size, 3) uint8, each picture shifted in training."""
-        if self._store is None:
-            raise AssertionError("this family sees no pictures")
         shifts, most = None, self._recipe.augmentation.shift_px
         if training and most:
             views = len(self._recipe.eyes.windows)
-            shifts = torch.randint(-most, most + 1, (len(frames), views, 2)).numpy()
-        return torch.from_numpy(self._store.read(self._picture_of[frames], shifts)).to(self._device)
+            shifts = torch.randint(-most, most + 1, (len(numbers), views, 2)).numpy()
+        return torch.from_numpy(store.read(numbers, shifts)).to(self._device)
 
     def _augment(self, shown: ShownBatch) -> None:
         """Change what is shown as the recipe asks, with torch's own generator."""
@@ -82,6 +110,12 @@ class Batches:
             shown.poses = torch.cat([shown.poses[..., :3] + shift, shown.poses[..., 3:]], dim=-1)
         if own.dropout:
             shown.blind = torch.rand(batch, device=self._device) < own.dropout
+
+
+def _stream(seed: int, step: int, what: int) -> np.random.Generator:
+    """Return the random numbers of a step; those of other steps, or of something else in it, do not depend on them."""
+    # The counter of a Philox generator makes streams of their own for each step, without what came before it.
+    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
 
 
 def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from betterbench.errors import RecordError
 from betterbench.recording.durable import on_disk, write_durably
+from betterbench.training.questions import AnswerRate
 from betterbench.training.validation import PhaseError, Rollout
 
 
@@ -24,7 +25,10 @@ class LossRow:
     gradient_norm: float
 
 
-Row = TypeVar("Row", LossRow, PhaseError, Rollout)
+Row = TypeVar("Row", LossRow, PhaseError, Rollout, AnswerRate)
+
+ANSWERS_NAME = "answers.csv"
+"""Table of a co-training: right answers to questions about held-out demonstrations."""
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 720, 300, 60, 40, 30
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -37,6 +41,7 @@ class Log:
     losses: list[LossRow] = field(default_factory=list)
     errors: list[PhaseError] = field(default_factory=list)
     rollouts: list[Rollout] = field(default_factory=list)
+    answers: list[AnswerRate] = field(default_factory=list)
 
     @classmethod
     def read(cls, out: Path, until: int) -> Log:
@@ -45,6 +50,7 @@ class Log:
             _read(out / "loss.csv", LossRow, until),
             _read(out / "validation.csv", PhaseError, until),
             _read(out / "rollouts.csv", Rollout, until),
+            _read(out / ANSWERS_NAME, AnswerRate, until) if (out / ANSWERS_NAME).exists() else [],
         )
 
     def write(self, out: Path) -> None:
@@ -53,6 +59,8 @@ class Log:
             write_durably(out / "loss.csv", _table(LossRow, self.losses))
             write_durably(out / "validation.csv", _table(PhaseError, self.errors))
             write_durably(out / "rollouts.csv", _table(Rollout, self.rollouts))
+            if self.answers:
+                write_durably(out / ANSWERS_NAME, _table(AnswerRate, self.answers))
             write_durably(out / "curves.svg", self.svg().encode())
 
     def svg(self) -> str:

@@ -22,6 +22,7 @@ from betterbench.learned.vocabulary import Vocabulary
 from betterbench.recording import Record, RunFolder, subgoal_segments
 from betterbench.tasks import TrialId
 from betterbench.training.frames import SUFFIX, FrameStore, OnDrawn, WantedFrames, drawn_frames
+from betterbench.training.questions import AskedQuestions, TrainingQuestions, read_questions, training_questions
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
 """What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
@@ -56,6 +57,7 @@ class TrainingSet:
         at_gripper: (F,) bool: frames in whose chunk the gripper changes.
         shown: (F,) bool: frames that are shown; the others are there for the chunks. None for all.
         frames_of: What the shown frames look like, in their order; None for the family ``objects``.
+        questions: What is asked about the demonstrations; None without co-training.
     """
 
     vocabulary: Vocabulary
@@ -76,11 +78,18 @@ class TrainingSet:
     at_gripper: np.ndarray
     shown: np.ndarray | None = None
     frames_of: FrameStore | None = None
+    questions: TrainingQuestions | None = None
 
     def frames(self, *, held_out: bool) -> np.ndarray:
         """Return the frames that are trained on, or those that are held out, int64."""
         found = self.held_out[self.episodes] == held_out
         return np.flatnonzero(found if self.shown is None else found & self.shown)
+
+    def asked(self, *, held_out: bool) -> np.ndarray:
+        """Return the questions that are trained on, or those about demonstrations that are held out, int64."""
+        if self.questions is None:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(self.held_out[self.questions.episodes] == held_out)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +108,7 @@ def read_training_set(
     workers: int = 1,
     on_drawn: OnDrawn | None = None,
 ) -> TrainingSet:
-    """Read the demonstrations that a recipe names, and for the family ``pixels`` draw their frames once.
+    """Read the demonstrations and the questions that a recipe names; for the family ``pixels`` draw their frames once.
 
     Args:
         recipe: The recipe.
@@ -110,9 +119,9 @@ def read_training_set(
 
     Raises:
         RunConflictError: If a folder is no run.
-        RecordError: If a record is missing or damaged.
+        RecordError: If a record, or a set of questions, is missing or damaged.
         UnknownNameError: If no run has a task that is asked for.
-        InvalidInputError: If nothing is left, or a record is of another action space.
+        InvalidInputError: If nothing is left, a record is of another action space, or no question is about one.
         StorageError: If the disk has no room for the frames; those that were drawn stay.
     """
     runs = [RunFolder.open(run_folder(Path(place))) for place in recipe.data]
@@ -130,16 +139,39 @@ def read_training_set(
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
-    data = _joined(episodes, held_out, digest, recipe)
-    if recipe.family == "objects":
-        return data
+    asked = read_questions(recipe, [episode.trial for episode in episodes])
+    data = _joined(episodes, held_out, digest, recipe, asked)
     beside = [Path(place).with_name(Path(place).name + SUFFIX) if frames is None else frames for place in recipe.data]
-    wanted = [
-        WantedFrames(runs[d.run], episode.record, d.digest, episode.rows[:: recipe.every], beside[d.run].absolute())
-        for d, episode in zip(chosen, episodes, strict=True)
-    ]
-    drawn = drawn_frames(wanted, recipe.eyes, workers=workers, on_drawn=on_drawn)
-    digest = hashlib.sha256(f"{digest} {drawn.sha256}".encode()).hexdigest()
+
+    def draw(rows_of: Sequence[np.ndarray]) -> FrameStore:
+        wanted = [
+            WantedFrames(runs[d.run], episode.record, d.digest, rows, beside[d.run].absolute())
+            for d, episode, rows in zip(chosen, episodes, rows_of, strict=True)
+            if len(rows)
+        ]
+        return drawn_frames(wanted, recipe.eyes, workers=workers, on_drawn=on_drawn)
+
+    seeing = recipe.family == "pixels"
+    if seeing:
+        data = _with(data, draw([episode.rows[:: recipe.every] for episode in episodes]))
+    if asked is None:
+        return data
+    questions = training_questions(
+        asked,
+        [episode.record for episode in episodes],
+        data.held_out,
+        recipe,
+        data.vocabulary,
+        objects=data.poses.shape[1],
+        draw=draw if seeing else None,
+    )
+    digest = hashlib.sha256(" ".join([data.sha256, *asked.sha256]).encode()).hexdigest()
+    return replace(data, sha256=digest, questions=questions)
+
+
+def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
+    """Return the same with what its frames look like."""
+    digest = hashlib.sha256(f"{data.sha256} {drawn.sha256}".encode()).hexdigest()
     return replace(data, sha256=digest, frames_of=drawn)
 
 
@@ -186,14 +218,23 @@ def moving_rows(record: Record, most: int | None) -> np.ndarray:
     return rows[rows - last_moving <= most]
 
 
-def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, recipe: TrainingRecipe) -> TrainingSet:
+def _joined(
+    episodes: Sequence[_Episode],
+    held_out: set[int],
+    digest: str,
+    recipe: TrainingRecipe,
+    asked: AskedQuestions | None,
+) -> TrainingSet:
     """Return the arrays of all episodes."""
-    trained = [e.record.metadata for e in episodes if e.trial.seed not in held_out]
+    apart = np.array([e.trial.seed in held_out for e in episodes])
+    trained = [e.record.metadata for e, out in zip(episodes, apart, strict=True) if not out]
     vocabulary = Vocabulary.of(
-        (meta.instruction for meta in trained),
+        [meta.instruction for meta in trained] + ([] if asked is None else asked.texts(apart)),
         (o.category for meta in trained for o in meta.scene.objects),
         (o.color for meta in trained for o in meta.scene.objects),
     )
+    if asked is not None:
+        vocabulary = replace(vocabulary, answers=asked.answers(apart))
     most = max(len(e.record.metadata.scene.objects) for e in episodes)
     things = [things_of(e.record.metadata.instruction, e.record.metadata.scene.objects, vocabulary) for e in episodes]
     longest = max(len(t.words) for t in things)
@@ -207,7 +248,7 @@ def _joined(episodes: Sequence[_Episode], held_out: set[int], digest: str, recip
         sizes=np.stack([_padded(t.sizes, most) for t in things]),
         categories=np.stack([_padded(t.categories, most) for t in things]),
         colors=np.stack([_padded(t.colors, most) for t in things]),
-        held_out=np.array([e.trial.seed in held_out for e in episodes]),
+        held_out=apart,
         tools=np.concatenate([_tools(e.record)[e.rows] for e in episodes]),
         poses=np.concatenate([_poses(e.record, most)[e.rows] for e in episodes]),
         actions=np.concatenate([e.actions for e in episodes]).astype(np.float32),

@@ -39,7 +39,7 @@ from betterbench.recording.parquet import file_digest
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
-from betterbench.training.validation import phase_errors, roll_out, rollout_trials
+from betterbench.training.validation import phase_errors, right_answers, roll_out, rollout_trials
 
 STATE_NAME = "state.safetensors"
 """What training resumes from: weights, their mean, and the moments of the optimizer."""
@@ -124,6 +124,9 @@ def train(
     _require_device(device)
     if recipe.batch % world.size:
         raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
+    if recipe.questions % world.size:
+        problem = f"{recipe.questions} questions are no multiple of {world.size} processes"
+        raise InvalidInputError("co_training.weight", problem, "Change the weight")
     with contextlib.ExitStack() as stack:
         if world.rank == 0:
             with on_disk(out):
@@ -205,7 +208,11 @@ class _Training:
         shown, actions, counted = self._batches.sample(
             self._batches.drawn(self._step, world.rank, world.size), training=True
         )
-        loss = shared(shown, actions, counted)
+        asked = None
+        if recipe.questions:
+            chosen = self._batches.drawn_questions(self._step, world.rank, world.size)
+            asked = self._batches.questions(chosen, training=True)
+        loss = shared(shown, actions, counted, asked)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
@@ -250,6 +257,7 @@ class _Training:
         network.load_state_dict(self._mean)
         network.eval()
         self._log.errors += phase_errors(network, self._batches, self._data, self._recipe, self._step)
+        self._log.answers += right_answers(network, self._batches, self._data, self._step)
         learner = Learner(network, self._about())
         for trial in rollout_trials(self._data, self._recipe.rollouts):
             self._log.rollouts.append(roll_out(learner, trial, self._step))
@@ -289,7 +297,7 @@ class _Training:
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
     """Take over the weights of a checkpoint, which has to know the same words and things."""
     weights, about = read_tensors(start)
-    known = first_difference(about.get("vocabulary"), json.loads(json.dumps(_form(data))), "vocabulary")
+    known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
     if known is not None:
         problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"
         raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained on such data")
@@ -302,11 +310,6 @@ def _checkpoint_of(start: str) -> Path:
     if not path.is_file():
         raise InvalidInputError(f"start: {start}", "holds no checkpoint", "Name the folder that better train wrote")
     return path
-
-
-def _form(data: TrainingSet) -> dict[str, object]:
-    known = data.vocabulary
-    return {"words": known.words, "categories": known.categories, "colors": known.colors}
 
 
 def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses) -> None:

@@ -19,6 +19,7 @@ from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
 from betterbench.training.batches import Batches
 from betterbench.training.data import PHASES, TrainingSet
+from betterbench.training.questions import AnswerRate, answer_rates
 
 MOST_FRAMES = 2048
 """Frames of held-out demonstrations that a validation compares, evenly spaced."""
@@ -81,6 +82,26 @@ def phase_errors(
     phases = data.phases[frames]
     found = [_mean(step, name, errors[phases == i]) for i, name in enumerate(PHASES) if (phases == i).any()]
     return [*found, _mean(step, "all", errors)]
+
+
+def right_answers(
+    network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
+) -> list[AnswerRate]:
+    """Return how many questions about held-out demonstrations are answered right; none without co-training.
+
+    An answer that training never showed cannot be given, so a question for it counts as wrong.
+    """
+    chosen = data.asked(held_out=True)
+    if data.questions is None or not len(chosen):
+        return []
+    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), most)).round().astype(np.int64))]
+    right: list[bool] = []
+    network.eval()
+    for start in range(0, len(chosen), _AT_ONCE):
+        asked = batches.questions(chosen[start : start + _AT_ONCE], training=False)
+        with torch.inference_mode():
+            right += (network.reply(asked.shown).argmax(dim=1) == asked.answers).tolist()
+    return answer_rates(step, [data.questions.types[i] for i in chosen], right)
 
 
 def _apart(given: np.ndarray, wanted: np.ndarray, counted: np.ndarray) -> np.ndarray:

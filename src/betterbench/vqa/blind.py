@@ -109,7 +109,7 @@ def _blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bo
     fold = np.array(turns) % FOLDS
     for members in _by_form(questions):
         words = [_words(questions[i]) for i in members]
-        classes = [_class_of(questions[i]) for i in members]
+        classes = [answer_class(questions[i]) for i in members]
         for f in range(FOLDS):
             test = [k for k, i in enumerate(members) if fold[i] == f]
             train = [k for k, i in enumerate(members) if fold[i] != f]
@@ -132,8 +132,8 @@ def _by_form(questions: Sequence[Question]) -> list[list[int]]:
     return list(parts.values())
 
 
-def _class_of(question: Question) -> str:
-    """Return the answer, or of a box or point the cell in which it lies."""
+def answer_class(question: Question) -> str:
+    """Return the answer, or of a box or point the cell of the image in which its middle lies."""
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
     return _cell(question.box, question.width, CELLS)
@@ -148,7 +148,7 @@ def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str
     """Return what the classifier answers for each class."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
-        members[_class_of(question)].append(question)
+        members[answer_class(question)].append(question)
     return {name: _typical(members[name]) for name in classes}
 
 
@@ -172,14 +172,18 @@ def _numbers(text: str) -> tuple[float, ...]:
     return tuple(float(part) for part in re.findall(r"-?\d+(?:\.\d+)?", text))
 
 
-def _words(question: Question) -> list[str]:
-    """Return the words of a question and its pairs of neighbors; coordinates in it become coarse cells."""
-    text = question.text.lower()
+def in_cells(text: str, width: int, cells: int = COARSE_CELLS) -> str:
+    """Return a text about an image so many pixels wide with each box in it as a word for the cell of its middle."""
     for found in re.findall(r"\[[\d, ]+\]", text):
         box = [int(v) for v in _numbers(found)]
         if len(box) == 4:
-            text = text.replace(found, f" cell{_cell(box, question.width, COARSE_CELLS).replace(',', 'x')} ")
-    words = re.findall(r"[a-z0-9'-]+", text)
+            text = text.replace(found, f" cell{_cell(box, width, cells).replace(',', 'x')} ")
+    return text
+
+
+def _words(question: Question) -> list[str]:
+    """Return the words of a question and its pairs of neighbors; coordinates in it become coarse cells."""
+    words = re.findall(r"[a-z0-9'-]+", in_cells(question.text.lower(), question.width))
     return words + [f"{a} {b}" for a, b in itertools.pairwise(words)]
 
 
