@@ -9,6 +9,7 @@ import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -209,6 +210,18 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     assert [c.name for c in found.levers] == ["large on confounded"]
     assert found.levers[0].gap.value == pytest.approx(0.0)
     assert "Failure by dose" in (tmp_path / "study.html").read_text()
+
+
+def test_other_questions_of_a_co_training_make_another_learner(tmp_path, monkeypatch):
+    lever = {"name": "asked", "changes": {"co_training": {"sets": ["questions"]}, "batch": 8}}
+    plan, trained = small(seeds=[0], levers=[lever]), []
+    for digest in ("first", "first", "second"):
+        monkeypatch.setattr(stages, "read_set", lambda _, digest=digest: SimpleNamespace(sha256=digest))
+        workshop, calls = made_up_workshop()
+        run_study(plan, tmp_path, workshop)
+        trained.append([call for call in calls if call.startswith("train")])
+    assert [len(names) for names in trained] == [4, 0, 1]
+    assert trained[2] == [f"train {TASK}-confounded-asked-seed0"]
 
 
 @pytest.mark.parametrize(

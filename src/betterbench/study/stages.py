@@ -33,6 +33,7 @@ from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
 from betterbench.study.work import Workshop
 from betterbench.tasks import get_task
+from betterbench.vqa import read_set
 
 STAGES = "stages"
 _MAX_BYTES = 64 << 20
@@ -211,6 +212,8 @@ class _Study:
         names = [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
         recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names))
         inputs = {"recipe": {**recipe.to_json(), "data": names}, "sets": [hashes[name] for name in names]}
+        if recipe.co_training is not None:
+            inputs["questions"] = [read_set(Path(place)).sha256 for place in recipe.co_training.sets]
         return _Learning(learner, TrainingJob(recipe, self._out / "learners" / learner.name), _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
