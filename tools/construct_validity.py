@@ -14,6 +14,8 @@ from betterbench.statistics import percent
 from betterbench.tasks import get_task
 
 STUDY = Path(__file__).resolve().parents[1] / "docs" / "study" / "study.json"
+LEAST = -1.0
+"""Shares whose interval reaches below this say nothing: the gap that they are of is hardly apart from none."""
 LINK = "[study](../learned.md#the-study)"
 
 
@@ -29,7 +31,9 @@ def validity_text(task: str, variation: str, study: Path = STUDY) -> str:
     solved = "; ".join(f"{arm} {_share(row['success'][arm])}" for arm in found["plan"]["arms"])
     removed = row["validity"]
     share = ""
-    if removed is not None:
+    if removed is not None and removed["low"] < LEAST:
+        share = "; the gap is too small to tell what share of it balancing removes"
+    elif removed is not None:
         low, high = (_whole(removed[end]) for end in ("low", "high"))
         share = f"; balancing removes {_whole(removed['value'])} % of the gap ({low} to {high})"
     return f"learners that solve it, by what they were trained on: {solved}{share}: {row['verdict']} ({LINK})"
