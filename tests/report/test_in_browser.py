@@ -223,6 +223,21 @@ def test_stills_stand_where_a_film_does_not_play(chromium, tmp_path):
     assert chromium.value(f"{shown}('#film-0 .strip img')") >= len(showing.times_s)
 
 
+def test_a_film_that_fails_before_the_script_runs_gives_way_to_its_stills(chromium, tmp_path):
+    """On a slow machine the browser has given up the film when the script comes to listen for that."""
+    run = run_of("zoo:lexical")
+    image = draw_frame(np.random.default_rng(0), size=64)
+    film = replace(film_of(trials_worth_showing(run, 1)[0], lambda: image), clip=b"this is no film")
+    page = write_report([run], tmp_path, films={film.key: film})
+    parts = re.split(r"(<script>)(.*?)(</script>)", page.read_text(), flags=re.DOTALL)
+    script = max(parts, key=lambda part: "video.clip" in part)
+    page.write_text("".join(part for part in parts if part is not script))
+    chromium.open(page, *LAPTOP)
+    chromium.wait_until("!!document.querySelector('video.clip').error")
+    chromium.value(script + "; 1")
+    assert chromium.value("document.querySelector('video.clip').classList.contains('broken')")
+
+
 def test_a_long_instruction_does_not_hide_the_way_to_the_film(chromium, tmp_path):
     words = "Put the fork to the left of the plate, the cup at the upper right of it and the spoon to its right."
     run = diagnosis([replace(trial(label=Label.WRONG_OBJECT), instruction=words), trial(variation=None)])

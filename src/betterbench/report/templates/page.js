@@ -304,7 +304,7 @@
 
   document.querySelectorAll("video.clip").forEach((clip) => {
     clip.addEventListener("error", () => clip.classList.add("broken"));  // the stills below show the same
-    if (!clip.canPlayType("video/mp4; codecs=avc1.64000a")) clip.classList.add("broken");
+    if (clip.error || !clip.canPlayType("video/mp4; codecs=avc1.64000a")) clip.classList.add("broken");
   });
   document.querySelectorAll("button[data-png]").forEach((button) => {
     button.hidden = false;
