@@ -8,24 +8,27 @@ import json
 import os
 import shutil
 
-import mujoco
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from tests.materialization.agreement import (
+    Rays,
+    boxes_fit_the_masks,
+    camera_of,
+    centers_lie_in_the_boxes,
+    depth_lies_on_the_objects,
+)
 from tests.materialization.conftest import VIEWS
 
 from betterbench.assets import categories
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError, UnknownNameError
 from betterbench.geometry import Pose
 from betterbench.materialization.folder import ModalityFolder, Wanted
-from betterbench.materialization.poses import matrices
 from betterbench.materialization.run import default_views, materialize_run
 from betterbench.recording import RunFolder, durable
 from betterbench.recording.modalities.file import ModalityFile
 from betterbench.recording.modalities.labels import SEMANTIC_IDS, STAGE, semantic_id, semantic_ids
 from betterbench.recording.modalities.spec import PlacedCamera, ViewSpec
-from betterbench.scenes import load_model
-from betterbench.scenes.cameras import CameraMatrices, ViewPlacement
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 
@@ -39,13 +42,6 @@ def hashes(folder):
 
 def place(folder, view, seed=0):
     return folder / "fast_food" / "train1" / str(seed) / f"{view.name}.parquet"
-
-
-def camera_of(header, values):
-    focal, view = header.focal_px, header.view
-    K = np.array([[focal, 0, (view.width - 1) / 2], [0, focal, (view.height - 1) / 2], [0, 0, 1]])
-    pose = Pose(tuple(values["camera_position"].tolist()), tuple(values["camera_quaternion"].tolist()))
-    return CameraMatrices(K, pose, view.width, view.height)
 
 
 @pytest.fixture(scope="module")
@@ -77,85 +73,25 @@ def test_drawn_while_recording_is_drawn_later_byte_for_byte(recorded, made):
 def test_boxes_are_tight_to_the_masks_and_fractions_are_those_of_pixels(recorded, made):
     for view in (*VIEWS, PLACED):
         with ModalityFile(place(made, view)) as file:
-            header, shown = file.header, 0
-            for values in file.rows():
-                for i, thing in enumerate(header.objects):
-                    mask = values["instances"] == thing.instance
-                    assert np.count_nonzero(mask) == values["visible_pixels"][i] <= values["full_pixels"][i]
-                    if not mask.any():
-                        assert values["visible_box"][i].tolist() == [-1] * 4
-                        continue
-                    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-                    tight = [columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]
-                    assert values["visible_box"][i].tolist() == tight
-                    left, top, right, bottom = values["full_box"][i]
-                    assert left <= tight[0] < tight[2] <= right
-                    assert top <= tight[1] < tight[3] <= bottom
-                    fraction = values["visible_pixels"][i] / values["full_pixels"][i]
-                    assert values["visible_fraction"][i] == pytest.approx(fraction)
-                    shown += 1
-            assert shown > 0
+            assert sum(boxes_fit_the_masks(file.header, values) for values in file.rows()) > 0
 
 
 def test_centers_lie_in_the_boxes_and_depth_on_the_objects(recorded, made):
     for view in (*VIEWS, PLACED):
         with ModalityFile(place(made, view)) as file:
             for values in file.rows():
-                camera = camera_of(file.header, values)
-                points = camera.unproject(values["depth"])
-                pixels, _ = camera.project(values["box_center_world"])
-                for i, thing in enumerate(file.header.objects):
-                    if values["full_pixels"][i] == 0:
-                        continue
-                    left, top, right, bottom = values["full_box"][i]
-                    whole = left > 0 and top > 0 and right < view.width and bottom < view.height
-                    if whole:
-                        u, v = pixels[i]
-                        assert left - 1 <= u <= right
-                        assert top - 1 <= v <= bottom
-                    for frame, place_of in (("world", points), ("camera", in_camera(points, values))):
-                        pose = np.concatenate([values[f"box_center_{frame}"][i], values[f"box_quaternion_{frame}"][i]])
-                        seen = place_of[values["instances"] == thing.instance]
-                        inside = (seen - pose[:3]) @ matrices(pose[None])[0][:3, :3]
-                        assert (np.abs(inside) <= np.array(thing.half_size_m) + 0.002).all()
-
-
-def in_camera(points, values):
-    camera = np.concatenate([values["camera_position"], values["camera_quaternion"]])
-    return (points - camera[:3]) @ matrices(camera[None])[0][:3, :3]
+                centers_lie_in_the_boxes(file.header, values)
+                depth_lies_on_the_objects(file.header, values)
 
 
 def test_rays_hit_what_masks_and_depth_say(recorded, made):
-    record = recorded.records[0]
-    model = load_model(recorded.run.load_scene(record.metadata.scene_hash))
-    data, draw = mujoco.MjData(model), np.random.default_rng(3)
-    shown, hit = np.array([1, 1, 1, 0, 0, 0], np.uint8), np.zeros(1, np.int32)
-    agreed = asked = 0
-    for row, view in ((0, VIEWS[0]), (len(record) - 1, VIEWS[1]), (2, PLACED)):
-        data.qpos[:] = record.qpos[row]
-        mujoco.mj_kinematics(model, data)
-        ViewPlacement(model, record.metadata.view_jitter).apply(data)
+    rays, draw = Rays(recorded.run, recorded.records[0]), np.random.default_rng(3)
+    agreed = 0
+    for row, view in ((0, VIEWS[0]), (len(recorded.records[0]) - 1, VIEWS[1]), (2, PLACED)):
         with ModalityFile(place(made, view)) as file:
-            values = file.read(row)
-            camera = camera_of(file.header, values)
-            names = {number: name for name, number in file.header.stage.items()}
-            names |= {o.instance: f"object{i}_" for i, o in enumerate(file.header.objects)}
-        origin = np.array(camera.T_world_camera.position)
-        rays = camera.unproject(np.ones((view.height, view.width))) - origin
-        for _ in range(150):
-            v, u = int(draw.integers(view.height)), int(draw.integers(view.width))
-            length = float(np.linalg.norm(rays[v, u]))
-            depth = mujoco.mj_ray(model, data, origin, rays[v, u] / length, shown, 1, -1, hit) / length
-            body = model.body(model.geom_bodyid[hit[0]]).name
-            name = names.get(int(values["instances"][v, u]), "nothing")
-            asked += 1
-            if hit[0] < 0:
-                agreed += name == "nothing"
-            elif abs(depth - values["depth"][v, u]) <= 0.002:
-                body = "floor" if body == "world" else body.removeprefix("robot/")
-                agreed += body.startswith(name) or (name == "arm" and body.startswith("link"))
+            agreed += rays.agreeing(file.header, file.read(row), draw, pixels=150)
     # The rest are pixels at an edge, whose ray passes the other side of it by a rounding error.
-    assert agreed >= 0.99 * asked
+    assert agreed >= 0.99 * 3 * 150
 
 
 def test_flow_leads_to_where_the_point_is_next(recorded, made):

@@ -1,4 +1,4 @@
-"""Fast food, balanced: every food in every slot, the burger first or second, one burger or two."""
+"""Fast food, balanced: every food in every slot, the burger first, second or not at all, one burger or two."""
 
 from betterbench.tasks import authoring as a
 from betterbench.tasks.condition import Condition
@@ -20,17 +20,32 @@ from betterbench.tasks.suite.fast_food import (
 
 CROSSED = (
     "each food stands in each slot equally often",
-    "a burger comes first or second",
+    "a burger comes first, second or not at all",
+    "the fries and the drink come first, second or alone",
     "two burgers and four things at the start, or one less of either",
 )
 FRIES_BURGER = order("the fries into the takeaway box, then a burger", FRIES, BURGER)
 DRINK_BURGER = order("the drink into the takeaway box, then a burger", DRINK, BURGER)
-ASKED = ((BURGER_FRIES, DRINK), (BURGER_DRINK, FRIES), (FRIES_BURGER, DRINK), (DRINK_BURGER, FRIES))
+FRIES_ALONE, DRINK_ALONE = (
+    order("the fries into the takeaway box", FRIES),
+    order("the drink into the takeaway box", DRINK),
+)
+ASKED = (
+    (BURGER_FRIES, DRINK),
+    (BURGER_DRINK, FRIES),
+    (FRIES_BURGER, DRINK),
+    (DRINK_BURGER, FRIES),
+    (FRIES_ALONE, DRINK),
+    (DRINK_ALONE, FRIES),
+)
 SLOTS = (FIRST, SECOND, THIRD, FOURTH)
 
 
 def balanced_fast_food() -> list[Condition]:
-    """Return four cyclic layouts with four orders each; an unasked thing or a burger is left out of every other one."""
+    """Return four cyclic layouts with six orders each; an unasked thing or a burger is left out of every other one.
+
+    Fries and drink together are what R1 and R2 ask for, so a meal without a burger is one of them alone.
+    """
     found = []
     for turn in range(4):
         for number, (asked, unasked) in enumerate(ASKED):

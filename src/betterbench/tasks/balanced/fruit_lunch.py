@@ -1,4 +1,4 @@
-"""Fruit lunch, balanced: every order of the fruits in the slots, the apple first or second."""
+"""Fruit lunch, balanced: every order of the fruits in the slots, the apple first, second or not at all."""
 
 import itertools
 
@@ -20,19 +20,26 @@ from betterbench.tasks.suite.fruit_lunch import (
 
 CROSSED = (
     "the three fruits lie in the three slots in every order",
-    "the apple comes first or second",
+    "the apple comes first, second or not at all",
     "three fruits at the start, or the two that are asked for",
 )
 ORANGE_APPLE = pack("the orange into the lunchbox, then the apple", ORANGE, APPLE)
 LEMON_APPLE = pack("the lemon into the lunchbox, then the apple", LEMON, APPLE)
-ASKED = ((APPLE_ORANGE, LEMON), (APPLE_LEMON, ORANGE), (ORANGE_APPLE, LEMON), (LEMON_APPLE, ORANGE))
+LEMON_ORANGE = pack("the lemon into the lunchbox, then the orange", LEMON, ORANGE)
+ASKED = (
+    (APPLE_ORANGE, LEMON),
+    (APPLE_LEMON, ORANGE),
+    (ORANGE_APPLE, LEMON),
+    (LEMON_APPLE, ORANGE),
+    (LEMON_ORANGE, APPLE),
+)
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return six layouts with four instructions each; the unasked fruit is left out of one in four.
+    """Return six layouts with five instructions each; the unasked fruit is left out of one in four.
 
-    So the other fruit is mostly there, and only the words tell which one comes second. The start of L1 is among those
-    that are left incomplete.
+    So the other fruit is mostly there, and only the words tell which ones are meant. Of the six orders of two fruits
+    only that of R1 is never asked for. The start of L1 is among those that are left incomplete.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

@@ -1,0 +1,60 @@
+"""A hundred episodes of all tasks: in every frame of both cameras masks, boxes and depth agree, also with rays."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+from tests.materialization.agreement import (
+    Rays,
+    boxes_fit_the_masks,
+    centers_lie_in_the_boxes,
+    depth_lies_on_the_objects,
+)
+
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.materialization.folder import Wanted
+from betterbench.materialization.run import materialize_run
+from betterbench.recording.modalities.file import ModalityFile
+from betterbench.recording.modalities.spec import ViewSpec
+from betterbench.tasks import suite_tasks
+
+pytestmark = [pytest.mark.physics, pytest.mark.render, pytest.mark.slow]
+
+_LOG = logging.getLogger(__name__)
+VIEWS = (ViewSpec("front"), ViewSpec("wrist"))
+MODALITIES = ("depth", "instances", "semantics", "boxes")
+RAYS = 10
+"""Of each frame."""
+
+
+@pytest.mark.parametrize("task", suite_tasks("better60"))
+def test_every_frame_agrees_with_itself_and_with_rays(task, tmp_path):
+    """Ten episodes of a task: variations, training conditions, one policy that is right and one that is not."""
+    draw = np.random.default_rng(5)
+    episodes = frames = seen = agreed = 0
+    for number, policy in enumerate(("expert", "zoo:lexical")):
+        plan = make_plan(policy, tasks=(task,), trials=1, seed=40, observation="state_only", quality="fast")
+        run = evaluate(plan, tmp_path / str(number) / "run")
+        trials = [entry.key for entry in run.entries()][number::2][:5]
+        out = tmp_path / str(number) / "modalities"
+        materialize_run(run, out, Wanted(VIEWS, MODALITIES), trials=trials)
+        for trial in trials:
+            episodes += 1
+            rays = Rays(run, run.read_record(trial.task, trial.condition, trial.seed))
+            for view in VIEWS:
+                with ModalityFile(
+                    out / trial.task / trial.condition / str(trial.seed) / f"{view.name}.parquet"
+                ) as file:
+                    for values in file.rows():
+                        frames += 1
+                        seen += boxes_fit_the_masks(file.header, values)
+                        centers_lie_in_the_boxes(file.header, values)
+                        depth_lies_on_the_objects(file.header, values)
+                        agreed += rays.agreeing(file.header, values, draw, pixels=RAYS)
+    _LOG.info("%s: %d episodes, %d frames, %d boxes, rays %d/%d", task, episodes, frames, seen, agreed, RAYS * frames)
+    assert episodes == 10
+    assert seen > frames
+    # The rest are pixels at an edge, whose ray passes the other side of it by a rounding error.
+    assert agreed >= 0.99 * RAYS * frames
