@@ -20,7 +20,8 @@ from workshop import made_up_workshop
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError, UnknownNameError
 from betterbench.study import stages
-from betterbench.study.findings import contrast_of, findings_of
+from betterbench.study.contrasts import contrast_of
+from betterbench.study.findings import findings_of
 from betterbench.study.page import FILES, expectations, write_page
 from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
 from betterbench.study.stages import run_study
@@ -207,8 +208,17 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     assert {f"set {TASK}-training", f"set {TASK}-training-20", f"set {TASK}-balanced-20"} <= set(calls)
     overall = [d for d in found.doses if not d.task]
     assert [(d.dose, d.arm) for d in overall] == [(0.0, "free"), (0.5, "half"), (1.0, "confounded")]
-    assert [c.name for c in found.levers] == ["large on confounded"]
-    assert found.levers[0].gap.value == pytest.approx(0.0)
+    (table,) = found.levers
+    assert (table.arm, table.tasks, table.seeds) == ("confounded", (TASK,), 1)
+    plain, large = table.rows
+    assert (plain.found.lever, plain.against, large.found.lever) == ("", None, "large")
+    assert plain.axes == large.axes
+    assert sum(f.k for f in plain.axes.values()) == plain.found.variations.k
+    assert list(plain.axes) == ["spatial_layout_shift", "adversarial_object_perturbation", "temporal_extrapolation"]
+    assert large.against.gap.value == pytest.approx(0.0)
+    assert large.against.success.p_value is None  # of one pair of learners nothing is known about others
+    rows = (tmp_path / "numbers.csv").read_text().splitlines()
+    assert sum(row.startswith("levers,") for row in rows) == 2 * 3 + 2
     assert "Failure by dose" in (tmp_path / "study.html").read_text()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from betterbench.diagnosis.failure_mode import exposed_labels
@@ -15,17 +15,15 @@ from betterbench.shortcuts.prediction import Prediction
 from betterbench.statistics import (
     Difference,
     Rate,
-    difference_of,
-    paired_bootstrap,
     ranking_area,
     ratio_of,
-    sign_flip_p,
-    wider_paired_difference,
 )
+from betterbench.study.contrasts import ArmContrast, ArmFinding, arm_of, contrast_of, figure_of, gap_of, success_of
 from betterbench.study.doses import DoseFinding, doses_of
-from betterbench.study.outcomes import LearnerOutcome, TrialOutcome
+from betterbench.study.levers import LeverTable, lever_tables
+from betterbench.study.outcomes import LearnerOutcome
 from betterbench.study.plan import ROLES, StudyPlan
-from betterbench.tasks import Expected, get_task, stream
+from betterbench.tasks import Expected, get_task
 from betterbench.tasks.training_distribution import pairing
 
 SOLVED = 0.5
@@ -37,26 +35,6 @@ GapVerdict = Literal[
     "no gap", "decorrelation is enough", "needs more than decorrelation", "hard for another reason", "open"
 ]
 """What a variation turned out to measure; see :func:`verdict_of`."""
-
-
-@dataclass(frozen=True, slots=True)
-class ArmFinding:
-    """What the learners of one arm did on one task, or on all ("").
-
-    Attributes:
-        training: Success on training conditions.
-        variations: Success on all variations.
-        gap: Success of the twin minus success of the variation.
-        intention: Share of variation trials whose first attempt was right.
-    """
-
-    task: str
-    arm: str
-    lever: str
-    training: Figure
-    variations: Figure
-    gap: Figure
-    intention: Figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,24 +61,6 @@ class VariationFinding:
     validity: Figure | None
     verdict: GapVerdict
     labels: tuple[tuple[str, int], ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ArmContrast:
-    """Two groups of learners on the same trials; the second is the one that is compared with.
-
-    Attributes:
-        success: Success on variations, first minus second, over pairs of trials.
-        gap: Illusion gap, first minus second. Its interval is the wider one of those over trials and over pairs of
-            learners of one task and seed; its p-value is that of the sign-flip test over these pairs.
-        learners: How many pairs of learners there are.
-    """
-
-    name: str
-    task: str
-    success: Figure
-    gap: Figure
-    learners: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +102,7 @@ class StudyFindings:
     arms: tuple[ArmFinding, ...]
     variations: tuple[VariationFinding, ...]
     contrasts: tuple[ArmContrast, ...]
-    levers: tuple[ArmContrast, ...]
+    levers: tuple[LeverTable, ...]
     words: tuple[WordFinding, ...]
     prediction: PredictionFinding | None
     doses: tuple[DoseFinding, ...]
@@ -171,7 +131,7 @@ def findings_of(
         tuple(_arms(plan, learners)),
         variations,
         tuple(contrasts),
-        tuple(_levers(plan, learners)),
+        tuple(lever_tables(plan, learners)),
         tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
         score_of(confounded, predictions) if confounded and predictions else None,
         tuple(doses_of(plan, plain, predictions)),
@@ -182,28 +142,6 @@ def _of_arm(learners: Iterable[LearnerOutcome], arm: str, task: str = "") -> lis
     return [f for f in learners if f.learner.arm == arm and task in ("", f.learner.task)]
 
 
-def success_of(trials: Iterable[TrialOutcome]) -> Figure:
-    """Return the success rate of trials."""
-    ended = [trial.success for trial in trials]
-    return Figure.of_rate(Rate(sum(ended), len(ended)))
-
-
-def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
-    """Return the illusion gap over pairs of twin and trial; several variations share a twin, which is a cluster."""
-    pairs = [(f.learner, twin, trial) for f in learners for twin, trial in f.pairs(variation)]
-    return wider_paired_difference(
-        [(twin.success, trial.success) for _, twin, trial in pairs],
-        generator=stream("study", 0, f"gap:{variation}"),
-        strata=[learner.task for learner, _, _ in pairs],
-        clusters=[f"{learner.name}/{twin.condition}/{twin.seed}" for learner, twin, _ in pairs],
-    )
-
-
-def _figure(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
-    low, high = (found.low, found.high) if found.value is not None else (None, None)
-    return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
-
-
 def _arms(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[ArmFinding]:
     for lever in ("", *(v.name for v in plan.levers)):
         mine = [f for f in learners if f.learner.lever == lever]
@@ -211,18 +149,7 @@ def _arms(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[ArmFi
             for arm in plan.arms:
                 chosen = _of_arm(mine, arm, task)
                 if chosen:
-                    yield _arm(task, arm, lever, chosen)
-
-
-def _arm(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    varied = [trial for f in chosen for trial in f.varied]
-    known = [trial.intention for trial in varied if trial.intention is not None]
-    pairs = sum(len(f.pairs()) for f in chosen)
-    training = success_of(trial for f in chosen for trial in f.of(None))
-    gap = _figure(gap_of(chosen), pairs)
-    return ArmFinding(
-        task, arm, lever, training, success_of(varied), gap, Figure.of_rate(Rate(sum(known), len(varied)))
-    )
+                    yield arm_of(task, arm, lever, chosen)
 
 
 def _variations(
@@ -249,7 +176,7 @@ def _variations(
                 None if forecast is None else forecast.risk,
                 "" if forecast is None else forecast.label,
                 success,
-                {arm: _figure(gaps[arm], counts[arm]) for arm in gaps},
+                {arm: figure_of(gaps[arm], counts[arm]) for arm in gaps},
                 _validity(roles, gaps, counts),
                 verdict_of({role: success[arm] for role, arm in roles.items()}),
                 tuple(labels),
@@ -284,58 +211,6 @@ def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
     if balanced:
         return "decorrelation is enough"
     return "open" if covered is None else "needs more than decorrelation" if covered else "hard for another reason"
-
-
-def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return how two groups of learners differ, over pairs of one task and training seed and of the same trials."""
-    others = {(f.learner.task, f.learner.seed): f for f in second}
-    pairs = [
-        (f, others[key])
-        for f in first
-        if (key := (f.learner.task, f.learner.seed)) in others and task in ("", f.learner.task)
-    ]
-    trials = [(a.learner, x, y) for a, b in pairs for x, y in _same_trials(a, b)]
-    success = wider_paired_difference(
-        [(x.success, y.success) for _, x, y in trials],
-        generator=stream("study", 0, f"contrast:{name}:{task}"),
-        strata=[learner.task for learner, _, _ in trials],
-        clusters=[learner.name for learner, _, _ in trials],
-    )
-    gaps = [(a.learner.task, _mean_gap(a), _mean_gap(b)) for a, b in pairs]
-    known = [(stratum, x, y) for stratum, x, y in gaps if x is not None and y is not None]
-    p = sign_flip_p([x - y for _, x, y in known], generator=stream("study", 1, f"contrast:{name}:{task}"))
-    drawn = paired_bootstrap(
-        [0.5 + 0.5 * x for _, x, _ in known],
-        [0.5 + 0.5 * y for _, _, y in known],
-        generator=stream("study", 2, f"contrast:{name}:{task}"),
-        strata=[stratum for stratum, _, _ in known],
-    )
-    gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
-    wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
-    tested = p if len(known) > 1 else None  # of one pair nothing is known about others
-    found = _figure(wider, len(known), noun="learner pairs", p_value=tested)
-    return ArmContrast(name, task, _figure(success, len(trials)), found, len(known))
-
-
-def _mean_gap(learner: LearnerOutcome) -> float | None:
-    """Return the illusion gap of one learner without an interval; None without a pair."""
-    pairs = learner.pairs()
-    return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
-
-
-def _same_trials(a: LearnerOutcome, b: LearnerOutcome) -> Iterator[tuple[TrialOutcome, TrialOutcome]]:
-    there = {(t.variation, t.seed): t for t in b.varied}
-    for trial in a.varied:
-        if (trial.variation, trial.seed) in there:
-            yield trial, there[trial.variation, trial.seed]
-
-
-def _levers(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[ArmContrast]:
-    for lever in plan.levers:
-        for arm in lever.arms or tuple(plan.arms):
-            first = [f for f in learners if f.learner.lever == lever.name and f.learner.arm == arm]
-            second = [f for f in learners if not f.learner.lever and f.learner.arm == arm]
-            yield contrast_of(f"{lever.name} on {arm}", "", first, second)
 
 
 def reworded(task: str) -> tuple[str, ...]:

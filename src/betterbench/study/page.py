@@ -115,7 +115,6 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
             found=found,
             overall=[a for a in found.arms if not a.task and not a.lever],
             by_task=[a for a in found.arms if a.task and not a.lever],
-            levered=[a for a in found.arms if not a.task and a.lever],
             expected=expectations(found),
             charts=charts,
             verdicts=_WHAT_VERDICTS_SAY,
@@ -258,9 +257,14 @@ def numbers_table(found: StudyFindings) -> Table:
             add("variations", (v.task, v.variation, arm), success=v.success[arm], gap=v.gaps[arm])
         risk = None if v.risk is None else Figure(v.risk)
         add("variations", (v.task, v.variation, ""), validity=v.validity, risk=risk)
-    for kind, contrasts in (("contrasts", found.contrasts), ("levers", found.levers)):
-        for c in contrasts:
-            add(kind, (c.task, "", c.name), success=c.success, gap=c.gap)
+    for c in found.contrasts:
+        add("contrasts", (c.task, "", c.name), success=c.success, gap=c.gap)
+    for table in found.levers:
+        for row in table.rows:
+            where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
+            add("levers", where, **{axis: row.axes[axis] for axis in row.axes})
+            if row.against is not None:
+                add("levers", where, success_difference=row.against.success, gap_difference=row.against.gap)
     for w in found.words:
         add("words", ("", "", w.arm), changed=w.changed, right=w.right)
     if found.prediction is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -128,14 +128,7 @@ def read_training_set(
     selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
     chosen = _fewer(selection.demonstrations, recipe.demonstrations)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
-    episodes = []
-    for number, demonstration in enumerate(chosen):
-        trial = demonstration.trial
-        record = runs[demonstration.run].read_record(trial.task, trial.condition, trial.seed)
-        rows, actions = moving_rows(record, recipe.longest_pause), _actions(record, trial, runs[demonstration.run].path)
-        episodes.append(_Episode(trial, record, rows, actions[rows]))
-        if on_read is not None:
-            on_read(number + 1, len(chosen))
+    episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
@@ -167,6 +160,18 @@ def read_training_set(
     )
     digest = hashlib.sha256(" ".join([data.sha256, *asked.sha256]).encode()).hexdigest()
     return replace(data, sha256=digest, questions=questions)
+
+
+def _episodes(
+    runs: Sequence[RunFolder], chosen: Sequence[ChosenTrial], longest_pause: int | None, on_read: OnRead | None
+) -> Iterator[_Episode]:
+    for number, demonstration in enumerate(chosen, 1):
+        trial, run = demonstration.trial, runs[demonstration.run]
+        record = run.read_record(trial.task, trial.condition, trial.seed)
+        rows = moving_rows(record, longest_pause)
+        yield _Episode(trial, record, rows, _actions(record, trial, run.path)[rows])
+        if on_read is not None:
+            on_read(number, len(chosen))
 
 
 def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:

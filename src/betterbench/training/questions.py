@@ -115,6 +115,17 @@ def _checked(made: QuestionSet) -> QuestionSet:
     return made
 
 
+def _drawn(
+    asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
+) -> tuple[FrameStore, np.ndarray]:
+    """Draw the rows that are asked about of so many demonstrations; the frames, and the number of each question's."""
+    rows_of = asked.rows(count)
+    store = draw(rows_of)
+    first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
+    numbers = [first[e] + int(np.searchsorted(rows_of[e], q.source.row)) for e, q in asked.questions]
+    return store, np.array(numbers, dtype=np.int64)
+
+
 def training_questions(
     asked: AskedQuestions,
     records: Sequence[Record],
@@ -161,15 +172,7 @@ def training_questions(
         tools.append(tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows]))
         there = pose_numbers(record.object_positions[row], record.object_quaternions[row])
         poses[i, : len(there)] = there
-    store, frames = None, None
-    if draw is not None:
-        rows_of = asked.rows(len(records))
-        asked_about = [e for e, rows in enumerate(rows_of) if len(rows)]
-        store = draw(rows_of)
-        first = dict(zip(asked_about, store.first.tolist(), strict=False))
-        frames = np.array(
-            [first[e] + int(np.searchsorted(rows_of[e], q.source.row)) for e, q in asked.questions], dtype=np.int64
-        )
+    store, frames = (None, None) if draw is None else _drawn(asked, len(records), draw)
     return TrainingQuestions(
         words=words,
         episodes=episodes,
