@@ -246,7 +246,7 @@ class Scene:
         mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self._data)
         self._views_are_placed, self._tool = False, None
-        self._gripper_command = float(applied[-1])
+        self._gripper_command = applied.item(-1)
         self._step += 1
         return applied
 
