@@ -238,9 +238,8 @@ class ArmIK:
         best: IKResult | None = None
         used = 0
         for first in starts:
-            found = self._descend(
-                np.clip(first, self.low, self.high), target, position_tolerance_m, rotation_tolerance_rad, iterations
-            )
+            inside = np.minimum(np.maximum(first, self.low), self.high)
+            found = self._descend(inside, target, position_tolerance_m, rotation_tolerance_rad, iterations)
             used += found.iterations
             if best is None or (found.converged, -_cost(found)) > (best.converged, -_cost(best)):
                 best = found
@@ -254,20 +253,19 @@ class ArmIK:
         """Iterate from one start until the pose is reached or progress ends."""
         settled = 0
         count = 0
+        position_error = rotation_error = math.inf
         while count < iterations and settled < 3:
             count += 1
             low = np.maximum(self.low, q - _REACH_STEP_RAD)
             high = np.minimum(self.high, q + _REACH_STEP_RAD)
             before = q
             q = self._step(q, low, high, self._linearise(q, REACH_DAMPING))
-            settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
             tcp = self.forward(q)
-            errors = (distance(tcp.position, target.position), angle_between(tcp.quaternion, target.quaternion))
-            if errors[0] < 0.1 * position and errors[1] < 0.1 * rotation:
+            position_error = distance(tcp.position, target.position)
+            rotation_error = angle_between(tcp.quaternion, target.quaternion)
+            if position_error < 0.1 * position and rotation_error < 0.1 * rotation:
                 break
-        tcp = self.forward(q)
-        position_error = distance(tcp.position, target.position)
-        rotation_error = angle_between(tcp.quaternion, target.quaternion)
+            settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
         q.setflags(write=False)
         return IKResult(
             q, position_error, rotation_error, position_error <= position and rotation_error <= rotation, count
