@@ -31,6 +31,7 @@ class ContactReader:
             (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
             for i in range(n)
         )
+        self._lefts = frozenset(left for left, _, _ in self._holds)
         self._numbers = numbers
         labels = compiled.geom_labels.tolist()
         rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
@@ -123,6 +124,8 @@ class ContactReader:
 
     def _held(self, touching: Mapping[int, object]) -> str | None:
         """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
+        if self._lefts.isdisjoint(touching):
+            return None
         for i, (left, right, supports) in enumerate(self._holds):
             if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]
