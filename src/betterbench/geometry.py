@@ -80,7 +80,7 @@ def from_axis_angle(rotation_vector: Sequence[float]) -> Quaternion:
     x, y, z = map(float, rotation_vector)
     angle = math.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
-        return normalize((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
+        return unit_quaternion((1.0, 0.5 * x, 0.5 * y, 0.5 * z))
     s = math.sin(0.5 * angle) / angle
     return unit_quaternion((math.cos(0.5 * angle), s * x, s * y, s * z))
 

@@ -96,6 +96,20 @@ def test_arrays_are_copies_and_read_only(make_metadata, make_state) -> None:
     assert record.predicates.tolist() == [[True, False]]
 
 
+@pytest.mark.parametrize("kind", ["float32", "int64", ">f8"])
+def test_numbers_of_any_type_are_recorded_as_they_are(make_metadata, make_state, kind) -> None:
+    meta, rng = make_metadata(), np.random.default_rng(0)
+    builder, some = RecordBuilder(meta), np.array([1.0, 2.0, 3.0]).astype(kind)
+    action = np.arange(len(meta.action_components)).astype(kind)
+    rest = {"qvel": np.zeros(2), "ctrl": np.zeros(0), "predicates": (0, 0), "subgoals": (0, 0), "goal": False}
+    builder.append(make_state(meta.scene, 0, rng), qpos=some, **rest)
+    builder.append(make_state(meta.scene, 1, rng), qpos=some, action=action, applied=action[::-1], **rest)
+    record = builder.finish(termination="step_limit", success=False)
+    assert record.qpos.tolist() == [[1.0, 2.0, 3.0]] * 2
+    assert record.action[1].tolist() == action.tolist()
+    assert record.applied[1].tolist() == action.tolist()[::-1]
+
+
 def test_metadata_and_outcome_come_back(make_record, tmp_path) -> None:
     record, _ = make_record(rows=2, termination="policy_error", error="answer took 12 s", invalid_actions=1)
     write_record(record, tmp_path / "r.parquet")

@@ -376,3 +376,24 @@ def test_clearance_notices_a_held_object_that_runs_into_another():
     assert any("drink" in h and "fries" in h for h in hits)
     free = Pose((0.5, 0.0, 0.5))
     assert not any("drink" in h for h in clearance.touches(home, finger_width_m=0.08, held="fries", held_pose=free))
+
+
+def test_contacts_that_clearance_does_not_look_for_change_no_answer(monkeypatch):
+    s = scene("fast_food", "train1")
+    state, rng = s.reset(), np.random.default_rng(0)
+    quick, full = Clearance(s), Clearance(s)
+    for name in ("geom_contype", "geom_conaffinity", "body_contype", "body_conaffinity"):
+        getattr(full._model, name)[:] = getattr(s.model, name)
+    monkeypatch.setattr(full, "_let_look", lambda *_, **__: None)
+    quick.load(state)
+    full.load(state)
+    found = set()
+    for number in range(120):
+        joints = np.array(state.joint_positions) + rng.uniform(-0.9, 0.9, 7)
+        held = (None, "burger_1", "drink")[number % 3]
+        pose = Pose((rng.uniform(0.3, 0.7), rng.uniform(-0.3, 0.3), rng.uniform(-0.01, 0.1)))
+        asked = {"finger_width_m": rng.uniform(0.0, 0.08), "held": held, "held_pose": pose if held else None}
+        answer = quick.touches(joints, **asked)
+        assert answer == full.touches(joints, **asked)
+        found.update(answer)
+    assert len(found) > 5

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from betterbench.geometry import Pose, distance
 from betterbench.robots.physics import PHYSICS
 from betterbench.state import WorldState
-from betterbench.state.world import GRIPPER_BODIES
 from betterbench.tasks import Condition, Task
 from betterbench.tasks.relations import RELATIONS, Relation, RestWatch
 from betterbench.tasks.relations.closed import GAP
@@ -150,11 +149,12 @@ class Handling:
             self._resting_on.pop(held, None)
         if self._carried is not None and _between_fingers(state, self._carried):
             self._grasped = state
-        touched = {n for a, b, _ in state.contacts for n in (a, b) if a in GRIPPER_BODIES or b in GRIPPER_BODIES}
         for name, stood in self._stood.items():
-            pose = state.pose(name)
-            if pose != stood and name not in touched and name != self._carried and self._rest.at_rest(name):
-                self._stood[name] = pose
+            i = state.info.index(name)
+            if state.positions[i] == stood.position and state.quaternions[i] == stood.quaternion:
+                continue
+            if name != self._carried and not state.touched_by_gripper(name) and self._rest.at_rest(name):
+                self._stood[name] = state.pose(name)
         if (
             self._settling is not None
             and not state.touched_by_gripper(self._settling)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from types import TracebackType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,8 @@ AnyPolicy = Policy | PrivilegedPolicy
 """A policy under test, or one that sees the privileged state."""
 
 
-@dataclass(frozen=True, slots=True)
-class Question:
-    """What an episode shows its policy.
+class Question(NamedTuple):
+    """What an episode shows its policy; a named tuple because one is made at every control step, like its reply.
 
     Attributes:
         seen: The start of the episode, which asks for no actions; an observation; or the privileged state.
@@ -29,8 +28,7 @@ class Question:
     wanted_in: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class Reply:
+class Reply(NamedTuple):
     """What a policy answered.
 
     Attributes:

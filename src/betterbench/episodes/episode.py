@@ -164,7 +164,8 @@ def episode_steps(
             if foreign is not None:
                 foreign.draw_next(wanted=chunks.looks_at(state.step + 1))
             applied = scene.step(action if disturb is None else disturb(action))
-            chunks.look(state.step + 1)
+            if observer is not None:
+                chunks.look(state.step + 1)
             meant = applied if disturb is None else scene.action_space.clip(action)
             clipped += meant.tolist() != action.tolist()
             state = scene.state()

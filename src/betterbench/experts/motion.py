@@ -65,10 +65,11 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
     Returns:
         (7,) action, clipped to [-1, 1].
     """
-    turn = to_axis_angle(multiply(wanted.quaternion, conjugate(now.quaternion)))
-    shift = [(there - here) / TRANSLATION_PER_UNIT_M for there, here in zip(wanted.position, now.position, strict=True)]
-    action = (*shift, *[angle / ROTATION_PER_UNIT_RAD for angle in turn], gripper)
-    return np.array([min(max(value, -1.0), 1.0) for value in action])
+    rx, ry, rz = to_axis_angle(multiply(wanted.quaternion, conjugate(now.quaternion)))
+    (x, y, z), (px, py, pz) = wanted.position, now.position
+    m, rad = TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD
+    action = ((x - px) / m, (y - py) / m, (z - pz) / m, rx / rad, ry / rad, rz / rad, gripper)
+    return np.array([v if -1.0 <= v <= 1.0 else min(max(v, -1.0), 1.0) for v in action])
 
 
 def _span(a: Pose, b: Pose, pace: Pace) -> float:

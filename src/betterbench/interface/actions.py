@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import le
 from typing import Any, NoReturn
 
 import numpy as np
@@ -100,14 +99,18 @@ class ActionSpace:
             raise InvalidActionError(
                 f"{self.name} action: its type is {given.dtype}, not a real number. Send float32 or float64."
             )
-        if given.shape != (self.dim,):
+        if given.shape != (len(self.components),):
             raise InvalidActionError(
                 f"{self.name} action: its shape is {given.shape}, not ({self.dim},). "
                 f"Send one action of {self.dim} numbers: {', '.join(self.components)}."
             )
-        # Plain floats: between two physics steps the caches are cold, and an array operation takes 3 us instead of 1.
+        # Plain floats in a plain loop: between two physics steps the caches are cold, and an array operation takes 3 us
+        # instead of 1, a chain of `all` and `map` twice as long as the loop.
         values: list[float] = given.tolist()
-        if all(map(le, self.low, values)) and all(map(le, values, self.high)):
+        for value, low, high in zip(values, self.low, self.high, strict=True):
+            if not low <= value <= high:
+                break
+        else:
             return given.astype(np.float64)
         for i, (value, low, high) in enumerate(zip(values, self.low, self.high, strict=True)):
             if not low <= value <= high:

@@ -337,10 +337,12 @@ def _bounded(
     if lead > distance_m:
         f = distance_m / lead
         position = (cx + f * dx, cy + f * dy, cz + f * dz)
+        pose = Pose(position, quaternion)
     turn = multiply(quaternion, conjugate(center.quaternion))
     # |w| of the turn is the cosine of half its angle.
     if abs(turn[0]) < (_COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)):
         rx, ry, rz = to_axis_angle(turn)
         f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
         quaternion = unit_quaternion(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
-    return Pose(position, quaternion)
+        pose = Pose(position, quaternion)
+    return pose

@@ -21,7 +21,6 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import add, le, sub
 
 import daqp  # type: ignore[import-not-found]
 import mujoco
@@ -29,7 +28,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose, Quaternion, angle_between, conjugate, distance, multiply, to_axis_angle
-from betterbench.robots.readers import number_reader, number_writer
+from betterbench.robots.readers import number_reader, number_writer, numbers_of
 from betterbench.robots.spec import RobotSpec, build_robot_spec
 
 POSITION_COST = 1.0
@@ -47,6 +46,8 @@ STEP_DAMPING = 2e-5
 """Damping of a control step [1/rad2]: the elbow returns to its posture by 5 % per step, and singular directions stay
 calm.
 """
+
+_STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
 
 REACH_DAMPING = 1e-6
 """Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
@@ -122,9 +123,7 @@ class ArmIK:
         self._quaternion = np.zeros(4)
         self._site_position, self._site_matrix = self._data.site_xpos[site], self._data.site_xmat[site]
         self._bounds = tuple(zip(self.low.tolist(), self.high.tolist(), self._speed.tolist(), strict=True))
-        self._roomy_low = [low + _FAR * v for low, _, v in self._bounds]
-        self._roomy_high = [high - _FAR * v for _, high, v in self._bounds]
-        self._speeds = [speed for _, _, speed in self._bounds]
+        self._roomy = tuple((low + _FAR * v, high - _FAR * v, v) for low, high, v in self._bounds)
         self._home = self.home.tolist()
         self._gradient, self._newton = np.zeros(n), np.zeros(n)
         self._weights = np.array([1.0] * 3 + [ORIENTATION_COST**2] * 3)
@@ -134,7 +133,8 @@ class ArmIK:
         self._get_gradient, self._get_newton = (number_reader(a, range(n)) for a in (self._gradient, self._newton))
         self._get_position = number_reader(self._site_position, range(3))
         self._get_quaternion = number_reader(self._quaternion, range(4))
-        self._step_damping = (_POSTURE_WEIGHT + STEP_DAMPING) * np.eye(n)
+        self._factor_numbers = numbers_of(self._factor)
+        self._diagonal = tuple(range(0, n * n, n + 1))
 
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
@@ -162,17 +162,18 @@ class ArmIK:
     ) -> list[float]:
         """Return what :meth:`solve` does, in plain numbers.
 
-        Plain floats and MuJoCo's own small loops: between two physics steps the caches are cold, and each array
-        operation costs three times what it does in a benchmark of its own.
+        Plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are cold; an
+        array operation then costs three times what it does in a benchmark of its own, `all` and `map` twice a loop.
         """
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
         self._place(q)
         self._factorize()
         moved = self._descent(q, target, (q, centers, lead))
-        if max(map(abs, map(sub, moved, q))) > SECOND_ITERATION_RAD:
-            self._place(moved)
-            moved = self._descent(moved, target, (q, centers, lead))
+        for x, now in zip(moved, q, strict=True):
+            if abs(x - now) > SECOND_ITERATION_RAD:
+                self._place(moved)
+                return self._descent(moved, target, (q, centers, lead))
         return moved
 
     def window(
@@ -200,12 +201,13 @@ class ArmIK:
         """Tell whether joint angles are inside what :meth:`window` returns."""
         q, centers, lead = window
         # Far from its position limits a joint is bound by its speed and its lead alone.
-        far = all(map(le, self._roomy_low, q)) and all(map(le, q, self._roomy_high))
-        slow = far and all(map(le, map(abs, map(sub, moved, q)), self._speeds))
-        if slow and (lead == math.inf or max(map(abs, map(sub, moved, centers))) <= lead):
+        for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
+            if not (low <= now <= high and abs(x - now) <= speed and abs(x - center) <= lead):
+                break
+        else:
             return True
-        low, high = self.window(q, centers, lead)
-        return all(least <= x <= most for least, x, most in zip(low, moved, high, strict=True))
+        lowest, highest = self.window(q, centers, lead)
+        return all(least <= x <= most for least, x, most in zip(lowest, moved, highest, strict=True))
 
     def reach(
         self,
@@ -236,9 +238,8 @@ class ArmIK:
         best: IKResult | None = None
         used = 0
         for first in starts:
-            found = self._descend(
-                np.clip(first, self.low, self.high), target, position_tolerance_m, rotation_tolerance_rad, iterations
-            )
+            inside = np.minimum(np.maximum(first, self.low), self.high)
+            found = self._descend(inside, target, position_tolerance_m, rotation_tolerance_rad, iterations)
             used += found.iterations
             if best is None or (found.converged, -_cost(found)) > (best.converged, -_cost(best)):
                 best = found
@@ -252,20 +253,19 @@ class ArmIK:
         """Iterate from one start until the pose is reached or progress ends."""
         settled = 0
         count = 0
+        position_error = rotation_error = math.inf
         while count < iterations and settled < 3:
             count += 1
             low = np.maximum(self.low, q - _REACH_STEP_RAD)
             high = np.minimum(self.high, q + _REACH_STEP_RAD)
             before = q
             q = self._step(q, low, high, self._linearise(q, REACH_DAMPING))
-            settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
             tcp = self.forward(q)
-            errors = (distance(tcp.position, target.position), angle_between(tcp.quaternion, target.quaternion))
-            if errors[0] < 0.1 * position and errors[1] < 0.1 * rotation:
+            position_error = distance(tcp.position, target.position)
+            rotation_error = angle_between(tcp.quaternion, target.quaternion)
+            if position_error < 0.1 * position and rotation_error < 0.1 * rotation:
                 break
-        tcp = self.forward(q)
-        position_error = distance(tcp.position, target.position)
-        rotation_error = angle_between(tcp.quaternion, target.quaternion)
+            settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
         q.setflags(write=False)
         return IKResult(
             q, position_error, rotation_error, position_error <= position and rotation_error <= rotation, count
@@ -293,7 +293,9 @@ class ArmIK:
         """Prepare the minimization of a control step at the joint angles set last."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
-        factor += self._step_damping
+        numbers = self._factor_numbers
+        for diagonal in self._diagonal:
+            numbers[diagonal] += _STEP_WEIGHT
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> list[float]:
@@ -306,12 +308,12 @@ class ArmIK:
         self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
         # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
         mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
-        moved = list(map(add, q, self._get_newton()))
+        moved = [now + step for now, step in zip(q, self._get_newton(), strict=True)]
         if self._in_window(moved, window):
             return moved
         hessian = np.empty_like(self._factor)
         mujoco.mju_sqrMatTD(hessian, self._jacobian, self._weights)
-        hessian += self._step_damping
+        hessian.ravel()[:: len(q) + 1] += _STEP_WEIGHT
         now, low, high = np.array(q), *map(np.array, self.window(*window))
         inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
         return inside

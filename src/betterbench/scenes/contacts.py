@@ -31,12 +31,15 @@ class ContactReader:
             (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
             for i in range(n)
         )
+        self._lefts = frozenset(left for left, _, _ in self._holds)
         self._numbers = numbers
         labels = compiled.geom_labels.tolist()
         rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
         self._of_geoms = [rows[label + 1] for label in labels]
         trees = self._model.body_treeid[compiled.bodies].tolist()
         self._trees = tuple((i, tree) for i, tree in enumerate(trees) if tree >= 0)
+        self._data: mujoco.MjData | None = None
+        self._asleep: memoryview[int] = memoryview(b"")
         self._awake = mujoco.MjData(self._model)
         self._kept_for: tuple[tuple[int, ...], list[Vector]] = ((), [])
         self._kept: dict[int, Contact] = {}
@@ -49,17 +52,20 @@ class ContactReader:
         An object is held if both fingers touch it and neither another object nor the table does. ``positions`` are
         those of the objects in these data.
         """
-        total = self._touching(data)
-        asleep, names = data.tree_asleep.tolist(), self._pair_names
+        if data is not self._data:  # the engine keeps its arrays in place
+            self._data, self._asleep = data, data.tree_asleep.data
+        total, names, asleep = self._touching(data), self._pair_names, self._asleep
         sleeping = tuple([i for i, tree in self._trees if asleep[tree] >= 0])
         if not sleeping:
             return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), self._held(total)
         self._keep(data, positions, sleeping)
         kept = self._kept_numbers
-        found = {number: Contact(*names[number], force) for number, force in total.items() if number not in kept}
-        if not found:
+        awake = [number for number in total if number not in kept]
+        if not awake:
             return self._kept_contacts, None  # what the gripper touches is awake
-        found |= self._kept
+        found = self._kept.copy()
+        for number in awake:
+            found[number] = Contact(*names[number], total[number])
         return tuple([found[number] for number in sorted(found)]), self._held(found)
 
     def snapshot(self) -> dict[str, Any]:
@@ -77,7 +83,7 @@ class ContactReader:
         total: dict[int, float] = {}
         if data.ncon == 0:
             return total
-        contact, forces, numbers = data.contact, memoryview(data.efc_force), self._of_geoms
+        contact, forces, numbers = data.contact, data.efc_force.tolist(), self._of_geoms
         for (one, other), address in zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True):
             number = numbers[one][other]
             if number >= 0:
@@ -87,9 +93,14 @@ class ContactReader:
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector], sleeping: tuple[int, ...]) -> None:
         """Find what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
+        same, places = self._kept_for
+        if sleeping == same:
+            for i, place in zip(sleeping, places, strict=True):
+                if positions[i] != place:
+                    break
+            else:
+                return
         state = (sleeping, [positions[i] for i in sleeping])
-        if state == self._kept_for:
-            return
         self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
         if not self._sleep_on(*state):
             self._awake.qpos[:] = data.qpos
@@ -113,6 +124,8 @@ class ContactReader:
 
     def _held(self, touching: Mapping[int, object]) -> str | None:
         """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
+        if self._lefts.isdisjoint(touching):
+            return None
         for i, (left, right, supports) in enumerate(self._holds):
             if left in touching and right in touching and supports.isdisjoint(touching):
                 return self._names[i]

@@ -94,9 +94,6 @@ class Scene:
         self._arm_dofs = np.array([self.model.joint(ROBOT_PREFIX + j).dofadr[0] for j in r.arm_joints])
         self._finger_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.finger_joints])
         self._tcp = self.model.site(ROBOT_PREFIX + r.tcp_site).id
-        moving = tuple((i, int(c.dof_addresses[i])) for i in range(len(c.bodies)) if c.dof_addresses[i] >= 0)
-        self._free = tuple((i, slice(dof, dof + 6)) for i, dof in moving if not c.slides[i])
-        self._slides = tuple((i, dof) for i, dof in moving if c.slides[i])
         self._names = tuple(p.spec.name for p in self.placements)
         self._labels = (*self._names, *LABELS)
         self._contacts = ContactReader(c, self._names)
@@ -107,7 +104,10 @@ class Scene:
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
-        self._velocities = number_reader(data.qvel, range(self.model.nv))
+        c = self.compiled
+        moving = tuple((i, int(c.dof_addresses[i])) for i in range(len(c.bodies)) if c.dof_addresses[i] >= 0)
+        self._free = tuple((i, number_reader(data.qvel, range(d, d + 6))) for i, d in moving if not c.slides[i])
+        self._slides = tuple((i, number_reader(data.qvel, (d,))) for i, d in moving if c.slides[i])
         self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
         self._joint_velocities = number_reader(data.qvel, self._arm_dofs.tolist())
         self._tool_position = number_reader(data.site_xpos[self._tcp], range(3))
@@ -246,23 +246,23 @@ class Scene:
         mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self._data)
         self._views_are_placed, self._tool = False, None
-        self._gripper_command = float(applied[-1])
+        self._gripper_command = applied.item(-1)
         self._step += 1
         return applied
 
     def state(self) -> WorldState:
         """Return everything that is true now."""
         data = self._data
-        n, velocities = len(self._names), self._velocities()
+        n = len(self._names)
         linear, angular = [0.0] * n, [0.0] * n
-        for i, dofs in self._free:
-            velocity = velocities[dofs]
+        for i, read in self._free:
+            velocity = read()
             if velocity != _AT_REST:
                 vx, vy, vz, wx, wy, wz = velocity
                 linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
                 angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
-        for i, dof in self._slides:
-            linear[i] = abs(velocities[dof])
+        for i, read in self._slides:
+            linear[i] = abs(read()[0])
         positions = self._positions()
         contacts, held = self._contacts.read(data, positions)
         return WorldState(

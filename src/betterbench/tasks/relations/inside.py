@@ -29,15 +29,15 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     floor and below its rim. An object that leans over the rim with its greater part outside is not inside, one that
     sticks out at the top while its center is below the rim is. What still stands on the table is never inside.
     """
-    if state.touching(name, "table"):
-        return False
-    height = state.info.object(name).size_m[2]
-    region = state.info.object(container).region("inside")
-    pose, frame = state.pose(name), state.pose(container)
+    info = state.info
+    height, region = info.object(name).size_m[2], info.object(container).region("inside")
     # Most things are farther away than all of this together is long, and nothing has to be turned for them.
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
-    if math.dist(pose.position, frame.position) > reach:
+    if math.dist(state.positions[info.index(name)], state.positions[info.index(container)]) > reach:
         return False
+    if state.touching(name, "table"):
+        return False
+    pose, frame = state.pose(name), state.pose(container)
     x, y, z = (frame @ region.pose).inverse().apply(pose.apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
