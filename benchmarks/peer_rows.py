@@ -20,7 +20,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task, get_task
 from figures import Figure, spread
-from pacing import BLOCK, PICTURE_TASK, PICTURE_TASKS, Rehearsal, play, rehearse
+from pacing import PICTURE_BLOCK, PICTURE_TASK, PICTURE_TASKS, Rehearsal, play, rehearse
 from peer import (
     LIBERO,
     MOST_BLOCKS,
@@ -111,7 +111,7 @@ class PeerRows:
     ) -> Iterator[Figure]:
         default = observation_spec("default")
         spec = ObservationSpec("bench", default.cameras, depth=everything, masks=everything)
-        limit = (3 if quick else 10) * BLOCK
+        limit = (3 if quick else 10) * PICTURE_BLOCK
         text = "two cameras, colors" + (" + depth + masks" if everything else "")
         labels = [(task, quality) for task in tasks for quality in BOUNDS]
         rehearsals = {label: rehearse(label[0], QUALITIES[label[1]]) for label in labels}
@@ -120,10 +120,12 @@ class PeerRows:
             def block(peer: Peer) -> tuple[list[float], list[float]]:
                 observer = Observer(spec)
                 try:
-                    policy = play(rehearsal, lambda _f, _l: peer.step(1), every=BLOCK, limit=limit, observer=observer)
+                    policy = play(
+                        rehearsal, lambda _f, _l: peer.step(1), every=PICTURE_BLOCK, limit=limit, observer=observer
+                    )
                 finally:
                     observer.close()
-                return [s / BLOCK for s in policy.own_s], policy.reference_s
+                return [s / PICTURE_BLOCK for s in policy.own_s], policy.reference_s
 
             return block
 

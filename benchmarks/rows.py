@@ -40,6 +40,7 @@ from pacing import (
     BLOCK,
     CONTEXT,
     HEAVIEST,
+    PICTURE_BLOCK,
     PICTURE_TASK,
     PICTURE_TASKS,
     PacedMind,
@@ -125,10 +126,10 @@ def pixels_row(*, quick: bool) -> Iterator[Figure]:
             raw = RawPhysics(rehearsal, views=views)
             ratios, own, bare = [], [], []
             for _ in range(2 if quick else 4):
-                policy = play(rehearsal, raw, every=BLOCK, limit=80 if quick else 160, observer=observer)
+                policy = play(rehearsal, raw, every=PICTURE_BLOCK, limit=80 if quick else 160, observer=observer)
                 ratios.append(sum(policy.own_s) / sum(policy.reference_s))
-                own += [1e3 * s / BLOCK for s in policy.own_s]
-                bare += [1e3 * s / BLOCK for s in policy.reference_s]
+                own += [1e3 * s / PICTURE_BLOCK for s in policy.own_s]
+                bare += [1e3 * s / PICTURE_BLOCK for s in policy.reference_s]
         finally:
             views.close()
             observer.close()
