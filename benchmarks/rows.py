@@ -195,7 +195,7 @@ def workers_row(*, quick: bool) -> Iterator[Figure]:
     for _ in range(1 if quick else 2):
         busy = {}
         for workers in (1, 2):
-            busy[workers] = _busy_seconds(workers, trials=1 if quick else 2)
+            busy[workers] = _busy_seconds(workers, trials=1 if quick else 6)
         ratios.append(busy[1] / busy[2])
         notes.append(f"{busy[1]:.1f} s / {busy[2]:.1f} s")
     load = " ".join(f"{value:.1f}" for value in os.getloadavg()[:2])
