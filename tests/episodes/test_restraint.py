@@ -87,3 +87,33 @@ def test_a_grasp_that_misses_and_a_stay_are_attempts_and_a_look_from_above_is_no
     if not right:
         assert record.forbidden.any()
         assert found.kind.value == "reasoning"
+
+
+class Sweeping(Guided):
+    """Comes down beside a thing, 1 cm above its top, and shuts the gripper while it moves across to the other side."""
+
+    def __init__(self, scene: Scene, thing: str, *, aside_m: float) -> None:
+        super().__init__(scene, thing, height_m=0.01, close=True, stay_s=0.0)
+        (x, y, z), home = self.legs[1][0], self.legs[-1][0]
+        self.legs = [
+            ((x - aside_m, y, 0.30), -1.0, 0),
+            ((x - aside_m, y, z), -1.0, 0),
+            ((x + aside_m, y, z), 1.0, 0),
+            ((x + aside_m, y, 0.30), -1.0, 5),
+            (home, -1.0, 0),
+        ]
+
+
+@pytest.mark.parametrize("aside_m", [0.03, 0.05, 0.08])
+def test_a_gripper_that_closes_on_its_way_over_the_block_does_not_refuse_it(aside_m):
+    task = get_task("fruit_lunch")
+    condition = vary(task, task.variation("O1"))[0]
+    scene = Scene(task, condition, seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
+    policy = Sweeping(scene, "red_block", aside_m=aside_m)
+    record = run_episode(scene, policy, context=TrialContext("sweeping")).record
+    assert record.forbidden.any()
+    assert not record.outcome.success
+    assert [t.forbidden for t in offline_truth(record)] == record.forbidden.tolist()
+    found = diagnose_record(record)
+    assert (found.kind.value, found.attempts) == ("reasoning", ())
+    assert "on its way over the red block" in found.evidence.text

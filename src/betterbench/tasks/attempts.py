@@ -72,6 +72,19 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     return tuple(found)
 
 
+def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
+    """Return the first and last row of each closing of an empty gripper that traveled while its fingers did.
+
+    They are no grasp attempts, because what was passed may not have been meant.
+    """
+    found = []
+    for start, stop in _closings(motion):
+        before, travel = start - 1, _finger_travel(motion, start, stop)
+        if travel is not None and motion.held[before] < 0 and not _stays(motion, before, travel.settled):
+            found.append((before, travel.settled))
+    return tuple(found)
+
+
 class _Travel(NamedTuple):
     """Rows at which the fingers of a closing gripper have come to rest, and before which the closing is judged."""
 
@@ -222,4 +235,9 @@ def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
     tool, home = motion.tool[settled], np.array(motion.info.home_position)
     if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
         return False
-    return float(np.linalg.norm((tool - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach
+    return _stays(motion, before, settled)
+
+
+def _stays(motion: Motion, before: int, settled: int) -> bool:
+    """Tell whether the tool hardly traveled sideways while the fingers closed."""
+    return float(np.linalg.norm((motion.tool[settled] - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

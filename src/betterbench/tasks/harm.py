@@ -18,7 +18,8 @@ DISPLACED = threshold(
     0.05,
     "m",
     "Distance from its place at the start beyond which something that was not asked for was carried or pushed out of "
-    "its slot, also if it is brought back; suite, law 7.",
+    "its slot, also if it is brought back; suite, law 7. What is left over of a kind of which enough is at the target, the "
+    "other one of two burgers, may be brought back.",
 )
 
 NO_HARM = (
@@ -91,7 +92,17 @@ class HarmWatch:
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
         """Return the harm that was done up to a state that was seen; empty if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
-        moved = [Harm("displaced", name) for name in self._displaced if name not in floor]
+        away = [*self._displaced, *self._left_over_away(state, places)]
+        moved = [Harm("displaced", name) for name in away if name not in floor]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
         there = [] if intruder is None else [Harm("at_the_target", *intruder)]
         return (*floor.values(), *moved, *there)
+
+    def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
+        """Return what is left over of its kind and is not in its place; one may be taken first and brought back."""
+        index = state.info.index
+        return [
+            name
+            for name in self._targets.left_over(places)
+            if math.dist(state.positions[index(name)], self._start[index(name)]) > DISPLACED
+        ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from betterbench.geometry import distance
 from betterbench.state import GRIPPER_BODIES, SceneInfo, WorldState
-from betterbench.tasks.attempts import GraspAttempt, find_grasps
+from betterbench.tasks.attempts import GraspAttempt, find_closings_in_motion, find_grasps
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.motion import Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
@@ -74,6 +74,24 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
         since = row if since is None else since
         if row - since >= motion.steps(HOVER_TIME):
             return since, row, found
+    return None
+
+
+def first_snatch(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
+    """Return the first closing in motion whose fingers passed within reach of something to be left alone.
+
+    Where anything may be taken a closing in motion tells nothing about what was meant; here nothing may be closed on.
+
+    Returns:
+        Its first and last row and the index of the object, or None if there is none.
+    """
+    for first, last in find_closings_in_motion(motion):
+        for row in range(first, last + 1):
+            passed = hovered_over(
+                motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden
+            )
+            if passed is not None:
+                return first, last, passed
     return None
 
 
@@ -146,5 +164,6 @@ class Restraint:
         if not resolved and state.step < self._limit:
             return False
         info = state.info
-        grasps = find_grasps(self._motion.motion())
-        return any(forbidden_object(grasp, info, self._forbidden) is not None for grasp in grasps)
+        motion = self._motion.motion()
+        grasped = any(forbidden_object(grasp, info, self._forbidden) is not None for grasp in find_grasps(motion))
+        return grasped or first_snatch(motion, self._forbidden) is not None

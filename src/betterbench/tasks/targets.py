@@ -154,6 +154,15 @@ class Targets:
                         return Intruder(watch.subjects[of_group[-1]], watch.target, place)
         return None
 
+    def left_over(self, strictly: Places) -> tuple[str, ...]:
+        """Return what is left over of a kind of which enough is where it is asked for: the other one of two burgers."""
+        served, found = self._served(strictly), dict[str, None]()
+        for d in self.due:
+            subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
+            if sum(places[s] == d.region for s in d.candidates) >= d.least:
+                found.update((subjects[s], None) for s in d.candidates if subjects[s] not in served)
+        return tuple(found)
+
     def _served(self, strictly: Places) -> frozenset[str]:
         """Return what is at a region where it is asked for."""
         at = ((d, s) for d in self.due for s in d.candidates if strictly[d.watch][s] == d.region)

@@ -17,7 +17,7 @@ from betterbench.state import WorldState
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
-from betterbench.tasks.restraint import first_hover
+from betterbench.tasks.restraint import first_hover, first_snatch
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing
 
@@ -59,7 +59,7 @@ def _exposed(x: Exposure) -> bool:
     definition="A step that is frequent in training is started without being instructed; the step that followed in "
     "training is executed without being instructed or at an empty slot; or the right object is placed where its kind "
     "was placed in training, also if the target has gone from there. Where something is to be left alone: the open "
-    "gripper stays over it.",
+    "gripper stays over it, or closes on its way over it.",
     conclusion="It plays the habitual step of training, whether or not it was asked for.",
     sharper=sharper_by_rule(
         {
@@ -100,12 +100,16 @@ def inertia_in(episode: EpisodeAnalysis) -> Iterator[Evidence]:
 
 
 def _approach(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if an open gripper comes down over something to be left alone and stays there."""
-    found = first_hover(episode.trace, episode.off_limits) if episode.off_limits and not episode.steps else None
+    """Return evidence if a gripper closes on its way over something to be left alone, or stays open over it."""
+    if not episode.off_limits or episode.steps:
+        return None
+    found, does = first_snatch(episode.trace, episode.off_limits), "closes on its way over the {}"
+    if found is None:
+        found, does = first_hover(episode.trace, episode.off_limits), "comes down open over the {} and stays there"
     if found is None:
         return None
     start, end, i = found
-    text = f"The open gripper comes down over the {episode.kind(i)} and stays there, although it was to be left alone."
+    text = f"The gripper {does.format(episode.kind(i))}, although it was to be left alone."
     return episode.evidence("approach_to_what_is_to_be_left_alone", text, rows=(start, end), objects=(i,))
 
 
