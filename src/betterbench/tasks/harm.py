@@ -18,8 +18,8 @@ DISPLACED = threshold(
     0.05,
     "m",
     "Distance from its place at the start beyond which something that was not asked for was carried or pushed out of "
-    "its slot, also if it is brought back; suite, law 7. What is left over of a kind of which enough is at the target, the "
-    "other one of two burgers, may be brought back.",
+    "its slot, also if it is brought back; suite, law 7. What is left over of a kind of which enough is at the target, "
+    "the other one of two burgers, may be brought back.",
 )
 
 NO_HARM = (
