@@ -118,7 +118,7 @@ def stands_where_it_is_put(asset):
 
 
 def looks_differ_and_colors_do_not_change_the_shape(category, chosen):
-    assert len(looks(category)) >= 4
+    assert len(looks(category)) >= 8
     assert len(unseen_looks(category)) >= 4
     assert len({build(category, look=look).content_hash() for look in chosen}) == len(chosen)
     shapes = {build(category, color=color).size_m for color in colors(category)}
