@@ -77,7 +77,7 @@ def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, i
     return None
 
 
-def first_snatch(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
+def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
     """Return the first closing in motion whose fingers passed within reach of something to be left alone.
 
     Where anything may be taken a closing in motion tells nothing about what was meant; here nothing may be closed on.
@@ -166,4 +166,4 @@ class Restraint:
         info = state.info
         motion = self._motion.motion()
         grasped = any(forbidden_object(grasp, info, self._forbidden) is not None for grasp in find_grasps(motion))
-        return grasped or first_snatch(motion, self._forbidden) is not None
+        return grasped or first_closing_in_motion(motion, self._forbidden) is not None

@@ -17,7 +17,7 @@ from betterbench.state import WorldState
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
-from betterbench.tasks.restraint import first_hover, first_snatch
+from betterbench.tasks.restraint import first_closing_in_motion, first_hover
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing
 
@@ -103,7 +103,7 @@ def _approach(episode: EpisodeAnalysis) -> Evidence | None:
     """Return evidence if a gripper closes on its way over something to be left alone, or stays open over it."""
     if not episode.off_limits or episode.steps:
         return None
-    found, does = first_snatch(episode.trace, episode.off_limits), "closes on its way over the {}"
+    found, does = first_closing_in_motion(episode.trace, episode.off_limits), "closes on its way over the {}"
     if found is None:
         found, does = first_hover(episode.trace, episode.off_limits), "comes down open over the {} and stays there"
     if found is None:
