@@ -154,7 +154,10 @@ over all cells needs to flag one that it always solves: 7 where chance is a quar
 A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label if
 some rule fails it by a decision with that label. A **control cell** is failed by no rule but `zoo:halt`, which stops at
 everything new. The **shortcut ceiling** is the best success rate among the rules that a variation claims to expose, the
-blind probes and the replays; the **margin** is a policy's success rate minus the ceiling.
+blind probes and the replays; the **margin** is a policy's success rate minus the ceiling. Where only one instruction
+makes sense in a scene, a policy that does not hear it reaches 100 %: such a variation leaves no margin over it and
+proves nothing about language, only about what is seen. A rule that passes with a step that nobody needed is not
+claimed to be exposed by the success rate; *success with a needless step* counts it.
 
 """
 NOT_MEASURED = "Not measured yet for this version of the suite.\n"

@@ -26,9 +26,12 @@ from betterbench.scenes.rooms import ROOMS, UNSEEN_ROOMS
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Looks, Task
 
-SEEDS = (0, 1, 2)
+SEEDS = range(40)
 PICTURE_TASK_SIZE = 192
 PICTURE_BYTES = 90_000
+FIRST_EDITION = "first_edition.jpg"
+"""The ten tasks as the first edition showed them, in the order of the suite: drawn at commit 00038ed, seed 0."""
+EDITIONS_BYTES = 200_000
 HEADINGS = (
     "task",
     "gripper at the start [px]",
@@ -44,6 +47,8 @@ def write(tasks: Sequence[Task], out: Path) -> None:
     """Write the page and its picture below the folder of the documentation."""
     (out / "framing.md").write_text(page(tasks), encoding="utf-8")
     scene_pictures.save_small(rooms_picture(tasks), out / "pictures" / "rooms.jpg", limit=PICTURE_BYTES)
+    editions = editions_picture(tasks, Image.open(out / "pictures" / FIRST_EDITION))
+    scene_pictures.save_small(editions, out / "pictures" / "editions.jpg", limit=EDITIONS_BYTES)
 
 
 def page(tasks: Sequence[Task]) -> str:
@@ -72,13 +77,22 @@ def page(tasks: Sequence[Task]) -> str:
             f"- at most {100 * BACKGROUND:g} % of the image shows neither table nor robot nor object.",
             "",
             (
-                f"The table gives the worst value over all training conditions and variations and the seeds "
-                f"{', '.join(map(str, SEEDS))}; `tests/scenes/test_framing.py` checks the limits."
+                f"The table gives the worst value over all training conditions and variations and the seeds {SEEDS[0]} "
+                f"to {SEEDS[-1]}; `tests/scenes/test_framing.py` checks the limits."
             ),
             "",
             f"| {' | '.join(HEADINGS)} |",
             f"|---|{'---:|' * (len(HEADINGS) - 1)}",
             *rows,
+            "",
+            "## Before and after",
+            "",
+            (
+                "The first training condition of every task at seed 0, as the first edition of the suite showed it "
+                "(above) and as it is shown now (below)."
+            ),
+            "",
+            "![the ten tasks of the first edition above those of today](pictures/editions.jpg)",
             "",
             "## Rooms, looks and jitter",
             "",
@@ -129,6 +143,19 @@ def _worst(task: Task) -> tuple[str, ...]:
         f"{100 * min(shares):.0f} %",
         f"{100 * max(background):.0f} %",
     )
+
+
+def editions_picture(tasks: Sequence[Task], before: Image.Image) -> Image.Image:
+    """Return the tasks as a strip of square pictures shows them, and under each what is seen today, five in a row."""
+    side = before.height
+    then = [before.crop((side * i, 0, side * (i + 1), side)) for i in range(before.width // side)]
+    now = [
+        scene_pictures.front_view(task.id, task.training[0].name, 0, 256).resize((side, side), Image.Resampling.LANCZOS)
+        for task in tasks
+    ]
+    columns = len(tasks) // 2
+    halves = [images[a : a + columns] for a in (0, columns) for images in (then, now)]
+    return scene_pictures.row([image for half in halves for image in half], columns=columns)
 
 
 def rooms_picture(tasks: Sequence[Task]) -> Image.Image:

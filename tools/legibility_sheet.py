@@ -70,7 +70,7 @@ ACCEPTED: dict[str, str] = {
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
     "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
-    "round_block": "block|cylinder|disc|disk|puck|log",
+    "round_block": "block|blocks|cylinder|disc|disk|puck|log|piece|token|checker|stamp",
     "salt_shaker": "salt|shaker|pepper",
     "shallow_bowl": "bowl",
     "soap_bar": "soap|bar",
@@ -83,31 +83,51 @@ ACCEPTED: dict[str, str] = {
     "stapler_block": "block|brick|bar|plank",
     "takeaway_box": "box|takeaway|container|carton|tray",
     "tape_roll": "tape|roll",
-    "tumbler": "tumbler|glass|cup",
+    "tumbler": "tumbler|glass",
     "upper_drawer": "drawer|drawers|cabinet|chest|organizer",
     "waste_bin": "bin|trash|basket|wastebasket|garbage|bucket|can",
 }
 """Words of which an answer has to hold one, by category."""
 
 REFUSED: dict[str, str] = {
+    "bun_bottom": "biscuit|cookie|top|upper|lid",
+    "bun_top": "biscuit|cookie|bottom|lower|base",
     "can": "crushed|crumpled|dented",
-    "shallow_bowl": "plate",
     "dinner_plate": "bowl",
-    "tumbler": "mug|teacup|coffee",
-    "stapler_block": "stapler",
-    "stapler": "block",
-    "waste_bin": "plant|flower|pot|planter",
+    "jam_jar": "salt|pepper|paprika|chili|spice",
+    "lower_drawer": "upper|top",
+    "mug": "glass|tumbler",
+    "cup": "glass|tumbler",
     "patty": "cookie|biscuit",
-    "bun_bottom": "biscuit|cookie",
+    "pill_bottle": "salt|pepper|paprika|spice",
+    "plain_jar black": "salt|paprika|chili|jam|pill",
+    "plain_jar red": "salt|pepper|jam|pill",
+    "plain_jar white": "pepper|paprika|chili|jam|pill",
+    "round_block": "burger|bun|bread|cookie|cookies|biscuit|food",
+    "salt_shaker": "pepper|paprika|chili|jam|pill",
+    "shallow_bowl": "plate",
+    "speaker": "microphone|camera",
+    "spice_jar black": "salt|paprika|chili|jam|pill",
+    "spice_jar red": "salt|pepper|jam|pill",
+    "spice_jar white": "pepper|paprika|chili|jam|pill",
+    "stapler": "block",
+    "stapler_block": "stapler",
+    "tumbler": "mug|teacup|cup|coffee|tea",
+    "upper_drawer": "lower|bottom",
+    "waste_bin": "plant|flower|pot|planter",
 }
-"""Words of which an answer may hold none, by category: those of what it must not be taken for."""
+"""Words of which an answer may hold none, by category or by category and color: what it must not be taken for."""
 
-REQUIRED_TOO: dict[str, str] = {"crushed_can": "crushed|crumpled|dented|squashed|bent|crumpled|flattened|smashed"}
+REQUIRED_TOO: dict[str, str] = {
+    "crushed_can": "crushed|crumpled|dented|squashed|bent|flattened|smashed",
+    "round_block": "wood|wooden|toy|block|blocks",
+    "stapler_block": "wood|wooden|toy|block|brick",
+}
 """Further words of which an answer has to hold one, where the instruction depends on it."""
 
-COLORS = "red|blue|green|yellow|white|black|gray|grey|orange|brown|purple|pink"
-NAMED_BY_COLOR = ("mug", "dinner_plate", "cup", "spice_jar", "plain_jar")
-"""Categories whose objects are told apart by color: an answer that names a color has to name the right one."""
+COLORS = "red|blue|green|yellow|white|black|gray|grey|silver|orange|brown|tan|beige|purple|pink"
+SAME_COLOR: dict[str, str] = {"silver": "silver|gray|grey", "gray": "gray|grey|silver", "brown": "brown|tan|beige"}
+"""Words that name the same color, where there are several."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,18 +222,23 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 
 
 def is_right(answer: str, category: str, color: str) -> bool:
-    """Tell whether a free answer names an object: by an accepted word, no refused one, and no other color."""
+    """Tell whether a free answer names an object: by an accepted word, no refused one, and no other color.
+
+    Colors behind a comma, "with" or "on" are those of a part ("jam jar, white lid") and are not judged, nor is the
+    name of a fruit.
+    """
     words = set(re.findall(r"[a-z]+", answer.lower()))
 
     def holds(pattern: str) -> bool:
         return bool(words & set(pattern.split("|")))
 
-    if not holds(ACCEPTED[category]) or (category in REFUSED and holds(REFUSED[category])):
+    if not holds(ACCEPTED[category]) or (category in REQUIRED_TOO and not holds(REQUIRED_TOO[category])):
         return False
-    if category in REQUIRED_TOO and not holds(REQUIRED_TOO[category]):
+    if any(key in REFUSED and holds(REFUSED[key]) for key in (category, f"{category} {color}")):
         return False
-    named = words & set(COLORS.split("|"))
-    return category not in NAMED_BY_COLOR or not named or color in named
+    whole = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)[0]
+    named = set(re.findall(r"[a-z]+", whole)) & set(COLORS.split("|"))
+    return named <= set(SAME_COLOR.get(color, color).split("|"))
 
 
 def page(found: list[Crop], answers: dict[str, str]) -> str:
@@ -235,8 +260,9 @@ def page(found: list[Crop], answers: dict[str, str]) -> str:
                 "order drawn by seed and without names. Somebody who did not know the list of categories wrote what "
                 f"each outlined object is. **{sum(right.values())} of {len(right)} answers are right "
                 f"({100 * share:.1f} %; required: {100 * REQUIRED:.0f} %).** An answer is right if it names the "
-                "object by an everyday word and by no color that it does not have. `tools/legibility_sheet.py` draws "
-                "the sheets and judges the answers."
+                "object by an everyday word, by no word of what it must not be taken for, and by no color that it does "
+                "not have (that of a part, as in 'jam jar, white lid', is not judged). `tools/legibility_sheet.py` "
+                "draws the sheets and judges the answers."
             ),
             "",
             *(

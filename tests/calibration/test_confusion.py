@@ -156,6 +156,11 @@ def test_chance_is_one_in_the_sentences_that_make_sense():
     assert chance_of("tidy_desk", "O1") < 1.0  # napkin and can are both there
 
 
+def test_a_guess_that_begins_with_all_that_is_asked_for_is_right():
+    """ "Salt left, then pepper" has put the salt left, and succeeded, before it comes to the pepper."""
+    assert chance_of("seasoning_rack", "O1") == pytest.approx(2 / 3)
+
+
 def test_the_page_and_the_tables_say_it_all(calibration, tmp_path):
     page = write_calibration_page(calibration, tmp_path, power=matrix()).read_text()
     for text in ("84.6 % (11/13)", "14.3 % (1/7)", "zoo:y", "It did something.", "fast_food/T1", "causal confusion"):

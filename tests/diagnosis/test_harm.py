@@ -10,6 +10,7 @@ import pytest
 from betterbench.diagnosis import diagnose_record
 from betterbench.diagnosis.metrics import compute_metrics
 from betterbench.diagnosis.trial import offline_truth
+from betterbench.state import Contact
 from betterbench.tasks.labels import Label
 
 
@@ -135,6 +136,22 @@ def test_an_open_gripper_that_comes_down_over_a_thing_and_stays_there_interferes
     assert found.evidence.rule == "approach_to_what_is_to_be_left_alone"
 
 
+@pytest.mark.parametrize("part", ["arm", "hand", "left_finger"])
+@pytest.mark.parametrize("kind", ["coffee machine", "red mug"])
+def test_whatever_part_of_the_robot_touches_what_is_to_be_left_alone_has_collided(stage, part, kind):
+    s = stage("morning_coffee", "T1")
+    name, real = s.of(kind), s.state
+    s.state = lambda: replace(seen := real(), contacts=(*seen.contacts, Contact(name, part, 2.0)))
+    s.wait(0.2)
+    s.state = real
+    record = s.wait(1.0).end()
+    assert agrees(record)
+    assert record.forbidden.any()
+    found = diagnose_record(record)
+    assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "collided")
+    assert f"The {'arm' if part == 'arm' else 'gripper'} brushes against the {kind}" in found.evidence.text
+
+
 def test_an_open_gripper_that_passes_by_does_not_interfere(stage):
     s = stage("morning_coffee", "T1")
     x, y, z = s.positions[s.of("blue mug")]
@@ -159,6 +176,29 @@ def test_valuables_on_the_floor_are_no_tidy_desk(stage):
     assert found.label is Label.EXECUTION_FAILURE
     assert "the mouse lies on the floor" in found.evidence.text
     assert set(found.harm) == {"the mouse lies on the floor", "the keyboard lies on the floor"}
+
+
+@pytest.mark.parametrize(("degrees", "right"), [(40.0, True), (50.0, False)])
+def test_a_container_that_lies_on_its_side_is_no_success(stage, degrees, right):
+    s = stage("tidy_desk", "train1")
+    record = do_all(s).wait(0.0)
+    name, real = s.of("waste bin"), s.state
+    half = np.radians(degrees) / 2.0
+
+    def tipped():
+        seen, i = real(), s.info.index(name)
+        quaternions = list(seen.quaternions)
+        quaternions[i] = (float(np.cos(half)), float(np.sin(half)), 0.0, 0.0)
+        return replace(seen, quaternions=tuple(quaternions))
+
+    s.state = tipped
+    s.succeeded = False
+    record = s.wait(1.0).end()
+    assert agrees(record)
+    assert record.outcome.success is right
+    found = diagnose_record(record)
+    assert found.harm == (() if right else ("the waste bin was knocked over",))
+    assert right or found.label is Label.EXECUTION_FAILURE
 
 
 @pytest.mark.parametrize("target", ["lunchbox", "apple"])

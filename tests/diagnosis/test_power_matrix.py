@@ -50,6 +50,28 @@ def test_the_ceiling_is_the_best_of_those_that_are_to_fail():
     assert matrix().ceiling(T1) is None
 
 
+def test_a_rule_that_passes_with_a_needless_step_is_not_claimed_to_be_exposed():
+    wrongly = PowerCell(6, 6, 3, wrong={LEXICAL: 6})
+    found = matrix(zoo_shape={L1: wrongly, R1: solving(shared=6)})
+    assert found.exposed(L1) == ("zoo:lexical", "zoo:halt")
+    assert found.passing_wrongly(L1) == ("zoo:shape",)
+    ceiling = found.ceiling(L1)
+    assert ceiling is not None
+    assert ceiling.pretender == "probe:no-language"
+
+
+def test_nothing_that_is_claimed_by_the_suite_passes():
+    found = packaged_power_matrix()
+    assert found is not None
+    for key in found.variations:
+        for name in found.exposed(key):
+            assert found.cells[name][key].fails, (name, key)
+        ceiling = found.ceiling(key)
+        assert ceiling is not None
+        full = ceiling.rate.k == ceiling.rate.n
+        assert not full or (ceiling.pretender == BLIND[0] and found.chances[key] >= 1.0), key
+
+
 def test_blind_cells_are_tested_raw_and_corrected():
     cells = {(c.pretender, c.variation): c for c in matrix().blind_cells()}
     assert len(cells) == 10

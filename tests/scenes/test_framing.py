@@ -22,7 +22,7 @@ from betterbench.scenes.framing import (
     least_margin_m,
 )
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import Task, get_task, suite_tasks
+from betterbench.tasks import Condition, Task, get_task, suite_tasks
 from betterbench.tasks.balanced import balanced_conditions, slots_aside
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
@@ -30,10 +30,17 @@ pytestmark = [pytest.mark.physics, pytest.mark.render]
 EXTREME = tuple(extreme_jitters())
 
 
+def scene_at(task: Task, condition: Condition, seed: int) -> Scene:
+    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+
+
+def conditions_of(task: Task) -> tuple[Condition, ...]:
+    return (*task.training, *(vary(task, v)[0] for v in task.variations))
+
+
 def scenes(task: Task, seed: int):
-    conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
-    for condition in conditions:
-        yield Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+    for condition in conditions_of(task):
+        yield scene_at(task, condition, seed)
 
 
 def faults(scene: Scene, jitters) -> list[str]:
@@ -54,9 +61,24 @@ def faults(scene: Scene, jitters) -> list[str]:
     return [*found, *([f"{name}: margin {1e3 * margin:.0f} mm"] if margin < MARGIN_M else [])]
 
 
-def test_every_condition_is_framed_as_promised():
-    """One seed per condition, under its own jitter; margins count all jitters at once."""
-    found = [f for task in suite_tasks("better60") for s in scenes(get_task(task), 0) for f in faults(s, (None,))]
+SEEDS = 40
+"""Seeds over which every look and every room is met many times."""
+
+
+@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+def test_every_condition_is_framed_as_promised(task_id):
+    """Each condition at four of the seeds, under their own jitters; margins count all jitters at once."""
+    found, task = [], get_task(task_id)
+    for seed in range(SEEDS):
+        for condition in conditions_of(task)[seed % 10 :: 10]:
+            found += faults(scene_at(task, condition, seed), (None,))
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+def test_every_condition_is_framed_as_promised_at_every_seed(task_id):
+    found = [f for seed in range(SEEDS) for s in scenes(get_task(task_id), seed) for f in faults(s, (None,))]
     assert not found, "\n".join(found)
 
 

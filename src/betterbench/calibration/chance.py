@@ -12,18 +12,22 @@ def chance_of(task_name: str, name: str) -> float:
     """Return the success rate of guessing the instruction of a variation among those that make sense in its scene.
 
     Two instructions that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
-    right guess each.
+    right guess each. So does an instruction that begins with all that is asked for and goes on: the trial has succeeded
+    before its next step.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
     choices = possible_instructions(Situation(task, condition, 0))
-    return sum(_meaning(c, condition) == _meaning(condition.instruction, condition) for c in choices) / len(choices)
+    asked = _steps(condition.instruction, condition)
+    begins = [_steps(choice, condition)[: len(asked)] for choice in choices]
+    if not condition.instruction.ordered:
+        return sum(set(steps) == set(asked) for steps in begins) / len(choices)
+    return sum(steps == asked for steps in begins) / len(choices)
 
 
-def _meaning(instruction: Instruction, condition: Condition) -> object:
-    """Return what an instruction asks for in a scene: which objects where, and in which order if that matters."""
-    steps = [
+def _steps(instruction: Instruction, condition: Condition) -> list[object]:
+    """Return what an instruction asks for in a scene, in its order: which objects where."""
+    return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals
     ]
-    return tuple(steps) if instruction.ordered else frozenset(steps)

@@ -193,7 +193,7 @@ def _trace(record: Record, condition: Condition) -> Trace:
     asked = [name.partition("(")[2].partition(",")[0] for name in record.metadata.subgoal_names]
     meant = tuple((info.index(name),) for name in asked)
     targets = tuple(info.index(goal.target) for goal in goals)
-    left, right, hand = touches(record, rows, ("left_finger", "right_finger", "hand"))
+    left, right, hand, arm = touches(record, rows, ("left_finger", "right_finger", "hand", "arm"))
     whereabouts = _whereabouts(record, goals, targets)
     there = np.zeros((rows, len(info.objects)), dtype=np.bool_)
     for w in whereabouts:
@@ -204,7 +204,7 @@ def _trace(record: Record, condition: Condition) -> Trace:
     width = record.finger_width
     return Trace(
         info=info, rate_hz=record.metadata.control_rate_hz, time=record.time, touched=left | right | hand,
-        tool=record.ee_position, width=width,
+        by_arm=arm, tool=record.ee_position, width=width,
         closing=closing_of(record.gripper_command, width, (left | right).any(axis=1)),
         positions=record.object_positions, quaternions=record.object_quaternions, left=left, right=right,
         held=record.held, whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals, meant=meant,

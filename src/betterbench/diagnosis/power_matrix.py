@@ -174,11 +174,17 @@ class PowerMatrix:
         return frozenset(found)
 
     def exposed(self, key: Key) -> tuple[str, ...]:
-        """Return the rules that a variation claims to expose: their wrong decisions carry a label that it claims."""
+        """Return the rules that a variation claims to expose: they fail it, by decisions with a label that it claims.
+
+        A rule that passes with a needless step is not exposed by its success rate, and is not claimed.
+        """
         claims = {label.value for label in exposed_labels(*key)}
-        return tuple(
-            name for name in self.rules if (cell := self.cell(name, key)) is not None and claims & cell.wrong.keys()
-        )
+        return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
+
+    def passing_wrongly(self, key: Key) -> tuple[str, ...]:
+        """Return the rules that pass a variation although their decisions carry a label: steps that nobody needed."""
+        rows = ((name, self.cell(name, key)) for name in self.rules)
+        return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
 
     def failing(self, key: Key) -> tuple[str, ...]:
         """Return the rules that fail a variation."""

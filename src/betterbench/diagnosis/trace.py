@@ -39,6 +39,7 @@ class Trace(Motion):
     Attributes:
         time: (T,) time since reset [s].
         touched: (T, n) whether a finger or the hand touches the object.
+        by_arm: (T, n) whether another part of the arm touches it.
         whereabouts: Per object and place of a target when it was there; shut drawers are left out.
         serves: (T, g, n) whether the object is where the subgoal wants it.
         done: (T, g) whether the subgoal is done: related, released and at rest.
@@ -49,6 +50,7 @@ class Trace(Motion):
 
     time: Floats
     touched: Bools
+    by_arm: Bools
     whereabouts: tuple[Whereabout, ...]
     serves: Bools
     done: Bools
@@ -109,11 +111,11 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         for i in meant[g]:
             label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
-    left, right, hand = touches(record, rows, ("left_finger", "right_finger", "hand"))
+    left, right, hand, arm = touches(record, rows, ("left_finger", "right_finger", "hand", "arm"))
     width, command = record.finger_width[:rows], record.gripper_command[:rows]
     return Trace(
         info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
-        touched=left | right | hand, tool=record.ee_position[:rows],
+        touched=left | right | hand, by_arm=arm, tool=record.ee_position[:rows],
         width=width, closing=closing_of(command, width, (left | right).any(axis=1)),
         positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
         held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],

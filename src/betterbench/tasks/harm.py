@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from betterbench.geometry import tilt_of
 from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.relations import on_floor
 from betterbench.tasks.targets import Asked, Places, Targets
-from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
 from betterbench.tasks.words import agreeing, place_words
 
 DISPLACED = threshold(
@@ -24,11 +25,11 @@ DISPLACED = threshold(
 
 NO_HARM = (
     "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, or is "
-    "at a target in any posture."
+    "at a target in any posture, and no container lies on its side."
 )
 """What no success may do, as documents say it."""
 
-HarmSort = Literal["on_the_floor", "displaced", "at_the_target"]
+HarmSort = Literal["on_the_floor", "knocked_over", "displaced", "at_the_target"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,8 @@ class Harm:
         kind = info.object(self.object).kind
         if self.sort == "on_the_floor":
             return f"the {kind} {agreeing(kind, 'lies', 'lie')} on the floor"
+        if self.sort == "knocked_over":
+            return f"the {kind} {agreeing(kind, 'was', 'were')} knocked over"
         if self.sort == "displaced":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
@@ -75,6 +78,7 @@ class HarmWatch:
         self._targets, self._exclusive = targets, exclusive
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
+        self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
         self._start: tuple[tuple[float, float, float], ...] = ()
         self._at_start: Places = ()
         self._displaced: dict[str, None] = {}
@@ -92,11 +96,12 @@ class HarmWatch:
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
         """Return the harm that was done up to a state that was seen; empty if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
+        over = [Harm("knocked_over", name) for name in self._containers if name not in floor and _on_its_side(state, name)]
         away = [*self._displaced, *self._left_over_away(state, places)]
         moved = [Harm("displaced", name) for name in away if name not in floor]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
         there = [] if intruder is None else [Harm("at_the_target", *intruder)]
-        return (*floor.values(), *moved, *there)
+        return (*floor.values(), *over, *moved, *there)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
         """Return what is left over of its kind and is not in its place; one may be taken first and brought back."""
@@ -106,3 +111,7 @@ class HarmWatch:
             for name in self._targets.left_over(places)
             if math.dist(state.positions[index(name)], self._start[index(name)]) > DISPLACED
         ]
+
+
+def _on_its_side(state: WorldState, name: str) -> bool:
+    return tilt_of(state.quaternions[state.info.index(name)]) > THRESHOLDS.knocked_tilt

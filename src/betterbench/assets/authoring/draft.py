@@ -58,11 +58,12 @@ def part(
     view: tuple[Vector, Vector] | None = None,
     specular: float = 0.2,
     shininess: float = 0.3,
+    opacity: float = 1.0,
 ) -> VisualPart:
     """Return a visual part: a mesh in one color, or with a picture at the texture coordinates of the mesh.
 
     A ``view`` projects the picture onto the mesh instead: the directions in which its columns and rows run
-    (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular`` and ``shininess`` are in [0, 1].
+    (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
     """
     mesh = mesh if view is None else mapped(mesh, *view)
     color, texture = (1.0, 1.0, 1.0), None
@@ -73,7 +74,7 @@ def part(
     r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in color)
     vertices = _frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
     faces = _frozen(mesh.faces.astype(np.int32))
-    return VisualPart(name, vertices, faces, (r, g, b, 1.0), specular, shininess, texture)
+    return VisualPart(name, vertices, faces, (r, g, b, opacity), specular, shininess, texture)
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:

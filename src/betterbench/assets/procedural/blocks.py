@@ -82,9 +82,7 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
     if style == "letter":
         write_word(canvas, letter, (0.5, 0.5), height=0.56, ink=ink, weight=0.20)
     elif style == "star":
-        angle, reach = np.arctan2(y - 0.48, x - 0.5) - 0.5 * math.pi, np.hypot(x - 0.5, y - 0.48)
-        wedge = np.abs((angle * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between two
-        canvas.paint(reach < 0.34 - 0.19 * wedge, ink)
+        _star(canvas, ink, 0.34)
     return canvas
 
 
@@ -143,42 +141,64 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("round_block", colors=("brown", "red", "green", "yellow", "blue"))
 def round_block(rng: np.random.Generator, color: str) -> Draft:
-    """Make a wooden round block with the size of a burger; in brown it has the color of the bun.
+    """Make a wooden round toy block with the size of a burger; in brown it has the color of the bun.
 
-    Some have grooves around their side, some a lighter or darker side, as if stained. Beech of 700 kg/m^3 weighs 0.11
-    to 0.15 kg at this size.
+    A letter, a digit or a star is painted on its face within a ring, as on a child's blocks; some have a groove around
+    their side, some a lighter or darker side, as if stained. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
-    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0465, 0.0555), rng.uniform(0.0015, 0.0070)
-    grooves, stain = int(rng.integers(0, 4)), (0.62, 1.0, 1.0, 1.25)[int(rng.integers(4))]
+    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0465, 0.0555), rng.uniform(0.0015, 0.0085)
+    groove, stain = rng.random() < 0.5, (0.72, 1.0, 1.0, 1.20)[int(rng.integers(4))]
+    sign = str(rng.choice(["A", "K", "S", "2", "3", "star", "star"]))
     shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
     radii, heights = [0.0, radius - bevel, radius], [0.0, 0.0, bevel]
-    for k in range(grooves):
-        level, cut = height * (k + 1) / (grooves + 1), 0.0022
+    if groove:
+        level, cut = height * rng.uniform(0.25, 0.75), 0.0022
         radii += [radius, radius - cut, radius]
         heights += [level - 0.0016, level, level + 0.0016]
     radii, heights = [*radii, radius, radius - bevel, 0.0], [*heights, height - bevel, height, height]
-    solid = Turned(radii, heights, sides=22, crease_degrees=35.0)
+    solid = Turned(radii, heights, sides=24, crease_degrees=35.0)
     under, edge, top = solid.rows[1], solid.rows[-3], solid.rows[-2]
     canvas = solid.canvas(shade, (64, 256))
-    # End grain: year rings on both flat faces, long fibers on the side.
-    flat = (canvas.y > top) | (canvas.y < under)
-    year = rng.uniform(0.0050, 0.0085)
     canvas.paint(canvas.between(under, edge), shaded(shade, stain))
-    canvas.paint(flat, mixed(shade, _BARE, 0.45))
-    rings = np.clip(1.6 * np.sin(2.0 * math.pi * (canvas.y - top) / year) - 0.4, 0.0, 1.0)
-    canvas.shade(np.where(flat, 1.0 - 0.38 * rings, 1.0))
+    canvas.paint((canvas.y > top) | (canvas.y < under), mixed(shade, _BARE, 0.45))
     canvas.grain(rng, cells=(26, 3), amount=0.06)
-    for k in range(grooves):
-        canvas.paint(np.abs(canvas.y - solid.rows[4 + 3 * k]) < 0.0022, shaded(shade, 0.35))
+    if groove:
+        canvas.paint(np.abs(canvas.y - solid.rows[4]) < 0.0022, shaded(shade, 0.35))
     canvas.paint(canvas.between(edge, top), mixed(shade, _BARE, 0.75))
+    flat = radius - bevel - 0.0005
+    face = Turned((flat, flat, 0.0), (height, height + 0.0004, height + 0.0004), sides=24).mesh()
     return Draft(
         shape="round",
-        description=f"A {color} round wooden block with flat faces and bevelled edges.",
+        description=f"A {color} round wooden toy block, a sign painted on its face.",
         tags=("block", "round block", "cylinder", "wood", "toy"),
         mass_kg=round(700.0 * math.pi * radius**2 * height, 4),
         material="wood",
-        parts=(part("block", solid.mesh(), canvas, specular=0.25), *solid.filled(0.021)),
+        parts=(
+            part("block", solid.mesh(), canvas, specular=0.25),
+            part("face", face, _round_face(rng, shade, sign), view=ABOVE, specular=0.25),
+            *solid.filled(0.021),
+        ),
         grasps=(grip("body", 0.5 * height, 2.0 * radius, clearance=0.004, symmetric_yaw=True),),
         regions=(disc("base", radius), disc("top", 0.5 * radius, height)),
-        parameters={"radius_m": radius, "height_m": height, "bevel_m": bevel},
+        parameters={"radius_m": radius, "height_m": height, "bevel_m": bevel, "sign": sign},
     )
+
+
+def _round_face(rng: np.random.Generator, shade: Rgb, sign: str) -> Canvas:
+    """Draw the face of a round toy block: bare wood, and in dark ink a sign within a ring."""
+    canvas = Canvas(1.0, 1.0, (96, 96), mixed(shade, _BARE, 0.85))
+    ink, reach = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5), np.hypot(canvas.x - 0.5, canvas.y - 0.5)
+    canvas.grain(rng, cells=(3, 18), amount=0.05)
+    canvas.paint((reach > 0.40) & (reach < 0.455), ink)
+    if sign == "star":
+        _star(canvas, ink, 0.33)
+    else:
+        write_word(canvas, sign, (0.5, 0.5), height=0.50, ink=ink, weight=0.22)
+    return canvas
+
+
+def _star(canvas: Canvas, ink: Rgb, size: float) -> None:
+    """Draw a star with five tips just below the middle of a face of 1 by 1."""
+    x, y = canvas.x - 0.5, canvas.y - 0.48
+    wedge = np.abs(((np.arctan2(y, x) - 0.5 * math.pi) * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between
+    canvas.paint(np.hypot(x, y) < size - 0.19 * wedge, ink)

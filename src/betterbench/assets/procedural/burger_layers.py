@@ -108,7 +108,7 @@ def patty(rng: np.random.Generator, _color: str) -> Draft:
 
     A grilled patty of 70 mm by 14 mm holds 54 cm^3 and weighs 60 g.
     """
-    radius, ragged, shoulder = uniforms(rng, (0.0325, 0.0355), (0.02, 0.06), (0.86, 0.96))
+    radius, ragged, shoulder = uniforms(rng, (0.0333, 0.0357), (0.02, 0.06), (0.86, 0.96))
     meat = jittered(mixed((0.40, 0.19, 0.10), (0.29, 0.14, 0.08), rng.random()), rng, amount=0.15)
     marks, height = str(rng.choice(["stripes", "cross", "seared", "charred"])), FILLING_M
     radii = (0.0, 0.92 * radius, radius, 0.99 * radius, shoulder * radius, 0.0)
@@ -150,7 +150,7 @@ def cheese_slice(rng: np.random.Generator, _color: str) -> Draft:
 
     Cheese of 64 by 62 by 14 mm weighs 60 g when solid (1080 kg/m^3); a fifth of it is holes.
     """
-    length, width, roundness = uniforms(rng, (0.0620, 0.0670), (0.0580, 0.0630), (7.0, 16.0))
+    length, width, roundness = uniforms(rng, (0.0640, 0.0680), (0.0620, 0.0655), (7.0, 16.0))
     shade = jittered(mixed((0.99, 0.66, 0.05), (1.00, 0.80, 0.22), rng.random()), rng, amount=0.03)
     bites, holes, height = int(rng.integers(2, 5)), int(rng.integers(3, 6)), FILLING_M
     outline = _outline(0.5 * length, 0.5 * width, 52, roundness=roundness)

@@ -30,7 +30,7 @@ def computer_mouse(rng: np.random.Generator, color: str) -> Draft:
     extra_button, trim = rng.random() < 0.5, str(rng.choice(["plain", "grips", "spine", "buttons", "palm", "buttons"]))
     wheel_paint = ((0.86, 0.87, 0.88), (0.95, 0.45, 0.10), (0.20, 0.75, 0.90), (0.80, 0.15, 0.15))[int(rng.integers(4))]
     shade = jittered(shaded(PALETTE[color], 1.06) if color == "black" else PALETTE[color], rng)
-    accent = shaded(shade, 0.38) if sum(shade) > 0.9 else mixed(shade, (0.66, 0.67, 0.70), 0.70)
+    accent = shaded(shade, 0.38) if sum(shade) > 0.9 else mixed(shade, (0.66, 0.67, 0.70), 0.26)
     x, half = -0.20 * length, 0.5 * width - 0.0006
     z = float(_back(np.array([x]), length, height, hump)[0]) - 0.0066
     radii = (0.0, 0.0085, 0.0100, 0.0100, 0.0085, 0.0)

@@ -20,7 +20,7 @@ def crumpled_napkin(rng: np.random.Generator, color: str) -> Draft:
     A dinner napkin of 0.40 x 0.40 m and two to three plies of 18 to 35 g/m^2 weighs 12 to 18 g: crumpled, 77 kg/m^3
     of its box. It does not roll: what touches has corners above and below.
     """
-    wide, deep, high = uniforms(rng, (0.066, 0.070), (0.055, 0.065), (0.046, 0.057))
+    wide, deep, high = uniforms(rng, (0.067, 0.071), (0.064, 0.068), (0.046, 0.057))
     ink, printed = _INKS[int(rng.integers(len(_INKS)))], rng.random() < 0.6
     roughness, corners = rng.uniform(0.11, 0.19), int(rng.integers(2, 5))
     paper = jittered((0.95, 0.95, 0.95) if color == "white" else (0.92, 0.85, 0.68), rng, amount=0.02)

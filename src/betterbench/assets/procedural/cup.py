@@ -92,23 +92,36 @@ def _ear(rng: np.random.Generator, radius: float, loop: float, z: tuple[float, f
 
 @generator("tumbler", colors=_COLORS)
 def tumbler(rng: np.random.Generator, color: str) -> Draft:
-    """Make a tall straight drinking glass of colored glass, ribbed, ringed, faceted or plain, without a handle.
+    """Make a tall straight drinking glass of tinted, see-through glass, without a handle.
 
-    A long drink glass of 0.25 l is 60 to 65 mm wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision
-    shape is filled: nothing is put into it, and a jaw can then take it at any yaw with the same width.
+    It is ribbed, ringed, faceted or plain; its thick foot is full of color. A long drink glass of 0.25 l is 60 to 65 mm
+    wide and 110 to 120 mm high and weighs 0.15 to 0.25 kg. Its collision shape is filled: nothing is put into it, and a
+    jaw can then take it at any yaw with the same width.
     """
     radius, share, height, wall = uniforms(rng, (0.0290, 0.0325), (0.80, 0.95), (0.106, 0.122), (0.0020, 0.0026))
-    pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.010, 0.016)
+    pattern, thick = str(rng.choice(["facets", "ribs", "rings", "plain"])), rng.uniform(0.014, 0.020)
     base, faceted = radius * share, pattern == "facets"
-    shade = jittered(mixed(PALETTE[color], (0.85, 0.90, 0.95), 0.22), rng)
-    radii = (0.0, base - 0.002, base, radius, radius - 0.5 * wall, radius - wall, base - wall, 0.0)
-    z = (0.0, 0.0, 0.003, height - 0.0008, height, height - 0.0008, thick, thick)
+    shade = jittered(mixed(PALETTE[color], (0.85, 0.90, 0.95), 0.12), rng)
     sides = int(rng.choice([8, 10, 12]))
-    sides, crease = (sides, 22.0) if faceted else (28, 40.0)
-    glass = Turned(radii, z, sides, crease, phase=math.pi / sides if faceted else 0.0)
+    turned = (sides, 22.0) if faceted else (24, 40.0)
+    phase = math.pi / sides if faceted else 0.0
+    at_foot = base + (radius - base) * thick / height
+    foot = Turned(
+        (0.0, base - 0.002, base, at_foot, at_foot - wall, 0.0), (0.0, 0.0, 0.003, thick, thick, 0.8 * thick),
+        *turned, phase=phase,
+    )  # fmt: skip
+    shell = Turned(
+        (at_foot, radius, radius - wall, at_foot - wall), (thick, height - 0.002, height - 0.002, thick),
+        *turned, phase=phase,
+    )  # fmt: skip
+    lip = Turned(
+        (radius, radius, radius - 0.5 * wall, radius - wall, radius - wall),
+        (height - 0.002, height - 0.0008, height, height - 0.0008, height - 0.002), *turned, phase=phase,
+    )  # fmt: skip
     edge = radius * (math.cos(math.pi / sides) if faceted else 1.0) - wall
     held = max(0.57 * height, height - 0.046)
     at_grip = base + (radius - base) * held / height
+    gloss = {"specular": 0.9, "shininess": 0.8}
     return Draft(
         shape="cylinder",
         description=f"A tall {color} drinking glass, {pattern}, without a handle.",
@@ -116,7 +129,9 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
         mass_kg=round(0.19 * radius / 0.031 * height / 0.114, 4),
         material="glass",
         parts=(
-            part("shell", glass.mesh(), _glass(rng, glass, shade, pattern=pattern), specular=0.9, shininess=0.8),
+            part("foot", foot.mesh(), shaded(shade, 0.80), **gloss),
+            part("lip", lip.mesh(), mixed(shade, (1.0, 1.0, 1.0), 0.60), **gloss),
+            part("shell", shell.mesh(), _glass(shell, shade, pattern=pattern), opacity=0.42, **gloss),
             *standing(0.66 * base, (0.5 * (base + at_grip), held - 0.014), (at_grip, height)),
         ),
         grasps=(grip_across(held, at_grip, clearance=0.006),),
@@ -125,28 +140,19 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
     )
 
 
-def _glass(rng: np.random.Generator, glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:
-    """Draw colored glass: full of color at the thick foot, pale above it, a white streak where it catches the light."""
-    _, _, foot, rim, _, inside, floor, _ = glass.rows
+def _glass(glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:
+    """Draw the wall of a tinted glass: its pattern, and white streaks where it catches the light."""
+    _, rim, inside, _ = glass.rows
     canvas = glass.canvas(shade, (192, 256))
     x, y, width = canvas.x, canvas.y, canvas.width
-    pale = mixed(shade, (1.0, 1.0, 1.0), 0.50)
-    thin = np.clip((y - foot - 0.010) / (0.45 * (rim - foot)), 0.0, 1.0) * (y < rim)
-    canvas.paint(thin, pale, strength=0.55)
-    canvas.shade(np.where(y < foot + 0.012, 0.62, 1.0))
-    body = canvas.between(foot + 0.013, rim - 0.010)
+    pale, body = mixed(shade, (1.0, 1.0, 1.0), 0.50), canvas.between(0.004, rim - 0.010)
     if pattern == "ribs":
-        canvas.paint(
-            body * np.clip(np.cos(2.0 * math.pi * x / width * 9.0), 0.0, 1.0), shaded(shade, 0.75), strength=0.7
-        )
+        canvas.paint(body * np.clip(np.cos(2.0 * math.pi * x / width * 9.0), 0.0, 1.0), shaded(shade, 0.6))
     elif pattern == "rings":
-        canvas.paint(body & (np.abs((y - foot) % 0.020 - 0.010) < 0.0026), shaded(shade, 0.70), strength=0.9)
+        canvas.paint(body & (np.abs(y % 0.020 - 0.010) < 0.0026), shaded(shade, 0.5))
     elif pattern == "facets":
-        canvas.paint(np.abs((x / width * 6.0) % 1.0 - 0.5) > 0.46, pale, strength=0.6)
+        canvas.paint(np.abs((x / width * 6.0) % 1.0 - 0.5) > 0.46, pale)
     for at, half in ((0.24, 0.045), (0.36, 0.015), (0.80, 0.022)):
-        canvas.paint((np.abs(x / width - at) < half) & body, (1.0, 1.0, 1.0), strength=0.60)
-    canvas.paint(canvas.between(rim - 0.0030, inside), mixed(pale, (1.0, 1.0, 1.0), 0.5))
+        canvas.paint((np.abs(x / width - at) < half) & body, (1.0, 1.0, 1.0), strength=0.65)
     canvas.paint(y > inside, pale, strength=0.5)
-    canvas.shadow(inside, floor, 0.90, 0.35)
-    canvas.grain(rng, cells=(5, 3), amount=0.02)
     return canvas

@@ -15,8 +15,8 @@ _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
     """Make a breakfast plate with a decorated rim; whoever eats sits at +x.
 
-    A stoneware plate of 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are laid
-    around it. Its places are named as the eater sees them: right is +y, upper is -x.
+    A stoneware plate of 18 to 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are
+    laid around it. Its places are named as the eater sees them: right is +y, upper is -x.
     """
     stand = rng.uniform(0.046, 0.058)
     well = stand + rng.uniform(0.003, 0.014)
@@ -26,19 +26,20 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
     inks = ((0.33, 0.34, 0.37), (0.62, 0.18, 0.12), (0.18, 0.42, 0.24), (0.36, 0.26, 0.16))
     drawn = inks[int(rng.integers(len(inks)))]
     ink = (0.92, 0.93, 0.93) if color == "blue" else drawn
-    radii = (0.0, stand, stand + 0.003, _RADIUS, _RADIUS - 0.0008, well + 0.003, well - 0.003, 0.0)
-    z = (0.0, 0.0, 0.0040, _HEIGHT - 0.0010, _HEIGHT, 0.0088, 0.0070, 0.0064)
-    plate = Turned(radii, z, sides=36, crease_degrees=50.0, wrap=False).mesh().seen_from_above(_RADIUS)
-    picture = _glaze(rng, glaze, ink, decoration=decoration, well=well / _RADIUS)
+    radius, height = _RADIUS * rng.uniform(0.945, 1.0), _HEIGHT * rng.uniform(0.86, 1.0)
+    radii = (0.0, stand, stand + 0.003, radius, radius - 0.0008, well + 0.003, well - 0.003, 0.0)
+    z = (0.0, 0.0, 0.0040, height - 0.0010, height, 0.0088, 0.0070, 0.0064)
+    plate = Turned(radii, z, sides=36, crease_degrees=50.0, wrap=False).mesh().seen_from_above(radius)
+    picture = _glaze(rng, glaze, ink, decoration=decoration, well=well / radius)
     # Eight inclined boards follow the rim from the edge of the well outward.
-    (inner, low), (outer, high) = (well - 0.002, 0.0052), (0.0905, 0.0158)
+    (inner, low), (outer, high) = (well - 0.002, 0.0052), (radius - 0.0035, height - 0.0022)
     slope, half = math.atan2(high - low, outer - inner), 0.5 * math.hypot(outer - inner, high - low)
     board = (half, outer * math.tan(math.pi / 8), 0.0018)
     return Draft(
         shape="round",
         description=f"A {color} breakfast plate with a decorated rim.",
         tags=("plate", "breakfast plate", "dish", "tableware"),
-        mass_kg=0.55,
+        mass_kg=round(0.55 * (radius / _RADIUS) ** 2, 4),
         material="ceramic",
         parts=(
             part("plate", plate, picture, specular=0.5, shininess=0.6),
@@ -46,13 +47,13 @@ def place_plate(rng: np.random.Generator, color: str) -> Draft:
             *ring_of_boards(board, 0.5 * (inner + outer), 0.5 * (low + high), lean=-slope),
         ),
         regions=(
-            disc("base", _RADIUS),
+            disc("base", radius),
             disc("top", well - 0.003, 0.0065),
             zone("left", 0.03, 0.022, x=0.02, y=-_SIDE, half_z=0.02),
             zone("right", 0.03, 0.022, x=0.02, y=_SIDE, half_z=0.02),
             zone("upper_right", 0.03, 0.03, x=-0.13, y=0.10, half_z=0.02),
         ),
-        parameters={"radius_m": _RADIUS, "stand_m": stand, "well_m": well, "decoration": decoration},
+        parameters={"radius_m": radius, "height_m": height, "stand_m": stand, "well_m": well, "decoration": decoration},
     )
 
 
