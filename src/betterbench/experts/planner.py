@@ -35,6 +35,8 @@ SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 """Heights of the tool center point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
 """Distance between configurations that are checked along a way."""
+CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
+"""Distance and angle by which a checked configuration may miss its pose; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
 """Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
 COMFORT_RAD = 0.3
@@ -355,7 +357,7 @@ class Planner:
         Returns:
             What blocks the way, or None if it is free; and the joint angles where the check ended.
         """
-        traveled = 0.0
+        traveled, before = 0.0, joints
         for start, end in itertools.pairwise(way):
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
@@ -366,10 +368,13 @@ class Planner:
                     tuple(a + f * (b - a) for a, b in zip(start.position, end.position, strict=True)),  # type: ignore[arg-type]
                     slerp(start.quaternion, end.quaternion, f),
                 )
-                result = self._ik.reach(joints, pose, restarts=False)
-                if not result.converged or float(np.abs(result.q - joints).max()) > MAX_JOINT_STEP_RAD:
+                ahead = joints if i == 1 else 2.0 * joints - before  # the joints go on as they went
+                found = self._ik.follow(
+                    ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
+                )
+                if found is None or float(np.abs(found - joints).max()) > MAX_JOINT_STEP_RAD:
                     return "out of reach", joints
-                joints = result.q
+                before, joints = joints, found
                 held_pose = None if T_tcp_object is None else pose @ T_tcp_object
                 hits = self._clearance.touches(
                     joints, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore

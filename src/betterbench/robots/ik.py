@@ -52,6 +52,9 @@ _STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
 REACH_DAMPING = 1e-6
 """Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
 
+FOLLOW_ITERATIONS = 6
+"""Newton steps after which :meth:`ArmIK.follow` leaves it to :meth:`ArmIK.reach`; it takes one or two."""
+
 LIMIT_MARGIN_RAD = 0.06
 """Distance that references keep from the joint limits [rad]; the moving arm overshoots its reference by less."""
 
@@ -168,7 +171,7 @@ class ArmIK:
         centers = q if around is None else around
         lead = math.inf if around is None else lead_rad
         self._place(q)
-        self._factorize()
+        self._factorize(_STEP_WEIGHT)
         moved = self._descent(q, target, (q, centers, lead))
         for x, now in zip(moved, q, strict=True):
             if abs(x - now) > SECOND_ITERATION_RAD:
@@ -249,6 +252,31 @@ class ArmIK:
             raise AssertionError("the list of starts is never empty")
         return IKResult(best.q, best.position_error_m, best.rotation_error_rad, best.converged, used)
 
+    def follow(
+        self, q: np.ndarray, target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
+    ) -> np.ndarray | None:
+        """Return joint angles near ``q``, shape (n,) [rad], that bring the tool to ``T_base_tcp``, or None.
+
+        It is for many targets one after the other along a way: Newton steps from near by, which take a fifth of the
+        time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
+        converge, :meth:`reach` searches from ``q``.
+        """
+        now: list[float] = q.tolist()
+        for _ in range(FOLLOW_ITERATIONS):
+            self._place(now)
+            x, y, z, rx, ry, rz = self._world_error(target)
+            if math.hypot(x, y, z) <= position_tolerance_m and math.hypot(rx, ry, rz) <= rotation_tolerance_rad:
+                return np.array(now)
+            self._factorize(_POSTURE_WEIGHT + REACH_DAMPING)
+            now = self._newton_step(now, (x, y, z, rx, ry, rz))
+            if not all(low <= angle <= high for angle, (low, high, _) in zip(now, self._bounds, strict=True)):
+                break
+        found = self.reach(
+            q, target, position_tolerance_m=position_tolerance_m, rotation_tolerance_rad=rotation_tolerance_rad,
+            restarts=False,
+        )  # fmt: skip
+        return found.q if found.converged else None
+
     def _descend(self, q: np.ndarray, target: Pose, position: float, rotation: float, iterations: int) -> IKResult:
         """Iterate from one start until the pose is reached or progress ends."""
         settled = 0
@@ -289,26 +317,19 @@ class ArmIK:
         mujoco.mj_jacSite(self._model, self._data, self._translation, self._rotation, self._site)
         return self._jacobian
 
-    def _factorize(self) -> None:
-        """Prepare the minimization of a control step at the joint angles set last."""
+    def _factorize(self, weight: float) -> None:
+        """Prepare Newton steps at the joint angles set last; ``weight`` is what a joint's motion costs."""
         factor = self._factor
         mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
         numbers = self._factor_numbers
         for diagonal in self._diagonal:
-            numbers[diagonal] += _STEP_WEIGHT
+            numbers[diagonal] += weight
         mujoco.mju_cholFactor(factor, 0.0)
 
     def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> list[float]:
         """Return the joint angles [rad] after one iteration from ``q`` with the Jacobian prepared before."""
-        x, y, z, rx, ry, rz = self._world_error(target)
-        turn = ORIENTATION_COST * ORIENTATION_COST
-        self._set_error(x, y, z, turn * rx, turn * ry, turn * rz)
-        mujoco.mju_mulMatTVec(self._gradient, self._jacobian, self._error)
-        pulls = zip(self._get_gradient(), q, self._home, strict=True)
-        self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
         # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
-        mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
-        moved = [now + step for now, step in zip(q, self._get_newton(), strict=True)]
+        moved = self._newton_step(q, self._world_error(target))
         if self._in_window(moved, window):
             return moved
         hessian = np.empty_like(self._factor)
@@ -317,6 +338,17 @@ class ArmIK:
         now, low, high = np.array(q), *map(np.array, self.window(*window))
         inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
         return inside
+
+    def _newton_step(self, q: Sequence[float], error: tuple[float, float, float, float, float, float]) -> list[float]:
+        """Return the joint angles [rad] after one step from ``q``, prepared by :meth:`_factorize`, without bounds."""
+        x, y, z, rx, ry, rz = error
+        turn = ORIENTATION_COST * ORIENTATION_COST
+        self._set_error(x, y, z, turn * rx, turn * ry, turn * rz)
+        mujoco.mju_mulMatTVec(self._gradient, self._jacobian, self._error)
+        pulls = zip(self._get_gradient(), q, self._home, strict=True)
+        self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
+        mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
+        return [now + step for now, step in zip(q, self._get_newton(), strict=True)]
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
