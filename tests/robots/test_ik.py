@@ -42,6 +42,40 @@ def test_every_pose_of_the_workspace_is_reached(ik: ArmIK) -> None:
     assert worst_rotation < 5e-3
 
 
+def test_a_way_is_followed_within_its_tolerances_and_limits(ik: ArmIK) -> None:
+    """Along a way it stays where it said it is, in the posture that a search from the configuration before finds."""
+    joints, searched = ik.home, ik.home
+    for i in range(1, 31):
+        target = Pose((0.36 + 0.01 * i, 0.012 * i, 0.28), normalize(multiply(from_yaw(0.04 * i), DOWN)))
+        found = ik.follow(joints, target, position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2)
+        assert found is not None, i
+        reached = ik.forward(found)
+        assert distance(reached.position, target.position) <= 1e-3
+        assert angle_between(reached.quaternion, target.quaternion) <= 1e-2
+        assert (found >= ik.low).all()
+        assert (found <= ik.high).all()
+        searched = ik.reach(searched, target, restarts=False).q
+        assert np.abs(found - searched).max() < 0.05
+        joints = found
+
+
+def test_a_way_that_leaves_the_reach_cannot_be_followed(ik: ArmIK) -> None:
+    target = Pose((1.2, 0.0, 0.3), DOWN)
+    assert ik.follow(ik.home, target, position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2) is None
+
+
+@pytest.mark.parametrize("turn", [0.2, -0.2])
+def test_beside_a_joint_limit_a_way_is_followed_inside_it(ik: ArmIK, turn: float) -> None:
+    twisted = ik.home.copy()
+    twisted[-1] = ik.high[-1] - 0.01
+    here = ik.forward(twisted)
+    target = Pose(here.position, normalize(multiply(here.quaternion, from_yaw(turn))))
+    found = ik.follow(twisted, target, position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2)
+    assert found is not None
+    assert ((found >= ik.low) & (found <= ik.high)).all()
+    assert angle_between(ik.forward(found).quaternion, target.quaternion) <= 1e-2
+
+
 def test_what_cannot_be_reached_is_said_so(ik: ArmIK) -> None:
     found = ik.reach(ik.home, Pose((1.5, 0.0, 0.3), DOWN))
     assert not found.converged
