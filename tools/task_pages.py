@@ -346,7 +346,9 @@ def _power(key: Key) -> str:
     passing = ", ".join(f"`{name}`" for name in matrix.passing_wrongly(key))
     also = f"; passed by {passing} with a needless step, which success with a needless step counts" if passing else ""
     guessed = ceiling.rate.k == ceiling.rate.n and matrix.chances.get(key, 0.0) >= 1.0
-    alone = "; its scene leaves one instruction that makes sense, so it proves nothing about language" if guessed else ""
+    alone = (
+        "; its scene leaves one instruction that makes sense, so it proves nothing about language" if guessed else ""
+    )
     return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`{alone}{also}"
 
 

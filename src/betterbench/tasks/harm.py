@@ -96,7 +96,7 @@ class HarmWatch:
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
         """Return the harm that was done up to a state that was seen; empty if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
-        over = [Harm("knocked_over", name) for name in self._containers if name not in floor and _on_its_side(state, name)]
+        over = [Harm("knocked_over", n) for n in self._containers if n not in floor and _on_its_side(state, n)]
         away = [*self._displaced, *self._left_over_away(state, places)]
         moved = [Harm("displaced", name) for name in away if name not in floor]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None

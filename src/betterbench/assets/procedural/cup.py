@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from betterbench.assets.asset import VisualPart
 from betterbench.assets.authoring import Draft, Turned, disc, generator, glazed, grip, grip_across, part, zone
 from betterbench.assets.authoring.mesh import Mesh, sweep
 from betterbench.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
@@ -121,7 +122,6 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
     edge = radius * (math.cos(math.pi / sides) if faceted else 1.0) - wall
     held = max(0.57 * height, height - 0.046)
     at_grip = base + (radius - base) * held / height
-    gloss = {"specular": 0.9, "shininess": 0.8}
     return Draft(
         shape="cylinder",
         description=f"A tall {color} drinking glass, {pattern}, without a handle.",
@@ -129,15 +129,19 @@ def tumbler(rng: np.random.Generator, color: str) -> Draft:
         mass_kg=round(0.19 * radius / 0.031 * height / 0.114, 4),
         material="glass",
         parts=(
-            part("foot", foot.mesh(), shaded(shade, 0.80), **gloss),
-            part("lip", lip.mesh(), mixed(shade, (1.0, 1.0, 1.0), 0.60), **gloss),
-            part("shell", shell.mesh(), _glass(shell, shade, pattern=pattern), opacity=0.42, **gloss),
+            _clear("foot", foot, shaded(shade, 0.80)),
+            _clear("lip", lip, mixed(shade, (1.0, 1.0, 1.0), 0.60)),
+            _clear("shell", shell, _glass(shell, shade, pattern=pattern), opacity=0.42),
             *standing(0.66 * base, (0.5 * (base + at_grip), held - 0.014), (at_grip, height)),
         ),
         grasps=(grip_across(held, at_grip, clearance=0.006),),
         regions=(disc("base", base), disc("opening", edge, height)),
         parameters={"radius_m": radius, "height_m": height, "pattern": pattern},
     )
+
+
+def _clear(name: str, turned: Turned, paint: Rgb | Canvas, *, opacity: float = 1.0) -> VisualPart:
+    return part(name, turned.mesh(), paint, specular=0.9, shininess=0.8, opacity=opacity)
 
 
 def _glass(glass: Turned, shade: Rgb, *, pattern: str) -> Canvas:

@@ -10,8 +10,8 @@ SOAP = a.distractor("soap_bar", color="gray")
 
 FRONT_1, FRONT_2, FRONT_3 = (a.Slot(f"front_{i}", 0.68, y) for i, y in ((1, -0.202), (2, -0.012), (3, 0.178)))
 FRONT_4, FRONT_5, FRONT_6 = (a.Slot(f"front_{i}", 0.68, y) for i, y in ((4, -0.178), (5, 0.012), (6, 0.202)))
-DESK_RIGHT = a.Slot("desk_right", 0.49, 0.025, jitter_m=0.010, yaw_jitter=0.05)
-DESK_LEFT = a.Slot("desk_left", 0.49, -0.025, jitter_m=0.010, yaw_jitter=0.05)
+DESK_RIGHT = a.Slot("desk_right", 0.49, 0.023, jitter_m=0.010, yaw_jitter=0.05)
+DESK_LEFT = a.Slot("desk_left", 0.49, -0.023, jitter_m=0.010, yaw_jitter=0.05)
 LAYOUTS = (
     {MOUSE: FRONT_1, MUG: FRONT_2, SPEAKER: FRONT_3, LAPTOP: DESK_RIGHT},
     {MOUSE: FRONT_5, MUG: FRONT_6, SPEAKER: FRONT_4, LAPTOP: DESK_LEFT},
