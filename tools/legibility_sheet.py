@@ -101,14 +101,14 @@ REFUSED: dict[str, str] = {
     "patty": "cookie|biscuit",
     "pill_bottle": "salt|pepper|paprika|spice",
     "plain_jar black": "salt|paprika|chili|jam|pill",
-    "plain_jar red": "salt|pepper|jam|pill",
+    "plain_jar red": "salt|black|jam|pill",
     "plain_jar white": "pepper|paprika|chili|jam|pill",
     "round_block": "burger|bun|bread|cookie|cookies|biscuit|food",
     "salt_shaker": "pepper|paprika|chili|jam|pill",
     "shallow_bowl": "plate",
     "speaker": "microphone|camera",
     "spice_jar black": "salt|paprika|chili|jam|pill",
-    "spice_jar red": "salt|pepper|jam|pill",
+    "spice_jar red": "salt|black|jam|pill",
     "spice_jar white": "pepper|paprika|chili|jam|pill",
     "stapler": "block",
     "stapler_block": "stapler",
@@ -222,9 +222,9 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 
 
 def is_right(answer: str, category: str, color: str) -> bool:
-    """Tell whether a free answer names an object: by an accepted word, no refused one, and no other color.
+    """Tell whether a free answer names an object: by an accepted word, no refused one, and its color if any.
 
-    Colors behind a comma, "with" or "on" are those of a part ("jam jar, white lid") and are not judged, nor is the
+    Of several colors ("blue and white") one has to be its own. Colors behind a comma, "with" or "on" are those of a part ("jam jar, white lid") and are not judged, nor is the
     name of a fruit.
     """
     words = set(re.findall(r"[a-z]+", answer.lower()))
@@ -238,7 +238,7 @@ def is_right(answer: str, category: str, color: str) -> bool:
         return False
     whole = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)[0]
     named = set(re.findall(r"[a-z]+", whole)) & set(COLORS.split("|"))
-    return named <= set(SAME_COLOR.get(color, color).split("|"))
+    return not named or bool(named & set(SAME_COLOR.get(color, color).split("|")))
 
 
 def page(found: list[Crop], answers: dict[str, str]) -> str:

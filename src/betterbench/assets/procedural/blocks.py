@@ -82,7 +82,9 @@ def _block_face(style: str, shade: Rgb, ink: Rgb, letter: str) -> Canvas:
     if style == "letter":
         write_word(canvas, letter, (0.5, 0.5), height=0.56, ink=ink, weight=0.20)
     elif style == "star":
-        _star(canvas, ink, 0.34)
+        angle, reach = np.arctan2(y - 0.48, x - 0.5) - 0.5 * math.pi, np.hypot(x - 0.5, y - 0.48)
+        wedge = np.abs((angle * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between two
+        canvas.paint(reach < 0.34 - 0.19 * wedge, ink)
     return canvas
 
 
@@ -143,27 +145,25 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 def round_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a wooden round toy block with the size of a burger; in brown it has the color of the bun.
 
-    A letter, a digit or a star is painted on its face within a ring, as on a child's blocks; some have a groove around
-    their side, some a lighter or darker side, as if stained. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
+    A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if stained,
+    and edges that are more or less beveled. It has neither a groove nor a ring, which made it a box with a lid for a
+    reader. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
-    radius, height, bevel = rng.uniform(0.0318, 0.0350), rng.uniform(0.0465, 0.0555), rng.uniform(0.0015, 0.0085)
-    groove, stain = rng.random() < 0.5, (0.72, 1.0, 1.0, 1.20)[int(rng.integers(4))]
-    sign = str(rng.choice(["A", "K", "S", "2", "3", "star", "star"]))
+    radius, height, bevel = (
+        rng.uniform(0.0318, 0.0350),
+        rng.uniform(0.0465, 0.0555),
+        float(rng.choice([0.0015, 0.0040, 0.0070, 0.0100])),
+    )
+    stain, sign = (0.72, 1.0, 1.0, 1.20)[int(rng.integers(4))], str(rng.choice(["A", "E", "K", "R", "2", "3"]))
     shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
-    radii, heights = [0.0, radius - bevel, radius], [0.0, 0.0, bevel]
-    if groove:
-        level, cut = height * rng.uniform(0.25, 0.75), 0.0022
-        radii += [radius, radius - cut, radius]
-        heights += [level - 0.0016, level, level + 0.0016]
-    radii, heights = [*radii, radius, radius - bevel, 0.0], [*heights, height - bevel, height, height]
-    solid = Turned(radii, heights, sides=24, crease_degrees=35.0)
+    foot = radius * rng.uniform(0.88, 1.0)
+    radii = (0.0, foot - bevel, foot, radius, radius - bevel, 0.0)
+    solid = Turned(radii, (0.0, 0.0, bevel, height - bevel, height, height), sides=24, crease_degrees=35.0)
     under, edge, top = solid.rows[1], solid.rows[-3], solid.rows[-2]
     canvas = solid.canvas(shade, (64, 256))
     canvas.paint(canvas.between(under, edge), shaded(shade, stain))
     canvas.paint((canvas.y > top) | (canvas.y < under), mixed(shade, _BARE, 0.45))
     canvas.grain(rng, cells=(26, 3), amount=0.06)
-    if groove:
-        canvas.paint(np.abs(canvas.y - solid.rows[4]) < 0.0022, shaded(shade, 0.35))
     canvas.paint(canvas.between(edge, top), mixed(shade, _BARE, 0.75))
     flat = radius - bevel - 0.0005
     face = Turned((flat, flat, 0.0), (height, height + 0.0004, height + 0.0004), sides=24).mesh()
@@ -185,20 +185,11 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
 
 
 def _round_face(rng: np.random.Generator, shade: Rgb, sign: str) -> Canvas:
-    """Draw the face of a round toy block: bare wood, and in dark ink a sign within a ring."""
+    """Draw the face of a round toy block: bare wood with its grain, and a sign in dark ink."""
     canvas = Canvas(1.0, 1.0, (96, 96), mixed(shade, _BARE, 0.85))
-    ink, reach = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5), np.hypot(canvas.x - 0.5, canvas.y - 0.5)
+    ink = mixed(shaded(shade, 0.22), (0.10, 0.05, 0.02), 0.5)
+    wave = np.sin(2.0 * math.pi * (4.0 * canvas.y + 0.25 * np.sin(4.0 * canvas.x)))
+    canvas.shade(1.0 - 0.16 * np.clip(wave, 0.0, 1.0))
     canvas.grain(rng, cells=(3, 18), amount=0.05)
-    canvas.paint((reach > 0.40) & (reach < 0.455), ink)
-    if sign == "star":
-        _star(canvas, ink, 0.33)
-    else:
-        write_word(canvas, sign, (0.5, 0.5), height=0.50, ink=ink, weight=0.22)
+    write_word(canvas, sign, (0.5, 0.5), height=0.62, ink=ink, weight=0.24)
     return canvas
-
-
-def _star(canvas: Canvas, ink: Rgb, size: float) -> None:
-    """Draw a star with five tips just below the middle of a face of 1 by 1."""
-    x, y = canvas.x - 0.5, canvas.y - 0.48
-    wedge = np.abs(((np.arctan2(y, x) - 0.5 * math.pi) * 2.5 / math.pi + 1.0) % 2.0 - 1.0)  # 0 at a tip, 1 between
-    canvas.paint(np.hypot(x, y) < size - 0.19 * wedge, ink)
