@@ -28,6 +28,23 @@ from legibility_sheet import ACCEPTED, REFUSED, _places, is_right
         ("Lettuce leaf", "lettuce_leaf", "green", True),
         ("lime", "lettuce_leaf", "green", False),
         ("", "fork", "silver", False),
+        ("blue glass", "tumbler", "blue", True),
+        ("blue cup", "tumbler", "blue", False),
+        ("wooden block with a K", "round_block", "brown", True),
+        ("round wooden box", "round_block", "brown", False),
+        ("stack of cookies", "round_block", "brown", False),
+        ("gray computer mouse", "computer_mouse", "black", False),
+        ("white keyboard", "keyboard", "black", False),
+        ("gray fork", "fork", "silver", True),
+        ("jam jar, white lid", "jam_jar", "red", True),
+        ("white jam jar", "jam_jar", "red", False),
+        ("blue and white drink cup", "drink_cup", "blue", True),
+        ("pepper shaker", "spice_jar", "white", False),
+        ("red chili pepper jar", "spice_jar", "red", True),
+        ("black pepper jar", "spice_jar", "red", False),
+        ("salt shaker", "pill_bottle", "white", False),
+        ("top of a bun", "bun_bottom", "brown", False),
+        ("orange", "orange", "orange", True),
     ],
 )
 def test_an_answer_counts_if_it_names_the_object_and_no_other_color(answer, category, color, right):
@@ -37,4 +54,4 @@ def test_an_answer_counts_if_it_names_the_object_and_no_other_color(answer, cate
 def test_every_category_of_a_scene_has_words():
     shown = set(_places())
     assert shown == set(ACCEPTED)
-    assert set(REFUSED) <= shown
+    assert {key.split()[0] for key in REFUSED} <= shown
