@@ -5,7 +5,7 @@ list of categories nor this file writes what each marked object is, ``{"1": "red
 command compares the answers and writes the page of the documentation::
 
     MUJOCO_GL=egl python tools/legibility_sheet.py draw SHEETS
-    MUJOCO_GL=egl python tools/legibility_sheet.py judge ANSWERS.json --out docs
+    MUJOCO_GL=egl python tools/legibility_sheet.py judge ANSWERS.json MORE.json --out docs
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ ACCEPTED: dict[str, str] = {
     "can": "can|soda|tin|coke|cola",
     "cereal_bowl": "bowl",
     "cheese_slice": "cheese",
-    "coffee_machine": "coffee|espresso",
+    "coffee_machine": "coffee|coffeemaker|espresso",
     "computer_mouse": "mouse",
     "crumpled_napkin": "napkin|tissue|paper|crumpled",
     "crushed_can": "can|soda|tin|coke|cola",
-    "cup": "cup|mug",
+    "cup": "cup|mug|teacup",
     "dinner_plate": "plate|dish",
     "drawer_cabinet": "cabinet|drawer|drawers|chest|organizer",
     "drink_cup": "drink|soda|cup|beverage",
@@ -66,7 +66,7 @@ ACCEPTED: dict[str, str] = {
     "lunchbox": "lunchbox|lunch|box|container|tray|bin",
     "mug": "mug|cup",
     "orange": "orange|tangerine|mandarin|clementine",
-    "patty": "patty|burger|meat|hamburger",
+    "patty": "patty|meat|burger|hamburger",
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
     "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
@@ -85,48 +85,62 @@ ACCEPTED: dict[str, str] = {
     "tape_roll": "tape|roll",
     "tumbler": "tumbler|glass",
     "upper_drawer": "drawer|drawers|cabinet|chest|organizer",
-    "waste_bin": "bin|trash|basket|wastebasket|garbage|bucket|can",
+    "waste_bin": "bin|trash|trashcan|dustbin|basket|wastebasket|garbage|bucket",
 }
 """Words of which an answer has to hold one, by category."""
 
+_NOT_A_JAR = "jam|pill|pills|medicine|medication|pharmacy|vitamin|soda|coke|cola|tin"
 REFUSED: dict[str, str] = {
-    "bun_bottom": "biscuit|cookie|top|upper|lid",
-    "bun_top": "biscuit|cookie|bottom|lower|base",
-    "can": "crushed|crumpled|dented",
-    "dinner_plate": "bowl",
-    "jam_jar": "salt|pepper|paprika|chili|spice",
-    "lower_drawer": "upper|top",
-    "mug": "glass|tumbler",
+    "bun_bottom": "biscuit|cookie|top|upper|lid|patty",
+    "bun_top": "biscuit|cookie|bottom|lower|base|patty",
+    "burger": "patty|bun",
+    "can": "crushed|crumpled|dented|trash|garbage|waste",
+    "crumpled_napkin": "can|tin|soda",
     "cup": "glass|tumbler",
-    "patty": "cookie|biscuit",
+    "dinner_plate": "bowl",
+    "drink_cup": "can|tin",
+    "jam_jar": "salt|pepper|paprika|chili|spice",
+    "laptop": "mouse|keyboard",
+    "lower_drawer": "upper|top",
+    "lunchbox": "trash|waste|garbage|recycling",
+    "mug": "glass|tumbler|machine",
+    "patty": "cookie|biscuit|cheeseburger",
     "pill_bottle": "salt|pepper|paprika|spice",
-    "plain_jar black": "salt|paprika|chili|jam|pill",
-    "plain_jar red": "salt|black|jam|pill",
-    "plain_jar white": "pepper|paprika|chili|jam|pill",
-    "round_block": "burger|bun|bread|cookie|cookies|biscuit|food",
-    "salt_shaker": "pepper|paprika|chili|jam|pill",
+    "plain_jar black": "salt|paprika|chili|" + _NOT_A_JAR,
+    "plain_jar red": "salt|black|" + _NOT_A_JAR,
+    "plain_jar white": "pepper|paprika|chili|" + _NOT_A_JAR,
+    "round_block": "burger|bun|bread|cookie|cookies|biscuit|food|box",
+    "salt_shaker": "pepper|paprika|chili|" + _NOT_A_JAR,
     "shallow_bowl": "plate",
-    "speaker": "microphone|camera",
-    "spice_jar black": "salt|paprika|chili|jam|pill",
-    "spice_jar red": "salt|black|jam|pill",
-    "spice_jar white": "pepper|paprika|chili|jam|pill",
+    "spice_jar black": "salt|paprika|chili|" + _NOT_A_JAR,
+    "spice_jar red": "salt|black|" + _NOT_A_JAR,
+    "spice_jar white": "pepper|paprika|chili|" + _NOT_A_JAR,
     "stapler": "block",
     "stapler_block": "stapler",
     "tumbler": "mug|teacup|cup|coffee|tea",
     "upper_drawer": "lower|bottom",
-    "waste_bin": "plant|flower|pot|planter",
+    "waste_bin": "plant|flower|pot|planter|soda|coke|crushed",
 }
 """Words of which an answer may hold none, by category or by category and color: what it must not be taken for."""
 
 REQUIRED_TOO: dict[str, str] = {
+    "coffee_machine": "machine|maker|coffeemaker|espresso",
     "crushed_can": "crushed|crumpled|dented|squashed|bent|flattened|smashed",
     "round_block": "wood|wooden|toy|block|blocks",
     "stapler_block": "wood|wooden|toy|block|brick",
 }
 """Further words of which an answer has to hold one, where the instruction depends on it."""
 
-COLORS = "red|blue|green|yellow|white|black|gray|grey|silver|orange|brown|tan|beige|purple|pink"
-SAME_COLOR: dict[str, str] = {"silver": "silver|gray|grey", "gray": "gray|grey|silver", "brown": "brown|tan|beige"}
+COLORS = (
+    "red|blue|green|yellow|white|black|gray|grey|silver|orange|brown|tan|beige|purple|pink|navy|teal|golden|cyan|maroon"
+)
+SAME_COLOR: dict[str, str] = {
+    "blue": "blue|navy",
+    "red": "red|maroon",
+    "silver": "silver|gray|grey",
+    "gray": "gray|grey|silver",
+    "brown": "brown|tan|beige",
+}
 """Words that name the same color, where there are several."""
 
 
@@ -234,35 +248,38 @@ def is_right(answer: str, category: str, color: str) -> bool:
 
     if not holds(ACCEPTED[category]) or (category in REQUIRED_TOO and not holds(REQUIRED_TOO[category])):
         return False
-    if any(key in REFUSED and holds(REFUSED[key]) for key in (category, f"{category} {color}")):
+    whole, *part = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)
+    colors = set(COLORS.split("|"))
+    said = [set(re.findall(r"[a-z]+", text)) for text in (whole, *part)]
+    if any(key in REFUSED and said[0] & set(REFUSED[key].split("|")) for key in (category, f"{category} {color}")):
         return False
-    whole = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)[0]
-    named = set(re.findall(r"[a-z]+", whole)) & set(COLORS.split("|"))
+    named = said[0] & colors or (said[-1] if said[-1] <= colors else set())  # "mug, blue" tells the color of the whole
     return not named or bool(named & set(SAME_COLOR.get(color, color).split("|")))
 
 
-def page(found: list[Crop], answers: dict[str, str]) -> str:
-    """Return the page of the documentation with every answer."""
-    right = {c.number: is_right(answers.get(str(c.number), ""), c.category, c.color) for c in found}
-    share = sum(right.values()) / len(right)
-    verdicts = {number: "yes" if known else "**no**" for number, known in right.items()}
-    rows = [
-        f"| {c.number} | {c.category} ({c.color}) | {answers.get(str(c.number), '–')} | {verdicts[c.number]} |"
-        for c in found
-    ]
+def page(found: list[Crop], readings: list[dict[str, str]]) -> str:
+    """Return the page of the documentation with every answer of one or more readers."""
+    shares, rows = [], []
+    for answers in readings:
+        count = sum(is_right(answers.get(str(c.number), ""), c.category, c.color) for c in found)
+        shares.append(f"{count} of {len(found)} ({100 * count / len(found):.1f} %)")
+    for c in found:
+        cells = [answers.get(str(c.number), "–") for answers in readings]
+        told = [text if is_right(text, c.category, c.color) else f"**no:** {text}" for text in cells]
+        rows.append(f"| {c.number} | {c.category} ({c.color}) | {' | '.join(told)} |")
     pages = -(-len(found) // PER_SHEET)
+    columns = [f"reader {i + 1}" for i in range(len(readings))]
     return "\n".join(
         [
             "# Can a person tell what it is?",
             "",
             (
                 f"{len(found)} crops of scenes as the front camera of a policy sees them at 256 x 256 pixels, in an "
-                "order drawn by seed and without names. Somebody who did not know the list of categories wrote what "
-                f"each outlined object is. **{sum(right.values())} of {len(right)} answers are right "
-                f"({100 * share:.1f} %; required: {100 * REQUIRED:.0f} %).** An answer is right if it names the "
-                "object by an everyday word, by no word of what it must not be taken for, and by no color that it does "
-                "not have (that of a part, as in 'jam jar, white lid', is not judged). `tools/legibility_sheet.py` "
-                "draws the sheets and judges the answers."
+                "order drawn by seed and without names. Readers who did not know the list of categories wrote what "
+                f"each outlined object is. **Right are {' and '.join(shares)}; required: {100 * REQUIRED:.0f} %.** An "
+                "answer is right if it names the object by an everyday word, by no word of what it must not be taken "
+                "for, and by no color that it does not have (that of a part, as in 'jam jar, white lid', is not "
+                "judged). `tools/legibility_sheet.py` draws the sheets and judges the answers."
             ),
             "",
             *(
@@ -270,8 +287,8 @@ def page(found: list[Crop], answers: dict[str, str]) -> str:
                 for i in range(pages)
             ),
             "",
-            "| crop | what it is | answer | right |",
-            "|---|---|---|---|",
+            f"| crop | what it is | {' | '.join(columns)} |",
+            f"|---|---|{'---|' * len(columns)}",
             *rows,
             "",
         ]
@@ -282,26 +299,28 @@ def main() -> None:
     """Draw the sheets, or judge answers."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("what", choices=("draw", "judge"))
-    parser.add_argument("path", type=Path, help="folder of the sheets, or file of the answers")
+    parser.add_argument("path", type=Path, nargs="+", help="folder of the sheets, or files of answers, one a reader")
     parser.add_argument("--out", type=Path, default=Path("docs"), help="folder of the documentation")
     options = parser.parse_args()
     found = crops()
     if options.what == "draw":
-        options.path.mkdir(parents=True, exist_ok=True)
+        folder = options.path[0]
+        folder.mkdir(parents=True, exist_ok=True)
         for i, sheet in enumerate(sheets(found), start=1):
-            sheet.save(options.path / f"sheet_{i}.png", optimize=True)
-        print(f"wrote {-(-len(found) // PER_SHEET)} sheets to {options.path}")
+            sheet.save(folder / f"sheet_{i}.png", optimize=True)
+        print(f"wrote {-(-len(found) // PER_SHEET)} sheets to {folder}")
         return
-    answers = json.loads(options.path.read_text(encoding="utf-8"))
-    wrong = [c for c in found if not is_right(answers.get(str(c.number), ""), c.category, c.color)]
-    for c in wrong:
-        print(f"{c.number}: {c.category} ({c.color}) was named {answers.get(str(c.number), 'nothing')!r}")
-    print(f"{len(found) - len(wrong)} of {len(found)} right")
+    readings = [json.loads(path.read_text(encoding="utf-8")) for path in options.path]
+    for path, answers in zip(options.path, readings, strict=True):
+        wrong = [c for c in found if not is_right(answers.get(str(c.number), ""), c.category, c.color)]
+        for c in wrong:
+            print(f"{c.number}: {c.category} ({c.color}) was named {answers.get(str(c.number), 'nothing')!r}")
+        print(f"{path}: {len(found) - len(wrong)} of {len(found)} right")
     pictures = options.out / "pictures"
     pictures.mkdir(parents=True, exist_ok=True)
     for i, sheet in enumerate(sheets(found), start=1):
         sheet.save(pictures / f"legibility_{i}.jpg", quality=72, optimize=True)
-    (options.out / "legibility.md").write_text(page(found, answers), encoding="utf-8")
+    (options.out / "legibility.md").write_text(page(found, readings), encoding="utf-8")
 
 
 if __name__ == "__main__":

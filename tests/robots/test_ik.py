@@ -76,6 +76,18 @@ def test_beside_a_joint_limit_a_way_is_followed_inside_it(ik: ArmIK, turn: float
     assert angle_between(ik.forward(found).quaternion, target.quaternion) <= 1e-2
 
 
+@pytest.mark.parametrize("beyond", [0.01, 0.3, 2.0 * math.pi])
+def test_a_way_that_begins_outside_the_limits_is_followed_inside_or_not_at_all(ik: ArmIK, beyond: float) -> None:
+    """Also where the pose outside is what is asked for: it is out of reach."""
+    for joint in range(7):
+        outside = ik.home.copy()
+        outside[joint] = ik.high[joint] + beyond
+        found = ik.follow(outside, ik.forward(outside), position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2)
+        if found is not None:
+            assert ((found >= ik.low) & (found <= ik.high)).all(), joint
+            assert distance(ik.forward(found).position, ik.forward(outside).position) <= 1e-3
+
+
 def test_what_cannot_be_reached_is_said_so(ik: ArmIK) -> None:
     found = ik.reach(ik.home, Pose((1.5, 0.0, 0.3), DOWN))
     assert not found.converged

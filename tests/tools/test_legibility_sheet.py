@@ -45,6 +45,18 @@ from legibility_sheet import ACCEPTED, REFUSED, _places, is_right
         ("salt shaker", "pill_bottle", "white", False),
         ("top of a bun", "bun_bottom", "brown", False),
         ("orange", "orange", "orange", True),
+        ("medicine bottle", "spice_jar", "white", False),
+        ("crumpled can", "crumpled_napkin", "white", False),
+        ("burger bun", "burger", "brown", False),
+        ("soda can", "drink_cup", "blue", False),
+        ("trash can", "can", "red", False),
+        ("trash can", "waste_bin", "black", True),
+        ("soda can", "waste_bin", "black", False),
+        ("computer mouse", "laptop", "silver", False),
+        ("coffee mug", "coffee_machine", "black", False),
+        ("mug, blue", "mug", "red", False),
+        ("teal mug", "mug", "red", False),
+        ("navy mug", "mug", "blue", True),
     ],
 )
 def test_an_answer_counts_if_it_names_the_object_and_no_other_color(answer, category, color, right):

@@ -259,9 +259,9 @@ class ArmIK:
 
         It is for many targets one after the other along a way: Newton steps from near by, which take a fifth of the
         time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
-        converge, :meth:`reach` searches from ``q``.
+        converge, :meth:`reach` searches from ``q``. A ``q`` outside the limits counts as the nearest angles inside.
         """
-        now: list[float] = q.tolist()
+        now: list[float] = np.minimum(np.maximum(q, self.low), self.high).tolist()
         for _ in range(FOLLOW_ITERATIONS):
             self._place(now)
             x, y, z, rx, ry, rz = self._world_error(target)
