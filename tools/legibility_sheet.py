@@ -238,8 +238,8 @@ def sheets(found: list[Crop]) -> list[Image.Image]:
 def is_right(answer: str, category: str, color: str) -> bool:
     """Tell whether a free answer names an object: by an accepted word, no refused one, and its color if any.
 
-    Of several colors ("blue and white") one has to be its own. Colors behind a comma, "with" or "on" are those of a part ("jam jar, white lid") and are not judged, nor is the
-    name of a fruit.
+    Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
+    part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").
     """
     words = set(re.findall(r"[a-z]+", answer.lower()))
 

@@ -145,9 +145,9 @@ def stapler_block(rng: np.random.Generator, color: str) -> Draft:
 def round_block(rng: np.random.Generator, color: str) -> Draft:
     """Make a wooden round toy block with the size of a burger; in brown it has the color of the bun.
 
-    A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if stained,
-    and edges that are more or less beveled. It has neither a groove nor a ring, which made it a box with a lid for a
-    reader. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
+    A letter or a digit is painted on its face, as on a child's blocks; some have a darker or lighter side, as if
+    stained, and edges that are more or less beveled. It has neither a groove nor a ring, which made it a box with a lid
+    for a reader. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
     radius, height, bevel = (
         rng.uniform(0.0318, 0.0350),
