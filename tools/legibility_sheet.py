@@ -241,20 +241,19 @@ def is_right(answer: str, category: str, color: str) -> bool:
     Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
     part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").
     """
-    words = set(re.findall(r"[a-z]+", answer.lower()))
-
-    def holds(pattern: str) -> bool:
-        return bool(words & set(pattern.split("|")))
-
-    if not holds(ACCEPTED[category]) or (category in REQUIRED_TOO and not holds(REQUIRED_TOO[category])):
+    texts = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)
+    whole, *part = (set(re.findall(r"[a-z]+", text)) for text in texts)
+    words, colors = whole.union(*part), _set(COLORS)
+    if not words & _set(ACCEPTED[category]) or (category in REQUIRED_TOO and not words & _set(REQUIRED_TOO[category])):
         return False
-    whole, *part = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)
-    colors = set(COLORS.split("|"))
-    said = [set(re.findall(r"[a-z]+", text)) for text in (whole, *part)]
-    if any(key in REFUSED and said[0] & set(REFUSED[key].split("|")) for key in (category, f"{category} {color}")):
+    if any(whole & _set(REFUSED.get(key, "")) for key in (category, f"{category} {color}")):
         return False
-    named = said[0] & colors or (said[-1] if said[-1] <= colors else set())  # "mug, blue" tells the color of the whole
-    return not named or bool(named & set(SAME_COLOR.get(color, color).split("|")))
+    named = whole & colors or {word for of_part in part if of_part <= colors for word in of_part}
+    return not named or bool(named & _set(SAME_COLOR.get(color, color)))
+
+
+def _set(pattern: str) -> set[str]:
+    return set(pattern.split("|"))
 
 
 def page(found: list[Crop], readings: list[dict[str, str]]) -> str:

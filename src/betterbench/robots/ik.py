@@ -257,7 +257,7 @@ class ArmIK:
     ) -> np.ndarray | None:
         """Return joint angles near ``q``, shape (n,) [rad], that bring the tool to ``T_base_tcp``, or None.
 
-        It is for many targets one after the other along a way: Newton steps from near by, which take a fifth of the
+        It is for many targets one after the other along a way: Newton steps from near by, which take a tenth of the
         time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
         converge, :meth:`reach` searches from ``q``. A ``q`` outside the limits counts as the nearest angles inside.
         """

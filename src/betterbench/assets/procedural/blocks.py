@@ -8,7 +8,7 @@ import numpy as np
 from betterbench.assets.authoring import Draft, Turned, block, disc, generator, grip, merge, part, zone
 from betterbench.assets.authoring.lettering import write_word
 from betterbench.assets.authoring.mesh import ABOVE, FRONT, box, mapped, slab
-from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, mixed, shaded
+from betterbench.assets.authoring.paint import BUN, PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
 from betterbench.assets.authoring.solids import solid_box
 from betterbench.assets.procedural.stapler_outline import stapler_size
 
@@ -149,11 +149,8 @@ def round_block(rng: np.random.Generator, color: str) -> Draft:
     stained, and edges that are more or less beveled. It has neither a groove nor a ring, which made it a box with a lid
     for a reader. Beech of 700 kg/m^3 weighs 0.11 to 0.15 kg at this size.
     """
-    radius, height, bevel = (
-        rng.uniform(0.0318, 0.0350),
-        rng.uniform(0.0465, 0.0555),
-        float(rng.choice([0.0015, 0.0040, 0.0070, 0.0100])),
-    )
+    radius, height = uniforms(rng, (0.0318, 0.0350), (0.0465, 0.0555))
+    bevel = float(rng.choice([0.0015, 0.0040, 0.0070, 0.0100]))
     stain, sign = (0.72, 1.0, 1.0, 1.20)[int(rng.integers(4))], str(rng.choice(["A", "E", "K", "R", "2", "3"]))
     shade = jittered(BUN if color == "brown" else PALETTE[color], rng, amount=0.10)
     foot = radius * rng.uniform(0.88, 1.0)

@@ -337,12 +337,11 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
     trace = episode.trace
-    touched = (
-        trace.touched | trace.by_arm if episode.condition.expected is Expected.STAY_STILL else trace.touched.copy()
-    )
     if episode.condition.expected is Expected.REFUSE:  # what is asked for and is there may be taken
         items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - episode.asked_indices
-        touched[:, [i for i in range(touched.shape[1]) if i not in items]] = False
+        touched = trace.touched & np.isin(np.arange(trace.touched.shape[1]), list(items))
+    else:
+        touched = trace.touched | trace.by_arm
     if not touched.any():
         return None
     row, i = (int(v) for v in np.argwhere(touched)[0])
