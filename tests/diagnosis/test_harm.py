@@ -152,6 +152,19 @@ def test_whatever_part_of_the_robot_touches_what_is_to_be_left_alone_has_collide
     assert f"The {'arm' if part == 'arm' else 'gripper'} brushes against the {kind}" in found.evidence.text
 
 
+@pytest.mark.parametrize(("by", "right"), [(0.004, True), (0.006, False), (0.049, False)])
+def test_what_has_moved_was_not_left_alone_although_no_touch_is_on_record(stage, by, right):
+    s = stage("morning_coffee", "T1")
+    record = push(s.wait(1.0), s.of("blue mug"), (0.0, -by)).wait(1.0).end()
+    assert agrees(record)
+    assert record.outcome.success is right
+    found = diagnose_record(record)
+    if not right:
+        assert (found.label, found.evidence.rule) == (Label.EXECUTION_FAILURE, "collided")
+        assert "The blue mug is moved, where nothing was to be touched" in found.evidence.text
+        assert found.evidence.start_s == pytest.approx(1.05)
+
+
 def test_an_open_gripper_that_passes_by_does_not_interfere(stage):
     s = stage("morning_coffee", "T1")
     x, y, z = s.positions[s.of("blue mug")]

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import gc
 import itertools
+import math
 import weakref
 
 import mujoco
@@ -325,6 +326,40 @@ def everything(s: Scene) -> tuple[bytes, ...]:
     buffer = np.zeros(mujoco.mj_sizeModel(s.model), dtype=np.uint8)
     mujoco.mj_saveModel(s.model, None, buffer)
     return full.tobytes(), buffer.tobytes(), s.data.contact.geom.tobytes(), s.data.xpos.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("beside", "height", "angle"), [(-0.067, 0.064, 1.974), (-0.0665, 0.067, 1.974), (0.063, 0.094, 2.479)]
+)
+def test_where_nothing_may_be_touched_no_graze_between_two_readings_is_missed(beside, height, angle):
+    """An open gripper sweeps past a mug so fast that it touches it between two control steps only."""
+    s = build_scene(condition_of("morning_coffee", "T1"))
+    state = s.reset()
+    tracker = GoalTracker(s.condition, s.info, template=s.task.template, control_rate_hz=s.control_rate_hz)
+    tracker.update(state)
+    i = s.info.index("blue_mug")
+    mug, ahead = np.array([*state.positions[i][:2], 0.0]), np.array([math.cos(angle), math.sin(angle), 0.0])
+    aside = beside * np.array([-ahead[1], ahead[0], 0.0])
+    up, down = np.array([0.0, 0.0, 0.4]), np.array([0.0, 0.0, height])
+    stations = [mug - 0.22 * ahead + aside + up, mug - 0.22 * ahead + aside + down, mug + 0.22 * ahead + aside + down]
+    stations += [stations[-1] + up, np.array(s.info.home_position)]
+    broken, touched, k = [], [], 0
+    for step in range(s.step_limit):
+        action = STILL.copy()
+        if k < len(stations):
+            way = stations[k] - np.array(state.ee_pose.position)
+            far = float(np.linalg.norm(way))
+            action[:3] = way / max(far, 0.05)
+            k += far < 0.02 or step > 25 * (k + 1)
+        s.step(action)
+        state = s.state()
+        assert state == s.state()
+        broken.append(tracker.update(state).forbidden)
+        touched.append(state.touched_by_gripper("blue_mug"))
+    assert distance(state.positions[i], s.reset().positions[i]) > 0.02, "the sweep has to move the mug"
+    assert any(touched)
+    assert broken.index(True) == touched.index(True)
+    assert not tracker.update(state).success
 
 
 def test_clearance_never_touches_the_scene():

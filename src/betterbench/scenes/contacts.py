@@ -45,11 +45,28 @@ class ContactReader:
         self._kept: dict[int, Contact] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
+        self._by_robot = frozenset({numbers[i][part] for i in range(n) for part in range(n, table)})
+        self._passed: dict[int, float] = {}
+
+    def start_step(self) -> None:
+        """Forget the touches in passing of the control step before."""
+        self._passed = {}
+
+    def see_step(self, data: mujoco.MjData) -> None:
+        """Take note of what the robot touches at one of the physics steps between two readings.
+
+        A reading lists these touches too, with their largest force: a graze can begin and end between two readings.
+        """
+        if data.ncon == 0:
+            return
+        for number, force in self._touching(data).items():
+            if number in self._by_robot:
+                self._passed[number] = max(force, self._passed.get(number, 0.0))
 
     def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
         """Return all pairs that involve an object or the gripper, in the order of the labels, and the held object.
 
-        An object is held if both fingers touch it and neither another object nor the table does. ``positions`` are
+        An object is held if both fingers touch it now and neither another object nor the table does. ``positions`` are
         those of the objects in these data.
         """
         if data is not self._data:  # the engine keeps its arrays in place
@@ -57,16 +74,20 @@ class ContactReader:
         total, names, asleep = self._touching(data), self._pair_names, self._asleep
         sleeping = tuple([i for i, tree in self._trees if asleep[tree] >= 0])
         if not sleeping:
-            return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), self._held(total)
+            now = {**self._passed, **total} if self._passed else total
+            return tuple([Contact(*names[number], now[number]) for number in sorted(now)]), self._held(total)
         self._keep(data, positions, sleeping)
         kept = self._kept_numbers
         awake = [number for number in total if number not in kept]
-        if not awake:
+        if not awake and not self._passed:
             return self._kept_contacts, None  # what the gripper touches is awake
         found = self._kept.copy()
         for number in awake:
             found[number] = Contact(*names[number], total[number])
-        return tuple([found[number] for number in sorted(found)]), self._held(found)
+        held = self._held(found)
+        for number, force in self._passed.items():
+            found.setdefault(number, Contact(*names[number], force))
+        return tuple([found[number] for number in sorted(found)]), held
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
@@ -137,6 +158,7 @@ _KEPT_BETWEEN_READINGS = (
     "_kept",
     "_kept_contacts",
     "_kept_numbers",
+    "_passed",
 )
 
 

@@ -26,7 +26,7 @@ from betterbench.scenes.instances import ROBOT_PREFIX
 from betterbench.scenes.stage import QUALITIES, Quality
 from betterbench.scenes.stored import scene_files
 from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
-from betterbench.tasks import Condition, Looks, Task, broken_premises, training_distribution_of
+from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
 
@@ -201,6 +201,7 @@ class Scene:
         mujoco.mj_resetData(self.model, self._data)
         self._data.qpos[:] = self._home_qpos
         self.controller.reset(self._data)
+        self._contacts.start_step()
         mujoco.mj_forward(self.model, self._data)
         self._views_are_placed, self._tool = False, None
         self._step = 0
@@ -243,12 +244,22 @@ class Scene:
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
         applied = self.controller.apply(self._data, action, measured=self._tool_pose())
-        mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
+        if self.condition.expected is Expected.STAY_STILL:
+            self._step_and_watch()
+        else:
+            mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
         mujoco.mj_kinematics(self.model, self._data)
         self._views_are_placed, self._tool = False, None
         self._gripper_command = applied.item(-1)
         self._step += 1
         return applied
+
+    def _step_and_watch(self) -> None:
+        """Take one physics step after the other: where nothing may be touched, no graze between readings is missed."""
+        self._contacts.start_step()
+        for _ in range(self.physics_steps):
+            mujoco.mj_step(self.model, self._data)
+            self._contacts.see_step(self._data)
 
     def state(self) -> WorldState:
         """Return everything that is true now."""

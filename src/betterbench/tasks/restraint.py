@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from betterbench.geometry import distance
+from betterbench.geometry import Vector, distance
 from betterbench.state import GRIPPER_BODIES, SceneInfo, WorldState
 from betterbench.tasks.attempts import GraspAttempt, find_closings_in_motion, find_grasps
 from betterbench.tasks.axes import Expected
-from betterbench.tasks.motion import Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
+from betterbench.tasks.motion import Bools, Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 HOVER_TIME = threshold(
@@ -19,6 +19,14 @@ HOVER_TIME = threshold(
     "s",
     "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
     "interfered with it; at the speed of a transport it would be past in that time.",
+)
+
+MOVED = threshold(
+    "moved",
+    0.005,
+    "m",
+    "Distance from its place at the start from which something that nothing was to touch was moved, whether or not a "
+    "touch is on record; objects at rest move by less than a hundredth of that.",
 )
 
 
@@ -95,6 +103,12 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
     return None
 
 
+def moved_from_start(motion: Motion) -> Bools:
+    """Return which loose things are away from their places at the start, shape (rows, n)."""
+    away = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
+    return away & np.array([not o.fixed for o in motion.info.objects])
+
+
 class Restraint:
     """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
 
@@ -111,18 +125,21 @@ class Restraint:
         self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
         self._motion = MotionBuilder(info, rate_hz=rate_hz)
         self._closing, self._changed, self._row, self._near = False, 0, -1, 0
+        self._loose = tuple(i for i, o in enumerate(info.objects) if not o.fixed)
+        self._start: tuple[Vector, ...] = ()
 
     def _named(self, info: SceneInfo) -> list[str]:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Tell whether the next state shows that something to be left alone was touched, attempted or stayed near.
+        """Tell whether the next state shows that something to be left alone was touched, moved, attempted or stayed near.
 
         Args:
             state: The next state.
             there: Per object whether it is at some place of a target.
         """
         self._row += 1
+        self._start = self._start or state.positions
         self._motion.append(state, there)
         was, command = self._closing, state.gripper_command
         self._closing = command > 0.0 if command != 0.0 else was
@@ -132,7 +149,13 @@ class Restraint:
             (a in self._parts and b in self._names) or (b in self._parts and a in self._names)
             for a, b, _ in state.contacts
         )
-        return touched or self._stays_near(state) or self._attempts(state)
+        return touched or self._moved(state) or self._stays_near(state) or self._attempts(state)
+
+    def _moved(self, state: WorldState) -> bool:
+        """Tell whether something that nothing was to touch is away from its place at the start."""
+        if self._expected is not Expected.STAY_STILL or state.positions == self._start:
+            return False
+        return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
     def _stays_near(self, state: WorldState) -> bool:
         near = None

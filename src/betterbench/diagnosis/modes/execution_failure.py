@@ -19,6 +19,7 @@ from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.restraint import moved_from_start
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing, is_plural
 
@@ -332,7 +333,7 @@ def _undone(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something that was to be left alone was touched without an attempt at it."""
+    """Return evidence if something that was to be left alone was touched or moved without an attempt at it."""
     wrong = any(step.target is not AttemptTarget.ASKED for step in episode.decisions)
     if episode.condition.expected is Expected.SUCCEED or wrong:
         return None
@@ -341,10 +342,12 @@ def _forbidden_touch(episode: EpisodeAnalysis) -> Evidence | None:
         items = {i for i in trace.items if trace.info.objects[i].role != "drawer"} - episode.asked_indices
         touched = trace.touched & np.isin(np.arange(trace.touched.shape[1]), list(items))
     else:
-        touched = trace.touched | trace.by_arm
+        touched = trace.touched | trace.by_arm | moved_from_start(trace)
     if not touched.any():
         return None
     row, i = (int(v) for v in np.argwhere(touched)[0])
-    part = "gripper" if trace.touched[row, i] else "arm"
-    text = f"The {part} brushes against the {episode.kind(i)}, where nothing was to be touched."
+    part = "gripper" if trace.touched[row, i] else "arm" if trace.by_arm[row, i] else None
+    kind = episode.kind(i)
+    what = f"The {part} brushes against the {kind}" if part else f"The {kind} {agreeing(kind, 'is', 'are')} moved"
+    text = f"{what}, where nothing was to be touched."
     return episode.evidence("collided", text, rows=(row, row), objects=(i,))
