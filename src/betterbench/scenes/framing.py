@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from betterbench.geometry import Pose, Vector
+from betterbench.geometry import Pose, Vector, from_yaw
 from betterbench.robots import ArmIK
 from betterbench.scenes.appearance import CAMERA_SHIFT_M, CAMERA_TURN_RAD
+from betterbench.scenes.builder import slot_pose
 from betterbench.scenes.cameras import ViewPlacement, camera_matrices
 from betterbench.scenes.instances import ROBOT_PREFIX
 from betterbench.scenes.objects import rail_of
@@ -37,7 +38,7 @@ SIDE_PX = 24.0
 """Least longer side of what an instruction names, at 256 pixels."""
 
 VISIBLE = 0.6
-"""Least share of what an instruction names that nothing hides."""
+"""Least share of what an instruction names that nothing hides and the image's edge does not cut off."""
 
 BACKGROUND = 0.2
 """Largest share of the image without table, robot and object."""
@@ -55,7 +56,7 @@ class ObjectFraming:
 
     Attributes:
         side_px: Longer side of its visible part's bounding box [pixel].
-        visible: Share of its pixels that nothing else hides.
+        visible: Share of it that is in the image and that nothing else hides.
     """
 
     name: str
@@ -123,8 +124,8 @@ class FramingView:
         ViewPlacement(self._model, jitter or self._scene.view_jitter).apply(self._data)
         return self._draw()
 
-    def _draw(self) -> np.ndarray:
-        masks = self._renderer.render(self._data, self._camera, rgb=False, masks=True).masks
+    def _draw(self, size: int = SIZE_PX) -> np.ndarray:
+        masks = self._renderer.render(self._data, self._camera, rgb=False, masks=True, width=size, height=size).masks
         if masks is None:
             raise AssertionError("masks were asked for")
         return masks
@@ -136,19 +137,23 @@ class FramingView:
         if not len(rows):
             return ObjectFraming(name, 0.0, 0.0)
         side = float(max(np.ptp(rows), np.ptp(columns)) + 1)
-        return ObjectFraming(name, side, len(rows) / max(int((self._alone(body) == body).sum()), 1))
+        return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
 
-    def _alone(self, body: int) -> np.ndarray:
-        """Return the masks of an image in which everything but one body is left out."""
-        model = self._model
-        rgba, materials = model.geom_rgba.copy(), model.geom_matid.copy()
+    def _whole(self, body: int) -> int:
+        """Return the pixels of a body of which nothing is hidden, those outside the image included.
+
+        Everything else is left out of an image of twice the width and height around the same middle.
+        """
+        model, camera = self._model, self._model.camera(self._camera).id
+        rgba, materials, angle = model.geom_rgba.copy(), model.geom_matid.copy(), float(model.cam_fovy[camera])
         others = model.geom_bodyid != body
         model.geom_matid[others] = -1
         model.geom_rgba[others, 3] = 0.0
+        model.cam_fovy[camera] = math.degrees(2.0 * math.atan(2.0 * math.tan(0.5 * math.radians(angle))))
         try:
-            return self._draw()
+            return int((self._draw(2 * SIZE_PX) == body).sum())
         finally:
-            model.geom_rgba[:], model.geom_matid[:] = rgba, materials
+            model.geom_rgba[:], model.geom_matid[:], model.cam_fovy[camera] = rgba, materials, angle
 
 
 def asked_objects(condition: Condition) -> tuple[str, ...]:
@@ -176,8 +181,8 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
     """Return how far slots and target regions stay from the image's edge at all jitters [m], negative outside.
 
-    A slot counts with every place that its jitter allows; a target region with its corners, at the trial's own pose of
-    the target, and a drawer drawn out. Distances are those at the depth of the point.
+    A slot counts with every place that its jitter allows; a target region with its corners, wherever the jitter of its
+    slot puts the target, and a drawer drawn out. Distances are those at the depth of the point.
     """
     points = np.array([*_slot_corners(scene), *_target_corners(scene)])
     data, least = copy.copy(scene.data), math.inf
@@ -202,14 +207,27 @@ def _target_corners(scene: Scene) -> Iterator[Vector]:
         if step.region in MOUNTS:  # to shut a drawer is asked of the drawer, whose own region is another step's target
             continue
         target = placed[step.target]
+        pose = target.pose
         if target.spec.mount is not None and target.shut is not None:
             pose = target.shut @ Pose((rail_of(target.asset).travel_m, 0.0, 0.0))
-        else:
-            pose = target.pose
         regions = {r.name: r for r in target.asset.regions}
         name = next((n for n in (step.region, *_REGIONS) if n in regions), None)
         if name is None:
             continue
         half_x, half_y, _ = regions[name].half_size
-        for sx, sy in itertools.product((-half_x, half_x), (-half_y, half_y)):
-            yield (pose @ regions[name].pose).apply((sx, sy, 0.0))
+        slot = scene.task.slot(_slot_below(scene.condition, step.target))
+        position, yaw = slot_pose(scene.task, scene.seed, slot.name)
+        in_slot = Pose(position, from_yaw(yaw)).inverse() @ pose @ regions[name].pose
+        for dx, dy, turn in itertools.product((-1.0, 1.0), repeat=3):
+            at = (slot.x + slot.jitter_m * dx, slot.y + slot.jitter_m * dy, 0.0)
+            there = Pose(at, from_yaw(slot.yaw + slot.yaw_jitter * turn)) @ in_slot
+            for sx, sy in itertools.product((-half_x, half_x), (-half_y, half_y)):
+                yield there.apply((sx, sy, 0.0))
+
+
+def _slot_below(condition: Condition, name: str) -> str:
+    """Return the slot in which an object stands, or what it is mounted in or pre-placed on."""
+    while name not in condition.layout:
+        mount = condition.object(name).mount
+        name = condition.preplaced[name].target if mount is None else mount.target
+    return condition.layout[name]

@@ -83,13 +83,12 @@ def pill_bottle(rng: np.random.Generator, color: str) -> Draft:
     _pharmacy_label(canvas, rng, ink, shoulder)
     low, top = shoulder - 0.0005, shape.height
     cap = _Wrap((r - 0.005, r, r, r - 0.0018, 0.0), (low, low, top - 0.002, top, top), shaded(white, 1.15))
-    _, low_row, high_row, _, end = cap.solid.rows
+    _, low_row, high_row, edge, _ = cap.solid.rows
     ribbed = 0.84 + 0.16 * np.sign(np.sin(2.0 * math.pi * ribs * cap.x / cap.width))
     cap.shade(np.where(cap.between(low_row + 0.002, high_row - 0.001), ribbed, 1.0))
     cap.shade(np.where(cap.y < low_row + 0.002, 0.88, 1.0))
-    # The arrows of a push-and-turn cap: a ring with gaps.
-    arrows = (np.abs(end - cap.y - 0.0115) < 0.0018) & (np.cos(6.0 * math.pi * cap.x / cap.width) > -0.4)
-    cap.paint(arrows, ink)
+    # The lid of a cap that is pushed and turned, set into its rim; marks on it would be taken for a shaker's holes.
+    cap.shade(np.where(cap.y > edge + 0.004, 0.93, 1.0))
     return _bottle(
         shape,
         f"A pharmacy pill bottle with a {color} ribbed child-proof cap and a cross on its label.",
@@ -235,7 +234,7 @@ def _chili(canvas: _Wrap, center: tuple[float, float], red: Rgb, paper: Rgb) -> 
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:
-    """Glue on the label of a pharmacy: a big cross, a colored edge and lines of small print below."""
+    """Glue on the label of a pharmacy: a big cross, a colored edge, and below a capsule of two colors."""
     up, left = canvas.height_on_wall, canvas.x - 0.5 * canvas.width
     wide, reach, low, high = 0.47 * canvas.width, np.abs(left), 0.0060, height - 0.0070
     canvas.paint((reach < wide) & (up > low) & (up < high), (0.98, 0.98, 0.97))
@@ -243,6 +242,7 @@ def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: f
     center = 0.58 * height - 0.001
     dz = np.abs(up - center)
     canvas.paint((np.maximum(reach, dz) < 0.0125) & (np.minimum(reach, dz) < 0.0044), ink)
-    for row in range(3):
-        end = rng.uniform(0.4, 0.9) * 0.6 * wide
-        canvas.paint((reach < end) & (np.abs(up - 0.0085 - 0.0040 * row) < 0.0009), (0.25, 0.26, 0.30))
+    half, thick = rng.uniform(0.0095, 0.0115), 0.0042
+    away = np.hypot(np.maximum(reach - (half - thick), 0.0), up - 0.0125)
+    canvas.paint(away < thick, (0.96, 0.76, 0.20))
+    canvas.paint((away < thick) & (left < 0.0), ink)

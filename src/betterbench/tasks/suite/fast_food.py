@@ -8,8 +8,8 @@ BOX = a.container("box", category="takeaway_box")
 BLOCK = a.distractor("round_block")
 
 FIRST, SECOND = a.Slot("first", 0.43, -0.238), a.Slot("second", 0.60, -0.227)
-THIRD, FOURTH = a.Slot("third", 0.43, -0.11), a.Slot("fourth", 0.60, -0.1035)
-STAND = a.Slot("stand", 0.47, 0.1188, jitter_m=0.005, yaw_jitter=0.03)
+THIRD, FOURTH = a.Slot("third", 0.43, -0.11), a.Slot("fourth", 0.60, -0.1063)
+STAND = a.Slot("stand", 0.47, 0.1160, jitter_m=0.005, yaw_jitter=0.03)
 LAYOUT = {BURGER: FIRST, BURGER_2: SECOND, FRIES: THIRD, DRINK: FOURTH, BOX: STAND}
 
 
@@ -40,7 +40,7 @@ def fast_food() -> a.Task:
     """
     one_left = "one burger at the start"
     return a.Task(
-        version=4,
+        version=5,
         title="Packing a Fast Food Order",
         template=a.LOOSE_PACKING,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),
