@@ -132,7 +132,7 @@ class Restraint:
         return [info.objects[i].name for i in self._forbidden]
 
     def breaks(self, state: WorldState, there: list[bool]) -> bool:
-        """Tell whether the next state shows that something to be left alone was touched, moved, attempted or stayed near.
+        """Tell whether the next state shows a touch, a move, an attempt or a stay at something to be left alone.
 
         Args:
             state: The next state.
