@@ -105,8 +105,9 @@ def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple
 
 def moved_from_start(motion: Motion) -> Bools:
     """Return which loose things are away from their places at the start, shape (rows, n)."""
-    away = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
-    return away & np.array([not o.fixed for o in motion.info.objects])
+    away: Bools = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
+    away[:, [o.fixed for o in motion.info.objects]] = False
+    return away
 
 
 class Restraint:
