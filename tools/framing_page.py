@@ -67,12 +67,12 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             f"- the gripper has at least {GRIPPER_PX:g} pixels, and likewise 12 cm over every slot;",
             (
-                f"- slots, with all places that their jitter allows, and target regions stay {1e3 * MARGIN_M:g} mm "
+                f"- slots and target regions, with all places that the jitter of their slots allows, stay {1e3 * MARGIN_M:g} mm "
                 "inside the image, at all jitters of the camera;"
             ),
             (
                 f"- what the instruction names is at least {SIDE_PX:g} pixels long, and at least "
-                f"{100 * VISIBLE:g} % of it is not hidden by anything else;"
+                f"{100 * VISIBLE:g} % of it is in the image and not hidden by anything else;"
             ),
             f"- at most {100 * BACKGROUND:g} % of the image shows neither table nor robot nor object.",
             "",

@@ -7,9 +7,10 @@ import itertools
 import numpy as np
 import pytest
 
+from betterbench.assets import looks, unseen_looks
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition, vary
-from betterbench.scenes import Renderer, Scene
+from betterbench.scenes import Renderer, Scene, place_objects
 from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.framing import (
     BACKGROUND,
@@ -22,7 +23,8 @@ from betterbench.scenes.framing import (
     least_margin_m,
 )
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import Condition, Task, get_task, suite_tasks
+from betterbench.state import CameraOffset, ViewJitter
+from betterbench.tasks import LOOKS, Condition, Looks, Task, get_task, suite_tasks
 from betterbench.tasks.balanced import balanced_conditions, slots_aside
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
@@ -30,8 +32,8 @@ pytestmark = [pytest.mark.physics, pytest.mark.render]
 EXTREME = tuple(extreme_jitters())
 
 
-def scene_at(task: Task, condition: Condition, seed: int) -> Scene:
-    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"))
+def scene_at(task: Task, condition: Condition, seed: int, looks: Looks = "seen") -> Scene:
+    return Scene(task, condition, seed=seed, action_space=EE_DELTA, quality=quality_preset("fast"), looks=looks)
 
 
 def conditions_of(task: Task) -> tuple[Condition, ...]:
@@ -62,7 +64,7 @@ def faults(scene: Scene, jitters) -> list[str]:
 
 
 SEEDS = 40
-"""Seeds over which every look and every room is met many times."""
+"""Seeds over which nearly every look and every room is met many times."""
 
 
 @pytest.mark.parametrize("task_id", suite_tasks("better60"))
@@ -80,6 +82,37 @@ def test_every_condition_is_framed_as_promised(task_id):
 def test_every_condition_is_framed_as_promised_at_every_seed(task_id):
     found = [f for seed in range(SEEDS) for s in scenes(get_task(task_id), seed) for f in faults(s, (None,))]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("task_id", suite_tasks("better60"))
+def test_a_target_of_any_look_is_in_the_picture_wherever_it_may_stand(task_id):
+    """Margins count the ends of the jitters of slot and camera at once, so one trial of each look is enough."""
+    task, seen, found = get_task(task_id), set(), []
+    category = task.training[0].object(task.training[0].instruction.subgoals[-1].target).category
+    for shown, wanted in {"seen": looks(category), "unseen": unseen_looks(category)}.items():
+        for seed, condition in itertools.product(range(2 * SEEDS), conditions_of(task)):
+            assets = {p.spec.name: p.asset.identity for p in place_objects(task, condition, seed, shown=shown)}
+            goals = condition.instruction.subgoals
+            fresh = {(assets[goal.target], condition.layout.get(goal.target), goal.region) for goal in goals} - seen
+            if fresh:
+                seen |= fresh
+                margin = least_margin_m(scene_at(task, condition, seed, looks=shown))
+                found += [f"{condition.id} seed {seed}: {1e3 * margin:.1f} mm"] if margin < MARGIN_M else []
+        met = {int(asset.partition("#")[2]) for asset, _, _ in seen}
+        assert met >= {*wanted}
+    assert not found, "\n".join(found)
+
+
+def test_what_the_edge_of_the_image_cuts_off_is_not_visible():
+    task = get_task("tidy_desk")
+    view = FramingView(scene_at(task, task.train("train1"), 0))
+    turned = [ViewJitter({"front": CameraOffset((0.0, 0.0, 0.0), (up, 0.0, 0.0))}) for up in np.linspace(0.1, 0.2, 11)]
+    shares = [{asked.name: asked.visible for asked in view.start(jitter).asked}["crushed_can"] for jitter in turned]
+    view.close()
+    assert shares[0] == 1.0
+    assert shares[-1] == 0.0
+    assert all(before >= after for before, after in itertools.pairwise(shares))
+    assert any(0.2 < share < 0.8 for share in shares)
 
 
 @pytest.mark.parametrize("task_id", [name for name in suite_tasks("better60") if slots_aside(name)])
