@@ -89,6 +89,8 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     radius, shoulder, facets = 0.0205 * size, height - neck, rng.random() < 0.4
     swell, sides = rng.uniform(0.0, 0.10), int(rng.choice([6, 8, 12]))
     shade = jittered(PALETTE[color], rng, amount=0.05)
+    if color == "white":
+        shade = mixed(shade, (1.0, 1.0, 1.0), 0.75)
     narrow = 0.88 * waist * radius
     body = Turned(
         (0.0, radius - 0.0015, radius, (0.5 * (1.0 + waist) + swell) * radius, narrow, 0.0),
@@ -102,7 +104,7 @@ def salt_shaker(rng: np.random.Generator, color: str) -> Draft:
     radii = (0.0, cap, cap, 0.93 * cap, 0.70 * cap, 0.36 * cap, 0.0)
     top = Turned(radii, (*low, *high, height - 0.0004, height), 18, 55.0, wrap=False)
     canvas = body.canvas(shade, (128, 128))
-    canvas.brighten(0.84, body.rows[4])
+    canvas.brighten(0.94 if color == "white" else 0.84, body.rows[4])
     # An S for salt on each half of the body.
     middle = (0.5 * canvas.width, body.rows[2] + 0.46 * shoulder)
     write_word(canvas, "S", middle, height=0.027, ink=(0.12, 0.14, 0.20), weight=0.19)

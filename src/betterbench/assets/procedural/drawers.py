@@ -18,7 +18,7 @@ from betterbench.assets.authoring.paint import Canvas, Rgb, jittered, mixed, sha
 from betterbench.assets.authoring.turned import Turned
 
 _COLORS = ("white", "brown", "gray")
-_PAINT: dict[str, Rgb] = {"white": (0.88, 0.87, 0.84), "brown": (0.50, 0.31, 0.16), "gray": (0.45, 0.47, 0.50)}
+_PAINT: dict[str, Rgb] = {"white": (0.98, 0.975, 0.96), "brown": (0.50, 0.31, 0.16), "gray": (0.45, 0.47, 0.50)}
 _OAK: Rgb = (0.72, 0.53, 0.33)
 _SLATE: Rgb = (0.25, 0.29, 0.34)
 
@@ -80,8 +80,9 @@ class _Style:
         }
         tone, roof, dark = int(rng.integers(3)), int(rng.integers(3)), rng.random() < 0.5
         shade = jittered(_PAINT[color], rng, amount=0.12 if color == "brown" else 0.06)
-        pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80)
-        fronts = (shade, pale if color != "white" else (0.93, 0.92, 0.90), deep)[tone]
+        # In the shade a white front is gray enough: its tones are nearly the same.
+        pale, deep = mixed(shade, (1.0, 1.0, 1.0), 0.35), shaded(shade, 0.80 if color != "white" else 0.95)
+        fronts = (shade, pale, deep)[tone]
         top = (shade, _OAK if color != "brown" else deep, _SLATE)[roof]
         # Dark handles on light fronts, bright ones on dark fronts.
         light = sum(fronts) > 1.35
@@ -302,7 +303,7 @@ def _front(s: _Style, width: float, height: float) -> Canvas:
     edge = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
     dark, light = shaded(s.fronts, 0.50), shaded(s.fronts, 1.18)
     if s.front == "frame":
-        canvas.paint(edge > 0.0135, shaded(s.fronts, 0.88), strength=0.8)
+        canvas.paint(edge > 0.0135, shaded(s.fronts, 0.95 if min(s.fronts) > 0.8 else 0.88), strength=0.8)
         canvas.paint((edge > 0.0110) & (edge < 0.0138), dark, strength=0.8)
         canvas.paint((edge > 0.0138) & (edge < 0.0150), light, strength=0.6)
     elif s.front == "groove":
