@@ -70,7 +70,7 @@ ACCEPTED: dict[str, str] = {
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
     "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
-    "round_block": "block|blocks|cylinder|disc|disk|puck|log|piece|token|checker|stamp",
+    "round_block": "block|blocks|peg|cylinder|disc|disk|puck|log|piece|token|checker|stamp",
     "salt_shaker": "salt|shaker|pepper",
     "shallow_bowl": "bowl",
     "soap_bar": "soap|bar",
@@ -142,6 +142,13 @@ SAME_COLOR: dict[str, str] = {
     "brown": "brown|tan|beige",
 }
 """Words that name the same color, where there are several."""
+
+PART_COLORS: dict[str, str] = {
+    "egg_cup": r"^(brown|tan|beige|orange) (?=egg in )",
+    "plain_jar": r"\b(gray|grey|silver) ",
+}
+"""Colors of a part that are said in front of the whole, by category: of the egg in its cup, of the steel of a jar whose
+label has the color."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +248,8 @@ def is_right(answer: str, category: str, color: str) -> bool:
     Of several colors ("blue and white") one has to be its own. Words behind a comma, "with", "on" or "in" are about a
     part ("jam jar, white lid") and are not judged, unless they are a color alone ("mug, blue").
     """
-    texts = re.split(r",| with | on | in ", answer.lower(), maxsplit=1)
+    said = re.sub(PART_COLORS[category], "", answer.lower()) if category in PART_COLORS else answer.lower()
+    texts = re.split(r",| with | on | in ", said, maxsplit=1)
     whole, *part = (set(re.findall(r"[a-z]+", text)) for text in texts)
     words, colors = whole.union(*part), _set(COLORS)
     if not words & _set(ACCEPTED[category]) or (category in REQUIRED_TOO and not words & _set(REQUIRED_TOO[category])):

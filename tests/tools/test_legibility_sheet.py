@@ -57,6 +57,11 @@ from legibility_sheet import ACCEPTED, REFUSED, _places, is_right
         ("mug, blue", "mug", "red", False),
         ("teal mug", "mug", "red", False),
         ("navy mug", "mug", "blue", True),
+        ("brown egg in white cup", "egg_cup", "white", True),
+        ("brown cup with an egg", "egg_cup", "white", False),
+        ("gray salt shaker", "plain_jar", "white", True),
+        ("gray salt shaker", "salt_shaker", "white", False),
+        ("red jar of salt", "plain_jar", "white", False),
     ],
 )
 def test_an_answer_counts_if_it_names_the_object_and_no_other_color(answer, category, color, right):
