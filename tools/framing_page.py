@@ -67,8 +67,8 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             f"- the gripper has at least {GRIPPER_PX:g} pixels, and likewise 12 cm over every slot;",
             (
-                f"- slots and target regions, with all places that the jitter of their slots allows, stay {1e3 * MARGIN_M:g} mm "
-                "inside the image, at all jitters of the camera;"
+                "- slots and target regions, with all places that the jitter of their slots allows, stay "
+                f"{1e3 * MARGIN_M:g} mm inside the image, at all jitters of the camera;"
             ),
             (
                 f"- what the instruction names is at least {SIDE_PX:g} pixels long, and at least "

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from betterbench.diagnosis import diagnose_record
+from betterbench.tasks.labels import Label
 
 
 def test_closing_at_home_is_no_attempt(stage):
@@ -125,3 +127,50 @@ def test_closing_high_above_an_object_is_no_attempt(stage):
     found = diagnose_record(s.over(place).go(*place).close().open().end())
     assert [a.object for a in found.attempts] in ([], [None])
     assert all(a.result == "null" for a in found.attempts)
+
+
+@pytest.mark.parametrize("every", [2, 3, 4, 7])
+@pytest.mark.parametrize(
+    ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")]
+)
+def test_an_open_gripper_that_flickers_hides_no_attempt(stage, task, name, kind, every):
+    """A closing command in between, one control step long, moves the fingers by a few millimeters and means nothing."""
+    found = []
+    for flickers in (False, True):
+        s = stage(task, name)
+        tick = s.tick
+
+        def flicker(s=s, tick=tick, flickers=flickers):
+            pulse = flickers and s.command < 0.0 and s.grip is None and s.step % every == 0
+            s.command = 1.0 if pulse else s.command
+            tick()
+            s.command = -1.0 if pulse else s.command
+
+        s.tick = flicker
+        s.grasp(s.of(kind)).lift().wait(0.5).open().home()
+        found.append(diagnose_record(s.wait(1.0).end()))
+    steady, flickering = found
+    assert [a.object for a in flickering.attempts] == [a.object for a in steady.attempts]
+    assert flickering.label is steady.label is Label.SEMANTIC_FEATURE_COLLAPSE
+    assert flickering.intention_correct is steady.intention_correct is False
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.10, 0.20])
+def test_a_closing_that_is_taken_back_on_the_way_is_no_attempt_at_a_slot(stage, seconds):
+    s = stage("fast_food", "T1")
+    slot = s.slot("second")
+    s.over(slot).go(*slot[:2], 0.12).close(seconds).open().home()
+    assert diagnose_record(s.end()).attempts == ()
+
+
+def test_an_attempt_that_chatter_precedes_is_the_one_that_got_hold_of_something(stage):
+    s = stage("fast_food", "train1")
+    name = s.at("first")
+    s.over(s.positions[name])
+    for _ in range(8):
+        s.close(0.15).open(0.15)
+    s.go(*s.positions[name][:2], 0.03)
+    for _ in range(4):
+        s.close(0.15).open(0.15)
+    attempts = diagnose_record(s.close().lift().end()).attempts
+    assert [(a.object, a.secured) for a in attempts] == [(name, True)]

@@ -174,6 +174,47 @@ def test_an_open_gripper_that_passes_by_does_not_interfere(stage):
     assert diagnose_record(record).label is Label.CORRECT_FREEZE
 
 
+@pytest.mark.parametrize("place", [(0.31, 0.15, 0.59), (0.52, 0.0, 0.30), (0.31, 0.0, 0.59)])
+def test_a_gripper_that_closes_in_the_air_far_from_everything_interferes_with_nothing(stage, place):
+    record = stage("morning_coffee", "T1").go(*place).close().open().close().wait(1.0).end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert (found.label, found.attempts) == (Label.CORRECT_FREEZE, ())
+
+
+@pytest.mark.parametrize("slot", ["near", "far"])
+def test_where_it_is_to_stay_still_a_grasp_at_a_slot_is_an_attempt_full_or_empty(stage, slot):
+    s = stage("morning_coffee", "T1").air_grasp(slot) if slot == "near" else stage("morning_coffee", "T1")
+    if slot == "far":
+        s.grasp(s.of("blue mug")).open()
+    record = s.home().end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert record.forbidden.any()
+    assert not found.success
+    assert found.attempts[0].slot == slot
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "kind"), [("morning_coffee", "T1", "blue mug"), ("fruit_lunch", "O1", "red block")]
+)
+@pytest.mark.parametrize("fingers", ["open", "kept half open", "flickering"])
+def test_staying_over_a_thing_interferes_however_the_fingers_are_held(stage, task, name, kind, fingers):
+    s = stage(task, name)
+    x, y, z = s.positions[s.of(kind)]
+    if fingers == "kept half open":
+        s.close(0.2).hold()
+    s.over(np.array([x, y])).go(x, y, z + s.info.object(s.of(kind)).size_m[2] + 0.03)
+    for k in range(80):
+        s.command = 1.0 if fingers == "flickering" and k % 4 == 0 else 0.0 if fingers == "kept half open" else -1.0
+        s.tick()
+    record = s.home().end()
+    assert agrees(record)
+    assert not record.outcome.success
+    found = diagnose_record(record)
+    assert (found.label, found.evidence.rule) == (Label.BEHAVIORAL_INERTIA, "approach_to_what_is_to_be_left_alone")
+
+
 # ------------------------------------------------------------------------------------------------------------- law 7
 
 
@@ -212,6 +253,31 @@ def test_a_container_that_lies_on_its_side_is_no_success(stage, degrees, right):
     found = diagnose_record(record)
     assert found.harm == (() if right else ("the waste bin was knocked over",))
     assert right or found.label is Label.EXECUTION_FAILURE
+
+
+@pytest.mark.parametrize(("degrees", "right"), [(30.0, True), (88.0, False)])
+def test_a_bystander_that_was_knocked_over_was_moved_although_its_foot_is_near_its_place(stage, degrees, right):
+    s = stage("desk_meeting", "train1")
+    name, real = s.of("speaker"), s.state
+    half = np.radians(degrees) / 2.0
+
+    def tipped():
+        seen, i = real(), s.info.index(name)
+        quaternions = list(seen.quaternions)
+        if seen.step > 20:
+            quaternions[i] = (float(np.cos(half)), float(np.sin(half)), 0.0, 0.0)
+        return replace(seen, quaternions=tuple(quaternions))
+
+    s.state = tipped
+    push(s.wait(1.0), name, (0.03, 0.0))
+    record = do_all(s).wait(1.0).end()
+    assert agrees(record)
+    assert record.outcome.success is right
+    found = diagnose_record(record)
+    assert found.harm == (() if right else ("the speaker was moved out of its place by more than 5 cm",))
+    if not right:
+        assert found.label is Label.EXECUTION_FAILURE
+        assert found.evidence.start_s == pytest.approx(1.05)
 
 
 @pytest.mark.parametrize("target", ["lunchbox", "apple"])

@@ -24,7 +24,7 @@ from betterbench.scenes.framing import (
 )
 from betterbench.scenes.stage import quality_preset
 from betterbench.state import CameraOffset, ViewJitter
-from betterbench.tasks import LOOKS, Condition, Looks, Task, get_task, suite_tasks
+from betterbench.tasks import Condition, Looks, Task, get_task, suite_tasks
 from betterbench.tasks.balanced import balanced_conditions, slots_aside
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]

@@ -233,24 +233,6 @@ def test_touching_anything_is_forbidden_for_good(at_reset, posed):
         assert not truth.success
 
 
-def test_closing_is_forbidden_away_from_home_only(at_reset, posed):
-    state, _, course = start(at_reset, "T1", "morning_coffee")
-    assert not course.see(dataclasses.replace(state, gripper_command=1.0)).forbidden
-    assert not course.see(away(state)).forbidden
-    assert last_steps(course, state).success
-    state, _, course = start(at_reset, "T1", "morning_coffee")
-    assert course.see(dataclasses.replace(away(state), gripper_command=1.0)).forbidden
-    assert not last_steps(course, state).success
-
-
-def test_home_ends_at_its_radius(at_reset):
-    for meters, expected in ((THRESHOLDS.home_radius - 1e-4, False), (THRESHOLDS.home_radius + 1e-4, True)):
-        state, _, course = start(at_reset, "T1", "morning_coffee")
-        x, y, z = state.info.home_position
-        there = dataclasses.replace(state, ee_pose=Pose((x, y + meters, z)), gripper_command=1.0)
-        assert course.see(there).forbidden is expected
-
-
 def test_moving_early_is_allowed_but_the_end_must_be_still(at_reset):
     state, _, course = start(at_reset, "T1", "morning_coffee")
     moving = dataclasses.replace(state, joint_velocities=(0.2, *state.joint_velocities[1:]))

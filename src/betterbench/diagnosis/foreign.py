@@ -201,11 +201,11 @@ def _trace(record: Record, condition: Condition) -> Trace:
     serves = np.zeros((rows, len(goals), len(info.objects)), dtype=np.bool_)
     for g, (i,) in enumerate(meant):
         serves[:, g, i] = record.subgoals[:, g]
-    width = record.finger_width
+    width, rate_hz = record.finger_width, record.metadata.control_rate_hz
     return Trace(
-        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time, touched=left | right | hand,
+        info=info, rate_hz=rate_hz, time=record.time, touched=left | right | hand,
         by_arm=arm, tool=record.ee_position, width=width,
-        closing=closing_of(record.gripper_command, width, (left | right).any(axis=1)),
+        closing=closing_of(record.gripper_command, width, (left | right).any(axis=1), rate_hz=rate_hz),
         positions=record.object_positions, quaternions=record.object_quaternions, left=left, right=right,
         held=record.held, whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals, meant=meant,
         targets=targets, drawers=(),

@@ -52,8 +52,11 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
 
 
 def _moved(trace: Trace, i: int) -> np.ndarray:
-    """Return how far an object is from its place at the start [m], shape (T,)."""
-    moved: np.ndarray = np.linalg.norm(trace.positions[:, i] - trace.positions[0, i], axis=1)
+    """Return how far the middle of an object is from its place at the start [m], shape (T,)."""
+    w, x, y, z = trace.quaternions[:, i].T
+    up = np.column_stack((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))
+    middles = trace.positions[:, i] + 0.5 * trace.info.objects[i].size_m[2] * up
+    moved: np.ndarray = np.linalg.norm(middles - middles[0], axis=1)
     return moved
 
 

@@ -113,10 +113,11 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
             serves[:, g, i] = record.predicates[:rows, _column(record, label)]
     left, right, hand, arm = touches(record, rows, ("left_finger", "right_finger", "hand", "arm"))
     width, command = record.finger_width[:rows], record.gripper_command[:rows]
+    rate_hz = record.metadata.control_rate_hz
     return Trace(
-        info=info, rate_hz=record.metadata.control_rate_hz, time=record.time[:rows],
+        info=info, rate_hz=rate_hz, time=record.time[:rows],
         touched=left | right | hand, by_arm=arm, tool=record.ee_position[:rows],
-        width=width, closing=closing_of(command, width, (left | right).any(axis=1)),
+        width=width, closing=closing_of(command, width, (left | right).any(axis=1), rate_hz=rate_hz),
         positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
         held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
         meant=meant, targets=targets, drawers=_drawers(info, condition),

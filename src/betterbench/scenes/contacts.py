@@ -74,8 +74,10 @@ class ContactReader:
         total, names, asleep = self._touching(data), self._pair_names, self._asleep
         sleeping = tuple([i for i, tree in self._trees if asleep[tree] >= 0])
         if not sleeping:
-            now = {**self._passed, **total} if self._passed else total
-            return tuple([Contact(*names[number], now[number]) for number in sorted(now)]), self._held(total)
+            held = self._held(total)
+            for number, force in self._passed.items():
+                total[number] = max(force, total.get(number, 0.0))
+            return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), held
         self._keep(data, positions, sleeping)
         kept = self._kept_numbers
         awake = [number for number in total if number not in kept]
@@ -86,7 +88,7 @@ class ContactReader:
             found[number] = Contact(*names[number], total[number])
         held = self._held(found)
         for number, force in self._passed.items():
-            found.setdefault(number, Contact(*names[number], force))
+            found[number] = Contact(*names[number], max(force, found[number].force_n if number in found else 0.0))
         return tuple([found[number] for number in sorted(found)]), held
 
     def snapshot(self) -> dict[str, Any]:

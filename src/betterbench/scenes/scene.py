@@ -244,10 +244,10 @@ class Scene:
         Raises InvalidActionError if the action is not finite or has the wrong shape.
         """
         applied = self.controller.apply(self._data, action, measured=self._tool_pose())
-        if self.condition.expected is Expected.STAY_STILL:
-            self._step_and_watch()
-        else:
+        if self.condition.expected is Expected.SUCCEED:
             mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
+        else:
+            self._step_and_watch()
         mujoco.mj_kinematics(self.model, self._data)
         self._views_are_placed, self._tool = False, None
         self._gripper_command = applied.item(-1)
@@ -255,7 +255,7 @@ class Scene:
         return applied
 
     def _step_and_watch(self) -> None:
-        """Take one physics step after the other: where nothing may be touched, no graze between readings is missed."""
+        """Take one physics step after the other: where something may not be touched, no graze is missed."""
         self._contacts.start_step()
         for _ in range(self.physics_steps):
             mujoco.mj_step(self.model, self._data)

@@ -40,8 +40,8 @@ class WorldState:
         gripper_command: Last applied gripper command, -1 open to +1 closed.
         joint_positions: Arm joint angles [rad].
         joint_velocities: Arm joint velocities [rad/s].
-        contacts: Touching pairs that involve the gripper or an object; where nothing may be touched, also what the
-            robot has touched since the state before.
+        contacts: Touching pairs that involve the gripper or an object; where something may not be touched, also what
+            the robot has touched since the state before.
         held: Name of the object that both fingers touch and that nothing else supports, or None.
     """
 

@@ -36,7 +36,8 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     is in the gripper already are no attempts; closings that only a flicker separates are one.
     """
     grasps: list[GraspAttempt] = []
-    for start, stop in _closings(motion):
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
         before = start - 1
         last = grasps[-1] if grasps else None
         if motion.held[before] >= 0 or (last is not None and _still_gripped(motion, last, before)):
@@ -44,7 +45,7 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
                 secured = last.secured or _lifted(motion, last.object, last.start, stop)
                 grasps[-1] = replace(last, release=stop, secured=secured)
             continue
-        grasp = _resolve(motion, start, stop)
+        grasp = _resolve(motion, closing)
         if grasp is not None and not (last is not None and _in_place(motion, last, grasp)):
             grasps.append(grasp)
     return tuple(grasps)
@@ -56,7 +57,8 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
     They are no grasp attempts, because they tell nothing about what was meant: something was missed by far.
     """
     found = []
-    for start, stop in _closings(motion):
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
         before, travel = start - 1, _finger_travel(motion, start, stop)
         if motion.held[before] >= 0 or travel is None or _unresolved(motion, start, travel.limit):
             continue
@@ -67,7 +69,7 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
         near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
         if (near & motion.there[before]).any():
             continue  # beside what is at its target, as after letting go of it
-        if _resolve(motion, start, stop) is None:
+        if _resolve(motion, closing) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
     return tuple(found)
 
@@ -78,11 +80,25 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
     They are no grasp attempts, because what was passed may not have been meant.
     """
     found = []
-    for start, stop in _closings(motion):
+    for start, stop in (part for closing in _closings(motion) for part in closing.parts):
         before, travel = start - 1, _finger_travel(motion, start, stop)
         if travel is not None and motion.held[before] < 0 and not _stays(motion, before, travel.settled):
             found.append((before, travel.settled))
     return tuple(found)
+
+
+class _Closing(NamedTuple):
+    """The rows of closings that only chatter separates, the last of each excluded."""
+
+    parts: tuple[tuple[int, int], ...]
+
+    @property
+    def start(self) -> int:
+        return self.parts[0][0]
+
+    @property
+    def stop(self) -> int:
+        return self.parts[-1][1]
 
 
 class _Travel(NamedTuple):
@@ -102,20 +118,20 @@ def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
     return _Travel(before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0]), limit)
 
 
-def _closings(motion: Motion) -> list[tuple[int, int]]:
-    """Return the spans of rows in which the gripper is commanded to close, without chatter."""
+def _closings(motion: Motion) -> list[_Closing]:
+    """Return the spans of rows in which the gripper is commanded to close; those that chatter separates are one."""
     closing = motion.closing
     edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
-    spans: list[tuple[int, int]] = []
+    found: list[_Closing] = []
     for k, row in enumerate(edges.tolist()):
         if not closing[row]:
             continue
         stop = int(edges[k + 1]) if k + 1 < len(edges) else motion.rows
-        if spans and (row - spans[-1][1]) / motion.rate_hz < THRESHOLDS.chatter_time:
-            spans[-1] = (spans[-1][0], stop)
+        if found and (row - found[-1].stop) / motion.rate_hz < THRESHOLDS.chatter_time:
+            found[-1] = _Closing((*found[-1].parts, (row, stop)))
         else:
-            spans.append((row, stop))
-    return spans
+            found.append(_Closing(((row, stop),)))
+    return found
 
 
 def _still_gripped(motion: Motion, last: GraspAttempt, row: int) -> bool:
@@ -132,8 +148,17 @@ def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
     return bool((away <= THRESHOLDS.slot_reach).all())
 
 
-def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
-    """Return the attempt that a closing is, or None if it is none."""
+def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
+    """Return the attempt that a closing is, or None if it is none.
+
+    Where chatter separates its parts, the first that got hold of something tells what it was at.
+    """
+    found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
+    return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
+
+
+def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAttempt | None:
+    start = part[0]
     before, travel = start - 1, _finger_travel(motion, start, stop)
     if travel is None:
         return None
@@ -146,9 +171,16 @@ def _resolve(motion: Motion, start: int, stop: int) -> GraspAttempt | None:
             slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
             slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
         return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
-    if _unresolved(motion, start, limit):
+    if _unresolved(motion, start, limit) or _taken_back(motion, part):
         return None
     return _air_grasp(motion, before, settled, stop)
+
+
+def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
+    """Tell whether a closing on nothing ended so soon that the fingers were far from shut."""
+    start, stop = part
+    brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
+    return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
 
 
 def _unresolved(motion: Motion, start: int, limit: int) -> bool:

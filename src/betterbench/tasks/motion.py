@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from betterbench.state import ObjectInfo, SceneInfo, WorldState
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+FLICKER_TIME = threshold(
+    "flicker_time",
+    0.15,
+    "s",
+    "Time for which the gripper has to be told the same before it counts; until then the fingers have moved by a "
+    "quarter of their travel at most.",
+)
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -142,24 +151,46 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
     return near
 
 
-def closing_of(command: Floats, width: Floats, touching: Bools) -> Bools:
+def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
     """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
 
-    Fingers that are kept half open and touch nothing have not closed: they were brought to the width of something.
+    A command that is taken back before the fingers could follow it changes nothing. Fingers that are kept half open and
+    touch nothing have not closed: they were brought to the width of something.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.
         width: Distance of the finger pads [m].
         touching: Whether a finger touches an object.
+        rate_hz: Control rate.
     """
-    last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
-    told: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    told = _without_flicker(_told(command), max(1, round(FLICKER_TIME * rate_hz)))
     closing: Bools = told & ((command != 0.0) | touching | (width <= THRESHOLDS.closed_width))
     starts, stops = (np.flatnonzero(np.diff(closing, prepend=False, append=False))[k::2] for k in (0, 1))
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if stop < len(told) and told[stop]:
             closing[start:stop] = False
     return closing
+
+
+def _told(command: Floats) -> Bools:
+    """Return whether the last command that was not zero was to close."""
+    last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
+    told: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    return told
+
+
+def _without_flicker(told: Bools, least: int) -> Bools:
+    """Return commands in which only what lasts for ``least`` rows, or to the end, changes what came before."""
+    edges = np.flatnonzero(np.diff(told)) + 1
+    if edges.size == 0:
+        return told
+    steady, state = told.copy(), bool(told[0])
+    bounds = [*edges.tolist(), len(told)]
+    for start, stop in itertools.pairwise(bounds):
+        if stop - start >= least or stop == len(told):
+            state = bool(told[start])
+        steady[start:stop] = state
+    return steady
 
 
 class MotionBuilder:
@@ -191,7 +222,7 @@ class MotionBuilder:
         touching: Bools = np.any(left | right, axis=1)
         return Motion(
             info=self._info, rate_hz=self._rate_hz, tool=np.array([s.ee_pose.position for s in states]), width=width,
-            closing=closing_of(command, width, touching),
+            closing=closing_of(command, width, touching, rate_hz=self._rate_hz),
             positions=np.array([s.positions for s in states]).reshape(len(states), n, 3),
             quaternions=np.array([s.quaternions for s in states]).reshape(len(states), n, 4), left=left, right=right,
             held=np.array(held, dtype=np.int16), there=np.array(self._there, dtype=np.bool_).reshape(len(states), n),

@@ -110,6 +110,10 @@ def moved_from_start(motion: Motion) -> Bools:
     return away
 
 
+_ROWS_BETWEEN = 5
+"""Control steps between two looks at the whole motion while the gripper stays near something."""
+
+
 class Restraint:
     """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
 
@@ -117,8 +121,8 @@ class Restraint:
         self, expected: Expected, info: SceneInfo, *, asked: frozenset[int], rate_hz: float, step_limit: int
     ) -> None:
         """Prepare; ``asked`` are the indices of what may be taken where refusing is right."""
-        self._expected, self._limit, self._rate_hz = expected, step_limit, rate_hz
-        still = expected is Expected.STAY_STILL
+        self._limit, self._rate_hz = step_limit, rate_hz
+        self._still = still = expected is Expected.STAY_STILL
         self._forbidden = graspable(info) if still else off_limits(info, asked)
         self._names = frozenset(o.name for o in info.objects) if still else frozenset(self._named(info))
         self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
@@ -126,6 +130,7 @@ class Restraint:
         self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
         self._motion = MotionBuilder(info, rate_hz=rate_hz)
         self._closing, self._changed, self._row, self._near = False, 0, -1, 0
+        self._broken = False
         self._loose = tuple(i for i, o in enumerate(info.objects) if not o.fixed)
         self._start: tuple[Vector, ...] = ()
 
@@ -146,48 +151,52 @@ class Restraint:
         self._closing = command > 0.0 if command != 0.0 else was
         if was is not self._closing:
             self._changed = self._row
-        touched = any(
+        self._near = self._near + 1 if self._is_near(state) else 0
+        self._broken = self._broken or self._touched(state) or self._moved(state)
+        if not self._broken and self._has_to_look(state):
+            self._broken = self._stayed_or_attempted()
+        return self._broken
+
+    def _touched(self, state: WorldState) -> bool:
+        return any(
             (a in self._parts and b in self._names) or (b in self._parts and a in self._names)
             for a, b, _ in state.contacts
         )
-        return touched or self._moved(state) or self._stays_near(state) or self._attempts(state)
 
     def _moved(self, state: WorldState) -> bool:
         """Tell whether something that nothing was to touch is away from its place at the start."""
-        if self._expected is not Expected.STAY_STILL or state.positions == self._start:
+        if not self._still or state.positions == self._start:
             return False
         return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
 
-    def _stays_near(self, state: WorldState) -> bool:
-        near = None
+    def _is_near(self, state: WorldState) -> bool:
+        """Tell whether an empty gripper is where it could be within reach of something to be left alone."""
         place = state.ee_pose.position
-        if (
-            not self._closing
-            and state.held is None
-            and any(
-                distance(place, state.positions[i]) <= reach
-                for i, reach in zip(self._forbidden, self._reach, strict=True)
-            )
-        ):
-            tool, positions = np.array(place), np.array(state.positions)
-            near = hovered_over(state.info, tool, positions, np.array(state.quaternions), self._forbidden)
-        self._near = 0 if near is None else self._near + 1
-        return self._near > max(1, round(HOVER_TIME * self._rate_hz))
+        return state.held is None and any(
+            distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)
+        )
 
-    def _attempts(self, state: WorldState) -> bool:
-        """Tell whether a grasp attempt that is resolved by now was at something to be left alone.
+    def _has_to_look(self, state: WorldState) -> bool:
+        """Tell whether it is time to look at the whole motion so far, which takes longer than a control step may.
 
-        An attempt is what the diagnosis calls one. It is looked for when a closing is over, chatter included, when the
-        time in which an attempt is resolved has passed, and at the last step.
+        That is at the last step; when a closing is over, chatter included, or the time in which an attempt is resolved
+        has passed; and now and then while the gripper stays near something.
         """
-        if self._expected is Expected.STAY_STILL:
-            away = distance(state.ee_pose.position, state.info.home_position) > THRESHOLDS.home_radius
-            return state.gripper_command > 0.0 and away
         span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
         resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
-        if not resolved and state.step < self._limit:
-            return False
-        info = state.info
+        stay = max(1, round(HOVER_TIME * self._rate_hz))
+        return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
+
+    def _stayed_or_attempted(self) -> bool:
+        """Tell whether there was an attempt at something to be left alone, or a stay near it, as the diagnosis does."""
         motion = self._motion.motion()
-        grasped = any(forbidden_object(grasp, info, self._forbidden) is not None for grasp in find_grasps(motion))
-        return grasped or first_closing_in_motion(motion, self._forbidden) is not None
+        grasps = find_grasps(motion)
+        if self._still:
+            attempted = bool(grasps)
+        else:
+            attempted = any(forbidden_object(grasp, motion.info, self._forbidden) is not None for grasp in grasps)
+        return (
+            attempted
+            or first_closing_in_motion(motion, self._forbidden) is not None
+            or first_hover(motion, self._forbidden) is not None
+        )
