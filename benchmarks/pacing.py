@@ -228,6 +228,13 @@ class RawPhysics:
             raise ValueError(f"the raw physics took another course before control step {last}")
         return seconds
 
+    def go_on(self, steps: int) -> float:
+        """Run control steps after the end of the record, under its last command, and return the seconds."""
+        began = self._clock()
+        for _ in range(steps):
+            mujoco.mj_step(self._model, self._data, nstep=self._rehearsal.scene.physics_steps)
+        return self._clock() - began
+
 
 class SleeplessEpisode:
     """The same actions in a scene of its own in which nothing sleeps: what a control step costs without that."""
