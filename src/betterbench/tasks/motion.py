@@ -180,14 +180,13 @@ def _told(command: Floats) -> Bools:
 
 
 def _without_flicker(told: Bools, least: int) -> Bools:
-    """Return commands in which only what lasts for ``least`` rows, or to the end, changes what came before."""
+    """Return commands in which only what lasts for ``least`` rows changes what came before."""
     edges = np.flatnonzero(np.diff(told)) + 1
     if edges.size == 0:
         return told
     steady, state = told.copy(), bool(told[0])
-    bounds = [*edges.tolist(), len(told)]
-    for start, stop in itertools.pairwise(bounds):
-        if stop - start >= least or stop == len(told):
+    for start, stop in itertools.pairwise([*edges.tolist(), len(told)]):
+        if stop - start >= least:
             state = bool(told[start])
         steady[start:stop] = state
     return steady
