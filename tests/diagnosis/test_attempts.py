@@ -9,6 +9,7 @@ import pytest
 
 from betterbench.diagnosis import diagnose_record
 from betterbench.tasks.labels import Label
+from betterbench.tasks.motion import closing_of
 
 
 def test_closing_at_home_is_no_attempt(stage):
@@ -174,3 +175,51 @@ def test_an_attempt_that_chatter_precedes_is_the_one_that_got_hold_of_something(
         s.close(0.15).open(0.15)
     attempts = diagnose_record(s.close().lift().end()).attempts
     assert [(a.object, a.secured) for a in attempts] == [(name, True)]
+
+
+PULSES = {
+    "one zero": (1, 1, 1, 0),
+    "every other zero": (1, 0),
+    "two of three": (1, 1, -1),
+    "mostly zero": (1, 0, 0, 0, 0, 0),
+}
+
+
+@pytest.mark.parametrize("pulses", PULSES.values(), ids=PULSES)
+@pytest.mark.parametrize(
+    ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("seasoning_rack", "O1", "pill bottle")]
+)
+def test_however_a_gripper_is_told_to_close_what_it_lifts_was_attempted(stage, task, name, kind, pulses):
+    found = []
+    for pulsed in (False, True):
+        s = stage(task, name)
+        tick = s.tick
+
+        def pulse(s=s, tick=tick, pulsed=pulsed):
+            command = s.command
+            if pulsed and command > 0.0:
+                s.command = 0.0 if s.grip is not None and s.step % 3 else float(pulses[s.step % len(pulses)])
+            tick()
+            s.command = command
+
+        s.tick = pulse
+        s.over(s.grip_point(s.of(kind))).go(*s.grip_point(s.of(kind))).close(4.0).lift().wait(0.5).open().home()
+        found.append(diagnose_record(s.wait(1.0).end()))
+    steady, pulsing = found
+    assert [(a.object, a.slot, a.secured) for a in pulsing.attempts] == [
+        (a.object, a.slot, a.secured) for a in steady.attempts
+    ]
+    assert steady.attempts
+    assert pulsing.label is steady.label
+    assert pulsing.intention_correct is steady.intention_correct
+
+
+def test_clean_commands_are_told_as_they_are_and_flicker_is_not():
+    width, free = np.full(60, 0.05), np.zeros(60, dtype=np.bool_)
+    for rate_hz in (5.0, 10.0, 20.0, 50.0):
+        clean = np.where((np.arange(60) // 20) % 2 == 1, 1.0, -1.0)
+        assert (closing_of(clean, width, free, rate_hz=rate_hz) == (clean > 0.0)).all()
+    for every in (3, 4, 5, 9):
+        flicker = np.where(np.arange(60) % every == every - 1, 1.0, -1.0)
+        assert not closing_of(flicker, width, free, rate_hz=20.0).any()
+        assert closing_of(-flicker, width, free, rate_hz=20.0)[every:].all()

@@ -33,7 +33,8 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return all grasp attempts of an episode, in time.
 
     Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
-    is in the gripper already are no attempts; closings that only a flicker separates are one.
+    is in the gripper already are no attempts; closings that only chatter separates are one. Whatever was lifted between
+    the fingers was attempted, in whatever way they were told to close.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -48,7 +49,25 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
         grasp = _resolve(motion, closing)
         if grasp is not None and not (last is not None and _in_place(motion, last, grasp)):
             grasps.append(grasp)
-    return tuple(grasps)
+    return tuple(sorted((*grasps, *_lifts_besides(motion, grasps)), key=lambda grasp: grasp.start))
+
+
+def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
+    """Return attempts for what was lifted between the fingers without a closing that shows it."""
+    found, gap = [], motion.steps(THRESHOLDS.chatter_time)
+    for i in motion.items:
+        if motion.is_drawer(i):  # one can be moved by open fingers, too
+            continue
+        rows = np.flatnonzero((motion.held == i) | (motion.left[:, i] & motion.right[:, i]))
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1):
+            if part.size == 0 or part[0] == 0:
+                continue
+            start, stop = int(part[0]), int(part[-1]) + 1
+            seen = any(g.object == i and g.start <= stop and start <= g.release for g in grasps)
+            if not seen and _lifted(motion, i, start, stop):
+                slot = motion.slot_of(start - 1, i, THRESHOLDS.slot_reach)
+                found.append(GraspAttempt(start - 1, start, stop, i, i, slot, secured=True))
+    return found
 
 
 def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:

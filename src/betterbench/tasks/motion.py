@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from betterbench.state import ObjectInfo, SceneInfo, WorldState
-from betterbench.tasks.thresholds import THRESHOLDS, threshold
-
-FLICKER_TIME = threshold(
-    "flicker_time",
-    0.15,
-    "s",
-    "Time for which the gripper has to be told the same before it counts; until then the fingers have moved by a "
-    "quarter of their travel at most.",
-)
+from betterbench.tasks.thresholds import THRESHOLDS
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -154,8 +145,9 @@ def in_reach(boxes: Floats, centers: Floats) -> Bools:
 def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
     """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
 
-    A command that is taken back before the fingers could follow it changes nothing. Fingers that are kept half open and
-    touch nothing have not closed: they were brought to the width of something.
+    What most commands of a quarter second say counts, so that neither flicker nor a closing in pulses hides anything.
+    Fingers that are kept half open for longer and touch nothing have not closed: they were brought to the width of
+    something.
 
     Args:
         command: Command of the gripper, above 0 to close, below to open.
@@ -163,10 +155,11 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
         touching: Whether a finger touches an object.
         rate_hz: Control rate.
     """
-    told = _without_flicker(_told(command), max(1, round(FLICKER_TIME * rate_hz)))
-    closing: Bools = told & ((command != 0.0) | touching | (width <= THRESHOLDS.closed_width))
-    starts, stops = (np.flatnonzero(np.diff(closing, prepend=False, append=False))[k::2] for k in (0, 1))
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+    rows = max(1, round(THRESHOLDS.chatter_time * rate_hz))
+    told = _most_told(_told(command), 2 * (rows // 2) + 1)
+    kept = told & (command == 0.0) & ~touching & (width > THRESHOLDS.closed_width)
+    closing: Bools = told & ~(kept & _lasting(kept, rows))
+    for start, stop in _runs(closing):
         if stop < len(told) and told[stop]:
             closing[start:stop] = False
     return closing
@@ -179,17 +172,41 @@ def _told(command: Floats) -> Bools:
     return told
 
 
-def _without_flicker(told: Bools, least: int) -> Bools:
-    """Return commands in which only what lasts for ``least`` rows changes what came before."""
-    edges = np.flatnonzero(np.diff(told)) + 1
-    if edges.size == 0:
+def _most_told(told: Bools, window: int) -> Bools:
+    """Return what a clear majority of the commands around each row says, else what was said before.
+
+    A majority is clear if it has more than half of the rows more than the other side: four of five. A change is dated
+    to where its commands begin, so clean commands are returned as they are.
+    """
+    if not (told[1:] != told[:-1]).any():
         return told
+    half = window // 2
+    padded = np.pad(np.where(told, 1, -1), half, mode="edge")
+    sums = np.convolve(padded, np.ones(window, dtype=np.int64), mode="valid")
     steady, state = told.copy(), bool(told[0])
-    for start, stop in itertools.pairwise([*edges.tolist(), len(told)]):
-        if stop - start >= least:
-            state = bool(told[start])
-        steady[start:stop] = state
+    for row, total in enumerate(sums.tolist()):
+        if 2 * abs(total) > window and (total > 0) is not state:
+            state, begun = total > 0, row
+            while begun > 0 and told[begun - 1] == state and steady[begun - 1] != state:
+                begun -= 1
+            steady[begun:row] = state
+        steady[row] = state
     return steady
+
+
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """Return the first row of each run of true flags, and the row after its last."""
+    starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
+    return list(zip(starts, stops, strict=True))
+
+
+def _lasting(flags: Bools, least: int) -> Bools:
+    """Return the flags without the runs of fewer than ``least`` rows that something follows."""
+    lasting = flags.copy()
+    for start, stop in _runs(flags):
+        if stop - start < least and stop < len(flags):
+            lasting[start:stop] = False
+    return lasting
 
 
 class MotionBuilder:
