@@ -130,24 +130,34 @@ def test_closing_high_above_an_object_is_no_attempt(stage):
     assert all(a.result == "null" for a in found.attempts)
 
 
+def commanded(s, told):
+    """Has the gripper told something else at each step than what its motion asks for, unless ``told`` is None."""
+    tick = s.tick
+
+    def change():
+        command = s.command
+        s.command = told(s)
+        tick()
+        s.command = command
+
+    if told is not None:
+        s.tick = change
+    return s
+
+
 @pytest.mark.parametrize("every", [2, 3, 4, 7])
 @pytest.mark.parametrize(
     ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("fruit_lunch", "O1", "red block")]
 )
 def test_an_open_gripper_that_flickers_hides_no_attempt(stage, task, name, kind, every):
     """A closing command in between, one control step long, moves the fingers by a few millimeters and means nothing."""
+
+    def flicker(s):
+        return 1.0 if s.command < 0.0 and s.grip is None and s.step % every == 0 else s.command
+
     found = []
-    for flickers in (False, True):
-        s = stage(task, name)
-        tick = s.tick
-
-        def flicker(s=s, tick=tick, flickers=flickers):
-            pulse = flickers and s.command < 0.0 and s.grip is None and s.step % every == 0
-            s.command = 1.0 if pulse else s.command
-            tick()
-            s.command = -1.0 if pulse else s.command
-
-        s.tick = flicker
+    for told in (None, flicker):
+        s = commanded(stage(task, name), told)
         s.grasp(s.of(kind)).lift().wait(0.5).open().home()
         found.append(diagnose_record(s.wait(1.0).end()))
     steady, flickering = found
@@ -190,19 +200,14 @@ PULSES = {
     ("task", "name", "kind"), [("fast_food", "O1", "round block"), ("seasoning_rack", "O1", "pill bottle")]
 )
 def test_however_a_gripper_is_told_to_close_what_it_lifts_was_attempted(stage, task, name, kind, pulses):
+    def pulse(s):
+        if s.command <= 0.0:
+            return s.command
+        return 0.0 if s.grip is not None and s.step % 3 else float(pulses[s.step % len(pulses)])
+
     found = []
-    for pulsed in (False, True):
-        s = stage(task, name)
-        tick = s.tick
-
-        def pulse(s=s, tick=tick, pulsed=pulsed):
-            command = s.command
-            if pulsed and command > 0.0:
-                s.command = 0.0 if s.grip is not None and s.step % 3 else float(pulses[s.step % len(pulses)])
-            tick()
-            s.command = command
-
-        s.tick = pulse
+    for told in (None, pulse):
+        s = commanded(stage(task, name), told)
         s.over(s.grip_point(s.of(kind))).go(*s.grip_point(s.of(kind))).close(4.0).lift().wait(0.5).open().home()
         found.append(diagnose_record(s.wait(1.0).end()))
     steady, pulsing = found

@@ -204,11 +204,6 @@ def test_the_chain_with_fries_before_the_second_burger_is_out_of_order(at_reset,
 # ----------------------------------------------------------------------------------------------- where to stay still
 
 
-def away(state):
-    x, y, z = state.info.home_position
-    return dataclasses.replace(state, ee_pose=Pose((x + 0.2, y, z), state.ee_pose.quaternion))
-
-
 def last_steps(course, still, *, before=0):
     """Stays still until the step limit of `morning_coffee/T1`."""
     limit = get_task("morning_coffee").step_limit(condition_of("morning_coffee", "T1"))

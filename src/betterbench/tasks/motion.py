@@ -158,7 +158,7 @@ def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: floa
     rows = max(1, round(THRESHOLDS.chatter_time * rate_hz))
     told = _most_told(_told(command), 2 * (rows // 2) + 1)
     kept = told & (command == 0.0) & ~touching & (width > THRESHOLDS.closed_width)
-    closing: Bools = told & ~(kept & _lasting(kept, rows))
+    closing: Bools = told & ~_lasting(kept, rows)
     for start, stop in _runs(closing):
         if stop < len(told) and told[stop]:
             closing[start:stop] = False
