@@ -228,9 +228,13 @@ def append_row(
     applied: np.ndarray | None,
 ) -> None:
     """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
+    simulator = scene.simulator_state()
     builder.append(
         state,
-        **scene.simulator_state(),
+        qpos=simulator["qpos"],
+        qvel=simulator["qvel"],
+        act=simulator["act"],
+        ctrl=simulator["ctrl"],
         action=action,
         applied=applied,
         predicates=truth.relations,

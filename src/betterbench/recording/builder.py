@@ -100,8 +100,11 @@ class RecordBuilder:
             raise InvalidInputError("predicates, subgoals", problem, cure)
         # Bytes take half of the time of an array of the whole row. Policies answer all kinds of numbers.
         arrays = (qpos, qvel, act, ctrl, action, applied)
-        plain = [a.tobytes() if a.dtype is _FLOAT64 else a.astype(_FLOAT64).tobytes() for a in arrays]
-        self._rows.append(b"".join(plain))
+        if qpos.dtype is qvel.dtype is act.dtype is ctrl.dtype is action.dtype is applied.dtype is _FLOAT64:
+            row = (qpos.tobytes(), qvel.tobytes(), act.tobytes(), ctrl.tobytes(), action.tobytes(), applied.tobytes())
+            self._rows.append(b"".join(row))
+        else:
+            self._rows.append(b"".join([a.astype(_FLOAT64).tobytes() for a in arrays]))
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)
 

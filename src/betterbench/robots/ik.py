@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import functools
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -172,11 +173,10 @@ class ArmIK:
         lead = math.inf if around is None else lead_rad
         self._place(q)
         self._factorize(_STEP_WEIGHT)
-        moved = self._descent(q, target, (q, centers, lead))
-        for x, now in zip(moved, q, strict=True):
-            if abs(x - now) > SECOND_ITERATION_RAD:
-                self._place(moved)
-                return self._descent(moved, target, (q, centers, lead))
+        moved, farthest = self._descent(q, target, (q, centers, lead))
+        if farthest > SECOND_ITERATION_RAD:
+            self._place(moved)
+            moved, _ = self._descent(moved, target, (q, centers, lead))
         return moved
 
     def window(
@@ -200,17 +200,23 @@ class ArmIK:
             highest.append(up)
         return lowest, highest
 
-    def _in_window(self, moved: Sequence[float], window: _Window) -> bool:
-        """Tell whether joint angles are inside what :meth:`window` returns."""
+    def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
+        """Return the largest step of a joint [rad] to angles inside what :meth:`window` returns; None for others."""
         q, centers, lead = window
+        farthest = 0.0
         # Far from its position limits a joint is bound by its speed and its lead alone.
         for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
-            if not (low <= now <= high and abs(x - now) <= speed and abs(x - center) <= lead):
+            step = abs(x - now)
+            if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
                 break
+            if step > farthest:
+                farthest = step
         else:
-            return True
+            return farthest
         lowest, highest = self.window(q, centers, lead)
-        return all(least <= x <= most for least, x, most in zip(lowest, moved, highest, strict=True))
+        if not all(least <= x <= most for least, x, most in zip(lowest, moved, highest, strict=True)):
+            return None
+        return _farthest(moved, q)
 
     def reach(
         self,
@@ -326,18 +332,22 @@ class ArmIK:
             numbers[diagonal] += weight
         mujoco.mju_cholFactor(factor, 0.0)
 
-    def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> list[float]:
-        """Return the joint angles [rad] after one iteration from ``q`` with the Jacobian prepared before."""
+    def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
+        """Return the joint angles after one iteration from ``q`` with the Jacobian prepared before.
+
+        Beside them stands the largest distance of a joint from where the window begins; both [rad].
+        """
         # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
         moved = self._newton_step(q, self._world_error(target))
-        if self._in_window(moved, window):
-            return moved
+        reach = self._reach_in_window(moved, window)
+        if reach is not None:
+            return moved, reach
         hessian = np.empty_like(self._factor)
         mujoco.mju_sqrMatTD(hessian, self._jacobian, self._weights)
         hessian.ravel()[:: len(q) + 1] += _STEP_WEIGHT
         now, low, high = np.array(q), *map(np.array, self.window(*window))
         inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
-        return inside
+        return inside, _farthest(inside, window[0])
 
     def _newton_step(self, q: Sequence[float], error: tuple[float, float, float, float, float, float]) -> list[float]:
         """Return the joint angles [rad] after one step from ``q``, prepared by :meth:`_factorize`, without bounds."""
@@ -348,7 +358,7 @@ class ArmIK:
         pulls = zip(self._get_gradient(), q, self._home, strict=True)
         self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
         mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
-        return [now + step for now, step in zip(q, self._get_newton(), strict=True)]
+        return list(map(operator.add, q, self._get_newton()))  # two thirds of the time of a loop
 
     def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
@@ -413,6 +423,11 @@ class _FrameProblem:
         self._configuration.update(q)
         jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
         return jacobian, error
+
+
+def _farthest(moved: Sequence[float], q: Sequence[float]) -> float:
+    """Return the largest change of a joint [rad]."""
+    return max(abs(x - now) for x, now in zip(moved, q, strict=True))
 
 
 def _cost(result: IKResult) -> float:

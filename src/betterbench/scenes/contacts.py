@@ -3,14 +3,29 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 import mujoco
 
 from betterbench.geometry import Vector
 from betterbench.scenes.builder import LABELS, CompiledScene
 from betterbench.state import Contact
+
+
+class _Sleep(NamedTuple):
+    """Which objects sleep.
+
+    Attributes:
+        cycles: What the engine says of its trees, as it stands in memory.
+        sleeping: The numbers of the objects.
+        places: Returns their positions, given those of all objects.
+    """
+
+    cycles: bytes
+    sleeping: tuple[int, ...]
+    places: Callable[[Sequence[Vector]], tuple[Vector, ...]]
 
 
 class ContactReader:
@@ -33,15 +48,15 @@ class ContactReader:
         )
         self._lefts = frozenset(left for left, _, _ in self._holds)
         self._numbers = numbers
-        labels = compiled.geom_labels.tolist()
-        rows = [[numbers[a][b] for b in labels] for a in range(-1, n + len(LABELS))]
-        self._of_geoms = [rows[label + 1] for label in labels]
+        nothing = len(numbers) - 1
+        self._geom_labels = bytes(nothing if label < 0 else label for label in compiled.geom_labels.tolist())
         trees = self._model.body_treeid[compiled.bodies].tolist()
         self._trees = tuple((i, tree) for i, tree in enumerate(trees) if tree >= 0)
         self._data: mujoco.MjData | None = None
         self._asleep: memoryview[int] = memoryview(b"")
+        self._sleep = _Sleep(b"", (), tuple)
         self._awake = mujoco.MjData(self._model)
-        self._kept_for: tuple[tuple[int, ...], list[Vector]] = ((), [])
+        self._kept_for: tuple[tuple[int, ...], tuple[Vector, ...]] = ((), ())
         self._kept: dict[int, Contact] = {}
         self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
@@ -71,14 +86,16 @@ class ContactReader:
         """
         if data is not self._data:  # the engine keeps its arrays in place
             self._data, self._asleep = data, data.tree_asleep.data
-        total, names, asleep = self._touching(data), self._pair_names, self._asleep
-        sleeping = tuple([i for i, tree in self._trees if asleep[tree] >= 0])
-        if not sleeping:
+        total, names = self._touching(data), self._pair_names
+        cycles = self._asleep.tobytes()
+        if cycles != self._sleep.cycles:
+            self._sleep = self._who_sleeps(cycles)
+        if not self._sleep.sleeping:
             held = self._held(total)
             for number, force in self._passed.items():
                 total[number] = max(force, total.get(number, 0.0))
             return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), held
-        self._keep(data, positions, sleeping)
+        self._keep(data, positions)
         kept = self._kept_numbers
         awake = [number for number in total if number not in kept]
         if not awake and not self._passed:
@@ -106,24 +123,27 @@ class ContactReader:
         total: dict[int, float] = {}
         if data.ncon == 0:
             return total
-        contact, forces, numbers = data.contact, data.efc_force.tolist(), self._of_geoms
+        contact, forces, labels, numbers = data.contact, data.efc_force.tolist(), self._geom_labels, self._numbers
         for (one, other), address in zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True):
-            number = numbers[one][other]
+            number = numbers[labels[one]][labels[other]]
             if number >= 0:
                 force = forces[address] if address >= 0 else 0.0
                 total[number] = total[number] + force if number in total else force
         return total
 
-    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector], sleeping: tuple[int, ...]) -> None:
+    def _who_sleeps(self, cycles: bytes) -> _Sleep:
+        """Return which objects sleep, from what the engine says of its trees."""
+        asleep = self._asleep
+        sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
+        picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a row of one, not its element
+        return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
+
+    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
         """Find what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
-        same, places = self._kept_for
-        if sleeping == same:
-            for i, place in zip(sleeping, places, strict=True):
-                if positions[i] != place:
-                    break
-            else:
-                return
-        state = (sleeping, [positions[i] for i in sleeping])
+        sleeping = self._sleep.sleeping
+        state = (sleeping, self._sleep.places(positions))
+        if state == self._kept_for:
+            return
         self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
         if not self._sleep_on(*state):
             self._awake.qpos[:] = data.qpos
@@ -134,7 +154,7 @@ class ContactReader:
         self._kept = {number: contact for number, contact in self._kept.items() if number in self._kept_numbers}
         self._kept_contacts = tuple(self._kept.values())
 
-    def _sleep_on(self, sleeping: tuple[int, ...], places: list[Vector]) -> bool:
+    def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
         """Tell whether these are objects that slept at the last call too, and touched none of those that have woken.
 
         Then they touch what they touched. Computing it anew takes as long as a control step.

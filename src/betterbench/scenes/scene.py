@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import mujoco
@@ -106,10 +107,11 @@ class Scene:
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
         c = self.compiled
         moving = tuple((i, int(c.dof_addresses[i])) for i in range(len(c.bodies)) if c.dof_addresses[i] >= 0)
-        self._free = tuple((i, number_reader(data.qvel, range(d, d + 6))) for i, d in moving if not c.slides[i])
-        self._slides = tuple((i, number_reader(data.qvel, (d,))) for i, d in moving if c.slides[i])
+        self._free = tuple((i, slice(d, d + 6)) for i, d in moving if not c.slides[i])
+        self._slides = tuple((i, d) for i, d in moving if c.slides[i])
+        self._velocities = number_reader(data.qvel, range(self.model.nv))
         self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
-        self._joint_velocities = number_reader(data.qvel, self._arm_dofs.tolist())
+        self._joint_velocities = itemgetter(*self._arm_dofs.tolist())
         self._tool_position = number_reader(data.site_xpos[self._tcp], range(3))
         self._tool_matrix, self._quaternion = data.site_xmat[self._tcp], np.empty(4)
         self._tool_quaternion = number_reader(self._quaternion, range(4))
@@ -264,16 +266,15 @@ class Scene:
     def state(self) -> WorldState:
         """Return everything that is true now."""
         data = self._data
-        n = len(self._names)
+        n, velocities = len(self._names), self._velocities()
         linear, angular = [0.0] * n, [0.0] * n
-        for i, read in self._free:
-            velocity = read()
-            if velocity != _AT_REST:
+        for i, its in self._free:
+            if (velocity := velocities[its]) != _AT_REST:
                 vx, vy, vz, wx, wy, wz = velocity
                 linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
                 angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
-        for i, read in self._slides:
-            linear[i] = abs(read()[0])
+        for i, dof in self._slides:
+            linear[i] = abs(velocities[dof])
         positions = self._positions()
         contacts, held = self._contacts.read(data, positions)
         return WorldState(
@@ -289,7 +290,7 @@ class Scene:
             finger_width_m=self.controller.measured_width_m(data),
             gripper_command=self._gripper_command,
             joint_positions=self._joint_positions(),
-            joint_velocities=self._joint_velocities(),
+            joint_velocities=self._joint_velocities(velocities),
             contacts=contacts,
             held=held,
         )

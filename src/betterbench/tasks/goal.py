@@ -1,6 +1,7 @@
 """The goal of a condition, tracked over time: subgoals, order, harm, dwell and forbidden interactions."""
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 from betterbench.state import Contact, SceneInfo, WorldState
@@ -48,12 +49,11 @@ class GoalTracker:
         self._after = tuple(
             tuple(j for j in range(i) if asked[j].target in it.candidates) for i, it in enumerate(asked)
         )
-        self._columns = tuple(
-            (w, s, place)
-            for w, watch in enumerate(self._targets.watches)
-            for s in range(len(watch.subjects))
-            for place in watch.places
+        self._relations_at = tuple(
+            {at: tuple([at == place for place in watch.places]) for at in (None, *watch.places)}
+            for watch in self._targets.watches
         )
+        self._relations: tuple[bool, ...] = ()
         self._dwell_steps = round(template.dwell_s * control_rate_hz)
         self._settle_steps = round(THRESHOLDS.settle_time * control_rate_hz)
         self._limit = template.step_limit(condition)
@@ -75,9 +75,11 @@ class GoalTracker:
     @property
     def relation_names(self) -> tuple[str, ...]:
         """Names of the relation columns, "inside(burger_1, box)"."""
-        watches = self._targets.watches
         return tuple(
-            watches[w].relation.label(watches[w].subjects[s], watches[w].target, place) for w, s, place in self._columns
+            watch.relation.label(name, watch.target, place)
+            for watch in self._targets.watches
+            for name in watch.subjects
+            for place in watch.places
         )
 
     @property
@@ -93,6 +95,8 @@ class GoalTracker:
     def update(self, state: WorldState) -> Truth:
         """Judge the next state of the episode."""
         at = self._places(state)
+        if self._last is None or at is not self._last[1]:
+            self._relations = self._relations_of(at)
         self._last = (state, at)
         self._harm.see(state, at)
         self._rest.see(state)
@@ -107,9 +111,8 @@ class GoalTracker:
         goal = all(done) and in_order and not self._harm.found(state, at)
         if self._restraint is not None:
             self._forbidden = self._restraint.breaks(state, self._there(at)) or self._forbidden
-        relations = tuple([at[w][s] == place for w, s, place in self._columns])
         success = self._succeeded(state, at, goal=goal)
-        return Truth(relations, done, self._in_order, goal, self._forbidden, success)
+        return Truth(self._relations, done, self._in_order, goal, self._forbidden, success)
 
     def _places(self, state: WorldState) -> Places:
         """Return where every subject is, strictly; relations are asked only where something moved or touches anew."""
@@ -118,6 +121,11 @@ class GoalTracker:
         before, at = self._last
         changed = _changed(before, state)
         return self._targets.places_after(state, at, changed) if changed else at
+
+    def _relations_of(self, at: Places) -> tuple[bool, ...]:
+        """Return what holds, in the order of the names."""
+        found = [table[place] for table, places in zip(self._relations_at, at, strict=True) for place in places]
+        return tuple(chain.from_iterable(found))
 
     def _there(self, at: Places) -> list[bool]:
         """Return per object whether it is at some place of a target to which things are carried."""

@@ -92,6 +92,8 @@ class HarmWatch:
             self._at_start = self._targets.in_any_posture(state, places)
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
+        if positions == was and quaternions == turned:
+            return
         self._before = positions, quaternions
         for i in self._watched:
             if was and positions[i] == was[i] and quaternions[i] == turned[i]:

@@ -85,14 +85,14 @@ class Targets:
         return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
 
     def places_after(self, state: WorldState, before: Places, changed: AbstractSet[str]) -> Places:
-        """Return where every subject is, strictly, after some changes.
+        """Return where every subject is, strictly, after some changes: ``before`` itself if it still holds.
 
         Args:
             state: The state.
             before: Where every subject was in a state before it.
             changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
         """
-        return tuple(
+        after = tuple(
             [
                 places
                 if watch.relation.pairwise and watch.target not in changed and changed.isdisjoint(watch.subjects)
@@ -100,6 +100,7 @@ class Targets:
                 for watch, places in zip(self.watches, before, strict=True)
             ]
         )
+        return before if after == before else after
 
     def _places_of(
         self, watch: Watch, state: WorldState, before: tuple[str | None, ...], changed: AbstractSet[str]

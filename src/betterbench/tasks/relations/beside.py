@@ -39,11 +39,12 @@ def beside(state: WorldState, name: str, anchor: str) -> str | None:
     The center of the object's foot lies in the region of that side, on the table and not on something. It stands as it
     is meant to stand, and a long object lies along the anchor's front-to-back axis, either way round.
     """
+    if not state.touching(name, "table"):  # the cheapest question first: it ends here while an object is carried
+        return None
     side, height = _side(state, foot(state, name), anchor)
     if side is None or height > HEIGHT:
         return None
-    lies = upright(state, name) and state.touching(name, "table") and _aligned(state, name, anchor)
-    return side if lies else None
+    return side if upright(state, name) and _aligned(state, name, anchor) else None
 
 
 def _loosely(state: WorldState, name: str, anchor: str) -> str | None:
