@@ -330,7 +330,14 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
-    with pytest.raises(RecordError, match="holds no run"):
+    with pytest.raises(RecordError, match=r"holds no run .*Give the folder that `--out` named"):
+        RunFolder.open(tmp_path)
+
+
+def test_a_folder_of_runs_is_no_run_and_the_error_names_them(tmp_path) -> None:
+    for name in ("sources", "demonstrations"):
+        RunFolder.start(tmp_path / name, PLAN)
+    with pytest.raises(RecordError, match=r"Give a run that is in it: .*demonstrations, .*sources"):
         RunFolder.open(tmp_path)
 
 

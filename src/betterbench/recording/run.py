@@ -124,7 +124,9 @@ class RunFolder:
         by a user's file that is not loaded.
         """
         if not (path / "run.json").is_file():
-            raise RecordError(f"{path}: holds no run (no run.json). Give the folder that `--out` named.")
+            inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
+            cure = f"Give a run that is in it: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
+            raise RecordError(f"{path}: holds no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)

@@ -209,7 +209,7 @@ class ArmIK:
             step = abs(x - now)
             if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
                 break
-            if step > farthest:
+            if step > farthest:  # noqa: PLR1730 - less than a call of max
                 farthest = step
         else:
             return farthest
