@@ -25,6 +25,7 @@ from betterbench.study.findings import findings_of
 from betterbench.study.page import FILES, expectations, write_page
 from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
 from betterbench.study.stages import run_study
+from betterbench.study.vocabulary import never_shown
 
 TASK = "morning_coffee"
 KEPT = [name for name in FILES if name != "study.html"]
@@ -176,7 +177,33 @@ def test_what_is_found_is_what_the_learners_did(undisturbed):
     assert found.prediction.label.value == pytest.approx(1.0)
     words = {w.arm: w.changed.value for w in found.words}
     assert words["confounded"] < words["balanced"] == 1.0
-    assert expectations(found)[0].held is True
+    assert [line.held for line in expectations(found)[:2]] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("task", "variation", "regimes", "new"),
+    [
+        ("morning_coffee", "O1", ["training"], ("can",)),
+        ("morning_coffee", "O1", ["training", "balanced"], ()),
+        ("fruit_lunch", "T2", ["balanced"], ("both", "apples")),
+        ("desk_meeting", "O1", ["balanced"], ("soap_bar", "gray")),
+        ("fruit_lunch", "R1", ["training"], ()),
+        ("fruit_lunch", "T2", ["covered"], ()),
+    ],
+)
+def test_what_training_never_showed_of_a_variation_is_named(task, variation, regimes, new):
+    assert never_shown(regimes, task, variation) == new
+
+
+def test_variations_without_anything_new_are_counted_apart(undisturbed):
+    """Can stands in O1 alone, which the confounded learners fail: it is left out, and the others are as they are."""
+    out, outcome, found, _, _ = undisturbed
+    assert {v.variation: v.never_shown for v in found.variations if v.never_shown} == {"O1": ("can",)}
+    assert found.known.variations == 5
+    balanced = [t for f in outcome.learners if f.learner.arm == "balanced" for t in f.varied if t.variation != "O1"]
+    assert (found.known.balanced.k, found.known.balanced.n) == (sum(t.success for t in balanced), len(balanced))
+    assert found.known.contrast.gap.value == pytest.approx(0.5 / 5 - 3 / 5)
+    assert "never shown: can" in (out / "study.html").read_text()
 
 
 def test_the_page_needs_nothing_else_and_says_what_one_seed_cannot(undisturbed, tmp_path):
@@ -195,7 +222,7 @@ def test_nothing_is_concluded_from_learners_that_learned_nothing(undisturbed):
         replace(f, trials=tuple(replace(t, success=False, label="timeout") for t in f.trials)) for f in outcome.learners
     ]
     lines = expectations(findings_of(outcome.plan, failed, {}))
-    assert len(lines) == 3
+    assert len(lines) == 4
     assert all(line.held is None and "0\u202f% of the training conditions only" in line.found for line in lines)
 
 

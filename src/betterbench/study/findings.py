@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from betterbench.diagnosis.failure_mode import exposed_labels
@@ -23,11 +24,13 @@ from betterbench.study.doses import DoseFinding, doses_of
 from betterbench.study.levers import LeverTable, lever_tables
 from betterbench.study.outcomes import LearnerOutcome
 from betterbench.study.plan import ROLES, StudyPlan
+from betterbench.study.vocabulary import never_shown
 from betterbench.tasks import Expected, get_task
 from betterbench.tasks.training_distribution import pairing
 
 SOLVED = 0.5
 """Success from which a variation counts as solved, once its interval leaves this rate out."""
+CONTRAST = "balanced against confounded"
 DROPPED = 0.5
 """Share of the success in training below which a variation counts as failed, for the score of the prediction."""
 
@@ -44,6 +47,7 @@ class VariationFinding:
     Attributes:
         risk: Predicted by the audit of the confounded set; None without one.
         predicted: The label that was predicted, "" for none.
+        never_shown: Its words, categories and colors that the confounded or the balanced learners have never been shown.
         success: Success by arm.
         gaps: Illusion gap by arm.
         validity: Share of the confounded learners' gap that balancing removes; None where there is no sure gap.
@@ -56,11 +60,27 @@ class VariationFinding:
     title: str
     risk: float | None
     predicted: str
+    never_shown: tuple[str, ...]
     success: Mapping[str, Figure]
     gaps: Mapping[str, Figure]
     validity: Figure | None
     verdict: GapVerdict
     labels: tuple[tuple[str, int], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownFinding:
+    """What was found on the variations whose words, categories and colors all learners have been shown.
+
+    Attributes:
+        variations: How many there are.
+        balanced: Success of the balanced learners there.
+        contrast: The balanced learners against the confounded ones there.
+    """
+
+    variations: int
+    balanced: Figure
+    contrast: ArmContrast
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +115,7 @@ class StudyFindings:
 
     Attributes:
         roles: Per role the arm that plays it.
+        known: The same on the variations of which everything was shown; None without a confounded and a balanced arm.
         doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
@@ -102,6 +123,7 @@ class StudyFindings:
     arms: tuple[ArmFinding, ...]
     variations: tuple[VariationFinding, ...]
     contrasts: tuple[ArmContrast, ...]
+    known: KnownFinding | None
     levers: tuple[LeverTable, ...]
     words: tuple[WordFinding, ...]
     prediction: PredictionFinding | None
@@ -121,21 +143,40 @@ def findings_of(
     roles = {role: arm for role in ROLES if (arm := plan.arm_in(role)) is not None}
     plain = [f for f in learners if not f.learner.lever]
     variations = tuple(_variations(plan, plain, roles, predictions))
-    contrasts = []
+    contrasts: list[ArmContrast] = []
+    known = None
     if "confounded" in roles and "balanced" in roles:
         first, second = (_of_arm(plain, roles[role]) for role in ("balanced", "confounded"))
-        contrasts = [contrast_of("balanced against confounded", task, first, second) for task in ("", *plan.tasks)]
+        contrasts = [contrast_of(CONTRAST, task, first, second) for task in ("", *plan.tasks)]
+        known = _on_the_known(variations, first, second)
     confounded = _of_arm(plain, roles["confounded"]) if "confounded" in roles else []
     return StudyFindings(
         roles,
         tuple(_arms(plan, learners)),
         variations,
         tuple(contrasts),
+        known,
         tuple(lever_tables(plan, learners)),
         tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
         score_of(confounded, predictions) if confounded and predictions else None,
         tuple(doses_of(plan, plain, predictions)),
     )
+
+
+def _on_the_known(
+    variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
+) -> KnownFinding:
+    """Return what was found on the variations of which nothing is new to either arm."""
+    known = {(v.task, v.variation) for v in variations if not v.never_shown}
+    first, second = (
+        [
+            replace(f, trials=tuple(t for t in f.trials if t.variation is None or (f.learner.task, t.variation) in known))
+            for f in learners
+        ]
+        for learners in (balanced, confounded)
+    )
+    solved = success_of(trial for f in first for trial in f.varied)
+    return KnownFinding(len(known), solved, contrast_of(f"{CONTRAST}, nothing new", "", first, second))
 
 
 def _of_arm(learners: Iterable[LearnerOutcome], arm: str, task: str = "") -> list[LearnerOutcome]:
@@ -167,6 +208,8 @@ def _variations(
             counts = {arm: sum(len(f.pairs(name)) for f in found) for arm, found in by_arm.items()}
             forecast = predictions[task].of(task, name) if task in predictions else None
             failed = [t.label for f in by_arm.get(roles.get("confounded", ""), ()) for t in f.of(name) if not t.success]
+            compared = [plan.arms[roles[role]] for role in ("confounded", "balanced") if role in roles]
+            new = [never_shown(shares, task, name) for shares in compared]
             labels = sorted(Counter(failed).items(), key=lambda item: (-item[1], item[0]))
             yield VariationFinding(
                 task,
@@ -175,6 +218,7 @@ def _variations(
                 variation.title,
                 None if forecast is None else forecast.risk,
                 "" if forecast is None else forecast.label,
+                tuple(dict.fromkeys(itertools.chain(*new))),
                 success,
                 {arm: figure_of(gaps[arm], counts[arm]) for arm in gaps},
                 _validity(roles, gaps, counts),

@@ -30,6 +30,8 @@ FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 
 LEAST_DIFFERENCE = 0.30
 """Difference of the illusion gaps that is expected of balanced learners, as a fraction."""
+LEAST_SOLVED = 0.70
+"""Share of the variations of which everything was shown that balanced learners are expected to solve."""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
 """Share of reworded twins in which a confounded learner changes its target at most, and a balanced one at least."""
 GOOD_AREA = 0.9
@@ -182,10 +184,13 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
     """Return what was expected of the study, and what came out; nothing holds of learners that have not learned."""
     lines = []
-    overall = next((c for c in found.contrasts if not c.task), None)
-    if overall is not None:
-        gap = overall.gap
-        text = f"The illusion gap of the balanced learners is smaller by {100 * LEAST_DIFFERENCE:.0f} points or more"
+    if found.known is not None and found.known.variations:
+        gap, solved = found.known.contrast.gap, found.known.balanced
+        where = f"on the {plural(found.known.variations, 'variation')} without a word or a thing that training never showed"
+        text = f"Balanced learners solve {100 * LEAST_SOLVED:.0f} % or more {where}"
+        held = None if solved.value is None else solved.value >= LEAST_SOLVED
+        lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
+        text = f"Their illusion gap there is smaller than that of the confounded ones by {100 * LEAST_DIFFERENCE:.0f} points"
         said = gap.sentence() + (f", {p_text(gap.p_value)}" if gap.p_value is not None else "")
         held = None if gap.value is None else gap.value <= -LEAST_DIFFERENCE
         lines.append(_of_the_able(found, ("confounded", "balanced"), Expectation(text, said, held)))
@@ -257,8 +262,10 @@ def numbers_table(found: StudyFindings) -> Table:
             add("variations", (v.task, v.variation, arm), success=v.success[arm], gap=v.gaps[arm])
         risk = None if v.risk is None else Figure(v.risk)
         add("variations", (v.task, v.variation, ""), validity=v.validity, risk=risk)
-    for c in found.contrasts:
+    for c in (*found.contrasts, *(() if found.known is None else (found.known.contrast,))):
         add("contrasts", (c.task, "", c.name), success=c.success, gap=c.gap)
+    if found.known is not None:
+        add("known", ("", "", found.roles["balanced"]), success=found.known.balanced)
     for table in found.levers:
         for row in table.rows:
             where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
