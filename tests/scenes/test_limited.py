@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 from betterbench.errors import RecordError
 from betterbench.interface.actions import EE_DELTA
+from betterbench.recording.modalities.spec import ViewSpec
 from betterbench.scenes import Scene, StoredView, limited, load_model
 from betterbench.scenes.limited import LimitedView
 from betterbench.scenes.stage import quality_preset
@@ -60,11 +62,87 @@ def test_a_forged_model_takes_nobody_along(scene, monkeypatch):
     assert view._process.returncode is not None
 
 
-def test_a_process_that_crashes_or_hangs_is_one_clear_line(scene, monkeypatch):
+CRASHING = """
+import os, signal
+from betterbench.scenes import limited
+opened = limited.load_model
+def crash(files):
+    {how}
+limited.load_model = crash
+limited.draw_for_parent("fast", 64)
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
+        ("os.kill(os.getpid(), signal.SIGKILL)", "was killed, perhaps because memory ran out"),
+        ("os.kill(os.getpid(), signal.SIGXCPU)", "took more than 60 s of processor time"),
+        ("os._exit(3)", "ended (exit status 3)"),
+    ],
+)
+def test_a_scene_that_ends_each_process_is_one_clear_line(how, said, monkeypatch):
+    started = []
+    ordinary = subprocess.Popen
+
+    def crashing(command, **options):
+        started.append(command)
+        return ordinary([sys.executable, "-c", CRASHING.format(how=how)], **options)
+
+    monkeypatch.setattr(limited.subprocess, "Popen", crashing)
     with LimitedView(quality="fast", size=64) as view:
-        os.kill(view._process.pid, signal.SIGSEGV)
-        with pytest.raises(RecordError, match=r"crashed.*damaged or forged"):
-            view.open(scene.files())
+        with pytest.raises(RecordError, match=re.escape(said) + ".*damaged or forged"):
+            view.open({"model.mjb": b"x"})
+        assert view.is_closed
+    assert len(started) == 2
+
+
+@pytest.mark.parametrize("asked", ["open", "prepare", "draw", "sights", "again"])
+def test_a_process_that_ends_by_chance_changes_nothing(scene, asked):
+    """What it was asked is asked of a new one; images are those of an undisturbed process, and none is missing."""
+    files, rows = scene.files(), np.repeat(scene.data.qpos[None], 40, axis=0)
+    rows[:, scene.arm_addresses[0]] += np.linspace(0.0, 0.3, 40)
+    views = [ViewSpec("front", 256, 256)]
+
+    def images(hit):
+        with LimitedView(quality="fast", size=64) as view:
+
+            def struck(moment):
+                if moment == hit:
+                    os.kill(view.process_id, signal.SIGSEGV)
+                    time.sleep(0.05)
+
+            struck("open")
+            view.open(files)
+            struck("prepare")
+            view.prepare(views, ("rgb",))
+            struck("draw")
+            first = view.draw(rows[0], "front", jitter=NO_JITTER)
+            struck("sights")
+            drawn = []
+            for i, (sight,) in enumerate(view.sights(rows, jitter=NO_JITTER)):
+                drawn.append(sight["rgb"].copy())
+                if i in (3, 20):
+                    struck("again")
+            return [first, *drawn]
+
+    calm, disturbed = images(""), images(asked)
+    assert len(calm) == len(disturbed) == 41
+    for one, other in zip(calm, disturbed, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_process_that_was_stopped_is_not_started_again(scene):
+    with LimitedView(quality="fast", size=64) as view:
+        view.open(scene.files())
+        view.stop()
+        with pytest.raises(RecordError, match="was killed"):
+            view.draw(scene.data.qpos, "front", jitter=NO_JITTER)
+        assert view.is_closed
+
+
+def test_a_process_that_hangs_is_one_clear_line(scene, monkeypatch):
     monkeypatch.setattr(limited, "REQUEST_S", 0.3)
     with LimitedView(quality="fast", size=64) as view:
         os.kill(view._process.pid, signal.SIGSTOP)

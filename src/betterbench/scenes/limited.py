@@ -2,6 +2,9 @@
 
 The reader of such files trusts them: a forged one can crash it, hang it or fill the memory. The process has limits for
 memory and time. What comes back from it is pixels or a text, and never an object.
+
+A process can also end for other reasons: a renderer crashes, or the system is short of memory. So what a process was
+asked as it ended is asked of a new one once more; only what ends that one too is refused.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import json
 import os
 import resource
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -49,7 +53,8 @@ _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
-_CRASHED = "its process crashed, or took too much memory or time"
+_ENDS_WITHIN_S = 5.0
+"""Time that a process has to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
 _PIPE_BYTES = 1 << 20
 """Size of the pipe through which images come, the largest that Linux gives everybody."""
@@ -74,16 +79,27 @@ _Wanted = tuple[tuple[ViewSpec, ...], tuple[str, ...], bool]
 _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
+class _EndedError(RecordError):
+    """The process has ended although nobody told it to."""
+
+
 class LimitedView:
     """Draws recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
         """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel]."""
-        self._size = size
+        self._quality, self._size = quality, size
+        self._told_to_end = self._is_closed = False
+        self._types: list[np.dtype[np.void]] = []
+        self._opened = ""
+        self._files: Mapping[str, bytes] | None = None
+        self._prepared: tuple[_Wanted, tuple[ModelFacts, dict[str, str]]] | None = None
+        self._start()
+
+    def _start(self) -> None:
         paths = os.pathsep.join(str(Path(path).resolve()) for path in sys.path)
-        self._stopped = False
         self._process = subprocess.Popen(  # noqa: S603 - our own module
-            [sys.executable, "-m", __name__, quality, str(size)],
+            [sys.executable, "-m", __name__, self._quality, str(self._size)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -93,9 +109,9 @@ class LimitedView:
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
         with contextlib.suppress(OSError):  # more than this user may have
             fcntl.fcntl(_opened(self._process.stdout), fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
-        self._types: list[np.dtype[np.void]] = []
-        self._opened = ""
-        self._prepared: tuple[_Wanted, tuple[ModelFacts, dict[str, str]]] | None = None
+        self._is_closed = False
+        if self._told_to_end:  # meanwhile, by another thread
+            self._process.kill()
 
     def __enter__(self) -> Self:
         return self
@@ -117,7 +133,15 @@ class LimitedView:
             RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
-        self._opened, self._prepared = "", None
+        self._opened, self._prepared, self._files = "", None, None
+        try:
+            self._load(files)
+        except _EndedError:
+            self._start()
+            self._load(files)
+        self._files = files
+
+    def _load(self, files: Mapping[str, bytes]) -> None:
         self._ask({"files": {name: len(data) for name, data in files.items()}}, b"".join(files.values()))
 
     def open_of(self, run: RunFolder, record: Record) -> None:
@@ -130,7 +154,12 @@ class LimitedView:
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:
         """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
-        pixels = self._ask({"camera": camera, "jitter": jitter.to_json()}, numbers)
+        request = {"camera": camera, "jitter": jitter.to_json()}
+        try:
+            pixels = self._ask(request, numbers)
+        except _EndedError:
+            self._start_again()
+            pixels = self._ask(request, numbers)
         if len(pixels) != 3 * self._size**2:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
@@ -157,7 +186,12 @@ class LimitedView:
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
             self._prepared = None
-            self._prepared = wanted, self._prepare(views, modalities, gripper=gripper)
+            try:
+                found = self._prepare(views, modalities, gripper=gripper)
+            except _EndedError:
+                self._start_again()
+                found = self._prepare(views, modalities, gripper=gripper)
+            self._prepared = wanted, found
         return self._prepared[1]
 
     def _prepare(
@@ -185,6 +219,21 @@ class LimitedView:
         Rows are drawn ahead, as far as the pipe holds them. Read all of them, or close the view. Raises what
         :meth:`open` raises.
         """
+        drawn, failed_at = 0, -1
+        while True:
+            try:
+                for row in self._drawn(qpos[drawn:], jitter):
+                    drawn += 1
+                    yield row
+            except _EndedError:
+                if failed_at == drawn:
+                    raise
+                failed_at = drawn
+                self._start_again()
+            else:
+                return
+
+    def _drawn(self, qpos: np.ndarray, jitter: ViewJitter) -> Iterator[list[np.ndarray]]:
         numbers = np.ascontiguousarray(qpos, dtype=np.float64).tobytes()
         self._send({"sights": len(qpos), "jitter": jitter.to_json()}, numbers)
         for _ in range(len(qpos)):
@@ -209,16 +258,17 @@ class LimitedView:
     @property
     def is_closed(self) -> bool:
         """Whether the process has ended, or was told to."""
-        return self._stopped or self._process.poll() is not None
+        return self._is_closed or self._process.poll() is not None
 
     def stop(self) -> None:
         """End the process from another thread: the one that waits for an answer gets a RecordError."""
-        self._stopped = True
+        self._told_to_end = True
         self._process.kill()
 
     def close(self) -> None:
         """End the process."""
-        self.stop()
+        self._is_closed = True
+        self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
@@ -234,7 +284,7 @@ class LimitedView:
         try:
             self._write(_QUESTION.pack(len(text), len(data)) + text + data)
         except (OSError, EOFError):
-            raise self._refused(_CRASHED) from None
+            raise self._ended() from None
 
     def _receive(self, most: int) -> bytes | bytearray:
         """Return an answer of at most so many bytes; RecordError or MissingDependencyError if it is a reason."""
@@ -245,7 +295,7 @@ class LimitedView:
                 raise self._refused("it answered too much")
             answer = self._read(size, end)
         except (OSError, EOFError):
-            raise self._refused(_CRASHED) from None
+            raise self._ended() from None
         if kind == _PIXELS:
             return answer
         reason = one_line(answer.decode("utf-8", "replace"), most=_LONGEST_REASON)
@@ -277,11 +327,39 @@ class LimitedView:
             left = left[got:]
         return answer
 
+    def _start_again(self) -> None:
+        """Start a new process in place of one that has ended, and bring it where that was."""
+        if self._files is None:
+            raise self._refused("none is open")
+        self._start()
+        self._load(self._files)
+        if self._prepared is not None:
+            views, modalities, gripper = self._prepared[0]
+            self._prepare(views, modalities, gripper=gripper)
+
+    def _ended(self) -> RecordError:
+        """Return the error for a process that has ended: it can be started again, unless it was told to end."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_ENDS_WITHIN_S)
+        problem = self._refused(_end_in_words(self._process.returncode))
+        return problem if self._told_to_end else _EndedError(str(problem))
+
     def _refused(self, what: str, whose: str = "Its file") -> RecordError:
         self.close()
         return RecordError(
             f"stored scene: {what}. {whose} is damaged or forged; run the trial again to store it, or leave films out."
         )
+
+
+def _end_in_words(status: int | None) -> str:
+    """Return how a process has ended, from its exit status; a negative one is a signal."""
+    if status is None or status >= 0:
+        return f"its process ended (exit status {status})"
+    if -status == signal.SIGXCPU:
+        return f"its process took more than {REQUEST_CPU_S:g} s of processor time"
+    if -status == signal.SIGKILL:
+        return "its process was killed, perhaps because memory ran out"
+    return f"its process crashed ({signal.Signals(-status).name})"
 
 
 def _opened(pipe: object) -> BinaryIO:

@@ -47,7 +47,7 @@ class VariationFinding:
     Attributes:
         risk: Predicted by the audit of the confounded set; None without one.
         predicted: The label that was predicted, "" for none.
-        never_shown: Its words, categories and colors that the confounded or the balanced learners have never been shown.
+        never_shown: Its words, categories and colors that the confounded or the balanced learners were never shown.
         success: Success by arm.
         gaps: Illusion gap by arm.
         validity: Share of the confounded learners' gap that balancing removes; None where there is no sure gap.
@@ -129,6 +129,11 @@ class StudyFindings:
     prediction: PredictionFinding | None
     doses: tuple[DoseFinding, ...]
 
+    @property
+    def compared(self) -> tuple[ArmContrast, ...]:
+        """All contrasts: over all tasks, by task, and on the variations of which everything was shown."""
+        return self.contrasts if self.known is None else (*self.contrasts, self.known.contrast)
+
 
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
@@ -170,7 +175,9 @@ def _on_the_known(
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
-            replace(f, trials=tuple(t for t in f.trials if t.variation is None or (f.learner.task, t.variation) in known))
+            replace(
+                f, trials=tuple(t for t in f.trials if t.variation is None or (f.learner.task, t.variation) in known)
+            )
             for f in learners
         ]
         for learners in (balanced, confounded)

@@ -186,11 +186,13 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
-        where = f"on the {plural(found.known.variations, 'variation')} without a word or a thing that training never showed"
+        where = (
+            f"on the {plural(found.known.variations, 'variation')} without a word or a thing that training never showed"
+        )
         text = f"Balanced learners solve {100 * LEAST_SOLVED:.0f} % or more {where}"
         held = None if solved.value is None else solved.value >= LEAST_SOLVED
         lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
-        text = f"Their illusion gap there is smaller than that of the confounded ones by {100 * LEAST_DIFFERENCE:.0f} points"
+        text = f"Their illusion gap there is smaller than the confounded ones' by {100 * LEAST_DIFFERENCE:.0f} points"
         said = gap.sentence() + (f", {p_text(gap.p_value)}" if gap.p_value is not None else "")
         held = None if gap.value is None else gap.value <= -LEAST_DIFFERENCE
         lines.append(_of_the_able(found, ("confounded", "balanced"), Expectation(text, said, held)))
@@ -262,10 +264,8 @@ def numbers_table(found: StudyFindings) -> Table:
             add("variations", (v.task, v.variation, arm), success=v.success[arm], gap=v.gaps[arm])
         risk = None if v.risk is None else Figure(v.risk)
         add("variations", (v.task, v.variation, ""), validity=v.validity, risk=risk)
-    for c in (*found.contrasts, *(() if found.known is None else (found.known.contrast,))):
+    for c in found.compared:
         add("contrasts", (c.task, "", c.name), success=c.success, gap=c.gap)
-    if found.known is not None:
-        add("known", ("", "", found.roles["balanced"]), success=found.known.balanced)
     for table in found.levers:
         for row in table.rows:
             where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
