@@ -30,6 +30,35 @@ def test_places_after_changes_are_those_of_the_whole_state(name: str) -> None:
     assert len(truths) > 3
 
 
+@pytest.mark.parametrize("name", ["fast_food", "breakfast_table", "fruit_lunch", "dinner_plates"])
+def test_what_lasts_while_nothing_changes_is_what_is_found_again(name: str) -> None:
+    """Things stay for a while, tremble, are let go and come to rest; each state is also judged in full."""
+    task, seen, lasted = get_task(name), set(), 0
+    for seed in range(4):
+        scene = Scene(task, task.training[0], seed=seed, action_space=EE_DELTA, quality=FAST)
+        state, random = scene.reset(), np.random.default_rng(seed)
+        targets = Targets(asked_by(scene.condition), scene.info, placing=task.template.relation)
+        tracker, in_full = _tracker(scene), _tracker(scene)
+        step = 0
+        for _ in range(25):
+            state = _changed(state, targets, random)
+            if random.random() < 0.6:  # let go
+                kept = tuple(c for c in state.contacts if "left_finger" not in c[:2])
+                state = dataclasses.replace(state, contacts=kept, held=None)
+            for _ in range(int(random.integers(1, 14))):
+                trembling = tuple(Contact(a, b, float(random.random())) for a, b, _ in state.contacts)
+                state = dataclasses.replace(state, step=step, contacts=trembling)
+                in_full._lasting = None
+                lasted += tracker._lasting is not None
+                truth = tracker.update(state)
+                assert truth == in_full.update(state), step
+                assert tracker.harm == in_full.harm
+                seen.add((truth.subgoals, truth.goal))
+                step += 1
+    assert lasted > 200
+    assert len(seen) > 1
+
+
 def _tracker(scene: Scene) -> GoalTracker:
     return GoalTracker(scene.condition, scene.info, template=scene.task.template, control_rate_hz=20.0)
 

@@ -70,7 +70,10 @@ class GoalTracker:
         self._held_for = 0
         self._still_for = 0
         self._goal_broken = False
+        self._settling = False
         self._last: tuple[WorldState, Places] | None = None
+        self._lasting: Truth | None = None
+        """What holds for as long as nothing moves or touches anew; None where it also depends on time."""
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -94,12 +97,22 @@ class GoalTracker:
 
     def update(self, state: WorldState) -> Truth:
         """Judge the next state of the episode."""
-        at = self._places(state)
-        if self._last is None or at is not self._last[1]:
+        self._rest.see(state)
+        if self._last is None:
+            at = self._targets.places(state)
             self._relations = self._relations_of(at)
+        else:
+            before, at = self._last
+            changed = _changed(before, state)
+            if changed:
+                after = self._targets.places_after(state, at, changed)
+                if after is not at:
+                    at, self._relations = after, self._relations_of(after)
+            elif self._lasting is not None:
+                self._last = (state, at)
+                return self._lasting
         self._last = (state, at)
         self._harm.see(state, at)
-        self._rest.see(state)
         done = self._what_is_done(state, at)
         if self._done_before is None:
             for i, now in enumerate(done):
@@ -112,15 +125,10 @@ class GoalTracker:
         if self._restraint is not None:
             self._forbidden = self._restraint.breaks(state, self._there(at)) or self._forbidden
         success = self._succeeded(state, at, goal=goal)
-        return Truth(self._relations, done, self._in_order, goal, self._forbidden, success)
-
-    def _places(self, state: WorldState) -> Places:
-        """Return where every subject is, strictly; relations are asked only where something moved or touches anew."""
-        if self._last is None:
-            return self._targets.places(state)
-        before, at = self._last
-        changed = _changed(before, state)
-        return self._targets.places_after(state, at, changed) if changed else at
+        truth = Truth(self._relations, done, self._in_order, goal, self._forbidden, success)
+        waits = goal or self._settling or self._restraint is not None
+        self._lasting = None if waits else truth
+        return truth
 
     def _relations_of(self, at: Places) -> tuple[bool, ...]:
         """Return what holds, in the order of the names."""
@@ -139,6 +147,7 @@ class GoalTracker:
     def _what_is_done(self, state: WorldState, at: Places) -> tuple[bool, ...]:
         """Tell which subgoals are done: their objects are there, at rest and let go."""
         settled: dict[str, bool] = {}
+        self._settling = False
         done: list[bool] = []
         for due, after in zip(self._targets.due, self._after, strict=True):
             there = 0
@@ -149,6 +158,7 @@ class GoalTracker:
                 name = names[s]
                 if name not in settled:
                     settled[name] = released(state, name) and self._rest.at_rest(name)
+                    self._settling = self._settling or not settled[name]
                 there += settled[name]
             done.append(there >= due.least and (not after or all(done[j] for j in after)))
         return tuple(done)
