@@ -73,7 +73,7 @@ def step_row(*, quick: bool) -> Iterator[Figure]:
         rehearsal = rehearse(task, QUALITIES["fast"])
         raw = RawPhysics(rehearsal)
         ratios, own, physics, policies = [], [], [], []
-        for _ in range(2 if quick else 7):
+        for _ in range(2 if quick else 21):
             policy = play(rehearsal, raw, every=BLOCK, limit=len(rehearsal.actions), observer=None)
             policies.append(policy)
             ratios.append(sum(policy.own_s) / sum(policy.reference_s))
