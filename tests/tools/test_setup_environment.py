@@ -162,3 +162,41 @@ def test_each_other_build_stands_in_its_lock(setup_environment: ModuleType) -> N
         text = (ROOT / "requirements" / f"{name}.lock").read_text(encoding="utf-8")
         for package, (local, digest) in builds.items():
             assert re.search(rf"^{package}==[^ ]+{re.escape(local)} ;.*\n *--hash=sha256:{digest}$", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("said", "fast"),
+    [
+        ("{this} '--enable-optimizations' '--with-lto'", True),
+        ("{this} '--prefix=/root/.pyenv'", False),
+        ("{this} None", True),
+        ("2.7 '--enable-optimizations'", False),
+    ],
+)
+def test_another_build_of_the_same_python_is_taken_if_it_is_faster(
+    setup_environment: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    said: str,
+    fast: bool,
+) -> None:
+    this = f"{sys.version_info.major}.{sys.version_info.minor}"
+
+    def interpreter(name: str, said: str) -> Path:
+        program = tmp_path / name / f"python{this}"
+        program.parent.mkdir()
+        program.write_text(f'#!/bin/sh\necho "{said}"\n')
+        program.chmod(0o755)
+        return program
+
+    slow = interpreter("slow", f"{this} '--enable-shared'")
+    other = interpreter("other", said.format(this=this))
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / other.name).write_text("no program")
+    monkeypatch.setattr(sys, "executable", str(slow))
+    places = [tmp_path / "nowhere", broken, slow.parent, other.parent]
+    assert setup_environment.chosen_python(named=False, places=places) == (other if fast else slow)
+    assert setup_environment.chosen_python(named=True, places=places) == slow
+    monkeypatch.setattr(sys, "executable", str(other))
+    assert setup_environment.chosen_python(named=False, places=[slow.parent]) == other
