@@ -341,50 +341,13 @@ def is_filled(lock: str) -> bool:
     return STAMP.read_text(encoding="ascii") in accepted
 
 
-def is_optimized(python: Path | str) -> bool:
-    """Whether an interpreter is of this minor version and was built with optimizations (``--enable-optimizations``)."""
-    version = f"{sys.version_info.major}.{sys.version_info.minor}"
-    asked = "import sysconfig as s; print(s.get_python_version(), s.get_config_var('CONFIG_ARGS'))"
-    told = run([python, "-I", "-c", asked], quiet=True)
-    # Windows has no such arguments, and only optimized builds.
-    return (
-        told.returncode == 0
-        and told.stdout.startswith(f"{version} ")
-        and bool(re.search("--enable-optim|None", told.stdout))
-    )
-
-
-def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> Path:
-    """The interpreter of ``.venv``: this one, or another build of the same version that is faster.
-
-    pyenv builds Python without optimizations unless it is told otherwise; between two physics steps that costs some
-    15 % of the time. Distributions, uv and conda build with them.
-
-    Args:
-        named: This one was asked for by name.
-        places: Folders to look in; those of PATH and /usr/bin where None.
-    """
-    this = Path(sys.executable)
-    if named or is_optimized(this):
-        return this
-    folders = [Path(folder) for folder in os.get_exec_path()] + [Path("/usr/bin")] if places is None else places
-    name = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    for other in dict.fromkeys(folder / name for folder in folders):
-        if os.access(other, os.X_OK) and is_optimized(other):
-            say(f"{this} was built without optimizations; taking {other} (make PYTHON=... names another)")
-            return other
-    say(f"{this} was built without optimizations, and no other {name} is here; one with them is faster")
-    return this
-
-
-def fill(lock: str, *, named: bool = False) -> None:
+def fill(lock: str) -> None:
     """Makes ``.venv`` where there is none and installs the locked packages and this one (editable) into it.
 
     Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
 
     Args:
         lock: "dev" or "runtime".
-        named: ``.venv`` is to have this interpreter and no other build of it.
 
     Raises:
         SetupError: uv failed; its own message stands above.
@@ -394,10 +357,8 @@ def fill(lock: str, *, named: bool = False) -> None:
     uv = find_uv(env)
     steps: list[list[str | Path]] = []
     if run([VENV_PYTHON, "-c", "import sys; sys.exit(sys.version_info < (3, 11))"], quiet=True).returncode != 0:
-        python = chosen_python(named=named)
-        told = run([python, "-c", "import sys; print(sys.version.split()[0])"], quiet=True).stdout.strip()
-        say(f"creating .venv with Python {told}")
-        steps.append([uv, "venv", "--quiet", "--clear", "--python", python, VENV])
+        say(f"creating .venv with Python {sys.version.split()[0]}")
+        steps.append([uv, "venv", "--quiet", "--clear", "--python", sys.executable, VENV])
     STAMP.unlink(missing_ok=True)
     install: list[str | Path] = [uv, "pip", "install", "--quiet", "--python", VENV_PYTHON]
     locked = LOCKS / f"{lock}.lock"
@@ -491,7 +452,6 @@ def main() -> int:
     parser.add_argument("--no-gl", action="store_true", help="leave the graphics library out")
     parser.add_argument("--relock", action="store_true", help="write requirements/*.lock anew and stop")
     parser.add_argument("--upgrade", action="store_true", help="with --relock: take the newest versions")
-    parser.add_argument("--this-python", action="store_true", help="no other build of the same Python for .venv")
     options = parser.parse_args()
     if sys.version_info < OLDEST_PYTHON:
         wanted = ".".join(map(str, OLDEST_PYTHON))
@@ -504,7 +464,7 @@ def main() -> int:
                 relock(upgrade=options.upgrade)
                 return 0
             if not is_filled(options.lock):
-                fill(options.lock, named=options.this_python)
+                fill(options.lock)
             if not options.no_gl:
                 ensure_gl()
     except SetupError as error:
