@@ -99,11 +99,11 @@ class RecordBuilder:
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
         # Bytes take half of the time of an array of the whole row. Policies answer all kinds of numbers.
-        arrays = (qpos, qvel, act, ctrl, action, applied)
         if qpos.dtype is qvel.dtype is act.dtype is ctrl.dtype is action.dtype is applied.dtype is _FLOAT64:
             row = (qpos.tobytes(), qvel.tobytes(), act.tobytes(), ctrl.tobytes(), action.tobytes(), applied.tobytes())
             self._rows.append(b"".join(row))
         else:
+            arrays = (qpos, qvel, act, ctrl, action, applied)
             self._rows.append(b"".join([a.astype(_FLOAT64).tobytes() for a in arrays]))
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)

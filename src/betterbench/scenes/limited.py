@@ -21,11 +21,11 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, BinaryIO, Self
+from typing import Annotated, Any, BinaryIO, Self, TypeVar
 
 import numpy as np
 from pydantic import Field, TypeAdapter
@@ -60,6 +60,7 @@ _PIPE_BYTES = 1 << 20
 """Size of the pipe through which images come, the largest that Linux gives everybody."""
 _MOST_FACTS_BYTES = 1 << 22
 
+_AnswerT = TypeVar("_AnswerT")
 _Number = Annotated[int, Field(ge=0, le=0xFFFF)]
 
 
@@ -134,11 +135,7 @@ class LimitedView:
             MissingDependencyError: If no off-screen OpenGL works here.
         """
         self._opened, self._prepared, self._files = "", None, None
-        try:
-            self._load(files)
-        except _EndedError:
-            self._start()
-            self._load(files)
+        self._at_most_twice(lambda: self._load(files))
         self._files = files
 
     def _load(self, files: Mapping[str, bytes]) -> None:
@@ -155,11 +152,7 @@ class LimitedView:
         """Return the view of one recorded state, (nq,), as (size, size, 3) uint8; raises what :meth:`open` raises."""
         numbers = np.asarray(qpos, dtype=np.float64).tobytes()
         request = {"camera": camera, "jitter": jitter.to_json()}
-        try:
-            pixels = self._ask(request, numbers)
-        except _EndedError:
-            self._start_again()
-            pixels = self._ask(request, numbers)
+        pixels = self._at_most_twice(lambda: self._ask(request, numbers))
         if len(pixels) != 3 * self._size**2:
             raise self._refused("it gave an image of another size")
         return np.frombuffer(pixels, np.uint8).reshape(self._size, self._size, 3)
@@ -186,11 +179,7 @@ class LimitedView:
         wanted = (tuple(views), tuple(modalities), gripper)
         if self._prepared is None or self._prepared[0] != wanted:
             self._prepared = None
-            try:
-                found = self._prepare(views, modalities, gripper=gripper)
-            except _EndedError:
-                self._start_again()
-                found = self._prepare(views, modalities, gripper=gripper)
+            found = self._at_most_twice(lambda: self._prepare(views, modalities, gripper=gripper))
             self._prepared = wanted, found
         return self._prepared[1]
 
@@ -327,12 +316,19 @@ class LimitedView:
             left = left[got:]
         return answer
 
+    def _at_most_twice(self, ask: Callable[[], _AnswerT]) -> _AnswerT:
+        """Return an answer, of a new process if the first one ends over it."""
+        try:
+            return ask()
+        except _EndedError:
+            self._start_again()
+            return ask()
+
     def _start_again(self) -> None:
         """Start a new process in place of one that has ended, and bring it where that was."""
-        if self._files is None:
-            raise self._refused("none is open")
         self._start()
-        self._load(self._files)
+        if self._files is not None:
+            self._load(self._files)
         if self._prepared is not None:
             views, modalities, gripper = self._prepared[0]
             self._prepare(views, modalities, gripper=gripper)

@@ -30,9 +30,10 @@ from betterbench.tasks.training_distribution import pairing
 
 SOLVED = 0.5
 """Success from which a variation counts as solved, once its interval leaves this rate out."""
-CONTRAST = "balanced against confounded"
 DROPPED = 0.5
 """Share of the success in training below which a variation counts as failed, for the score of the prediction."""
+CONTRAST = "balanced against confounded"
+"""Name of the contrasts of a page."""
 
 GapVerdict = Literal[
     "no gap", "decorrelation is enough", "needs more than decorrelation", "hard for another reason", "open"
