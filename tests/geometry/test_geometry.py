@@ -22,9 +22,11 @@ from betterbench.geometry import (
     normalize,
     rotate,
     slerp,
+    straight_way,
     tilt_of,
     to_axis_angle,
     to_axis_angle_near,
+    turn_between,
     yaw_of,
 )
 
@@ -176,6 +178,26 @@ def test_slerp_turns_evenly_along_the_shorter_way(a, b, f):
     middle = slerp(a, b, f)
     assert math.isclose(angle_between(a, middle), f * whole, abs_tol=1e-6)
     assert math.isclose(angle_between(middle, b), (1.0 - f) * whole, abs_tol=1e-6)
+
+
+@given(quaternions(), quaternions())
+def test_the_turn_between_two_rotations_takes_one_to_the_other(a, b):
+    assert turn_between(a, b) == multiply(b, conjugate(a))  # the same bits: experts and controllers depend on them
+    assert same_rotation(multiply(turn_between(a, b), a), b)
+
+
+@given(poses, poses, st.floats(0.0, 1.0))
+def test_a_straight_way_turns_as_slerp_does_and_leads_from_one_end_to_the_other(a, b, f):
+    way = straight_way(a, b)
+    assert same_pose(way(0.0), a)
+    assert same_pose(way(1.0), b)
+    assert way(f).quaternion == slerp(a.quaternion, b.quaternion, f)
+    assert math.isclose(distance(a.position, way(f).position), f * distance(a.position, b.position), abs_tol=1e-9)
+
+
+@given(poses, vectors, st.floats(0.0, 1.0))
+def test_a_straight_way_without_a_turn_keeps_its_rotation(pose, step, f):
+    assert same_rotation(straight_way(pose, pose.translated(*step))(f).quaternion, pose.quaternion)
 
 
 @given(poses)

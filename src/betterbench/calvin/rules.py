@@ -21,7 +21,7 @@ from betterbench.calvin.subtasks import (
     Switch,
     UnstackBlocks,
 )
-from betterbench.geometry import conjugate, distance, multiply
+from betterbench.geometry import distance, turn_between
 
 MOST_TILT_DEG = 30.0
 MOST_SHIFT_M = 0.1
@@ -65,7 +65,7 @@ def _rotated(rule: Rotate, start: PlayTable, now: PlayTable) -> bool:
     before, after = start.blocks[rule.block], now.blocks[rule.block]
     if distance(before.position, after.position) > MOST_SHIFT_M or after.bodies <= {start.robot}:
         return False
-    w, x, y, z = multiply(after.rotation, conjugate(before.rotation))
+    w, x, y, z = turn_between(before.rotation, after.rotation)
     # Angles about the fixed axes x, y, z in this order.
     roll = math.degrees(math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
     pitch = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))

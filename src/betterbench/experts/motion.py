@@ -8,15 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.geometry import (
-    Pose,
-    angle_between,
-    conjugate,
-    distance,
-    multiply,
-    slerp,
-    to_axis_angle,
-)
+from betterbench.geometry import Pose, angle_between, distance, straight_way, to_axis_angle, turn_between
 from betterbench.state import WorldState
 
 Motion = Generator[np.ndarray, WorldState, WorldState]
@@ -65,7 +57,7 @@ def delta_action(now: Pose, wanted: Pose, gripper: float) -> np.ndarray:
     Returns:
         (7,) action, clipped to [-1, 1].
     """
-    rx, ry, rz = to_axis_angle(multiply(wanted.quaternion, conjugate(now.quaternion)))
+    rx, ry, rz = to_axis_angle(turn_between(now.quaternion, wanted.quaternion))
     (x, y, z), (px, py, pz) = wanted.position, now.position
     m, rad = TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD
     action = ((x - px) / m, (y - py) / m, (z - pz) / m, rx / rad, ry / rad, rz / rad, gripper)
@@ -96,19 +88,14 @@ def follow(
     speed = 0.0
     for i, goal in enumerate(waypoints):
         start = state.commanded_pose
-        length = _span(start, goal, pace)
+        length, way = _span(start, goal, pace), straight_way(start, goal)
         end_speed = 0.0 if i == len(waypoints) - 1 else pace.corner_speed
         done = 0.0
         while done < length - 1e-6:
             braking = math.sqrt(end_speed**2 + 2.0 * pace.acceleration * (length - done))
             speed = max(0.01, min(pace.speed, speed + pace.acceleration * period_s, braking))
             done = min(length, done + speed * period_s)
-            fraction = done / length
-            wanted = Pose(
-                tuple(a + fraction * (b - a) for a, b in zip(start.position, goal.position, strict=True)),  # type: ignore[arg-type]
-                slerp(start.quaternion, goal.quaternion, fraction),
-            )
-            state = yield delta_action(state.commanded_pose, wanted, gripper)
+            state = yield delta_action(state.commanded_pose, way(done / length), gripper)
     goal = waypoints[-1]
     for _ in range(settle):
         near = distance(state.ee_pose.position, goal.position) < 0.0015

@@ -21,7 +21,7 @@ from betterbench.geometry import (
     multiply,
     normalize,
     rotate,
-    slerp,
+    straight_way,
 )
 from betterbench.robots import ArmIK
 from betterbench.scenes import Clearance, Scene
@@ -362,12 +362,9 @@ class Planner:
             length = distance(start.position, end.position)
             turn = angle_between(start.quaternion, end.quaternion)
             steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
+            between = straight_way(start, end)
             for i in range(1, steps + 1):
-                f = i / steps
-                pose = Pose(
-                    tuple(a + f * (b - a) for a, b in zip(start.position, end.position, strict=True)),  # type: ignore[arg-type]
-                    slerp(start.quaternion, end.quaternion, f),
-                )
+                pose = between(i / steps)
                 ahead = joints if i == 1 else 2.0 * joints - before  # the joints go on as they went
                 found = self._ik.follow(
                     ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
@@ -379,7 +376,7 @@ class Planner:
                 hits = self._clearance.touches(
                     joints, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore
                 )
-                if hits and not (lenient_start and traveled + f * length < 0.05):
+                if hits and not (lenient_start and traveled + i / steps * length < 0.05):
                     return ", ".join(hits), joints
             traveled += length
         return None, joints

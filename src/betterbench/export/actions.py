@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import Quaternion, conjugate, from_axis_angle, multiply, normalize, to_axis_angle
+from betterbench.geometry import Quaternion, from_axis_angle, multiply, normalize, to_axis_angle, turn_between
 from betterbench.interface.actions import (
     EE_DELTA,
     EE_DELTA_MEASURED,
@@ -115,7 +115,7 @@ def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, 
         if measured:
             position, quaternion = np.array(record.ee_position[row]), _quaternion(record.ee_quaternion[row])
         move = (positions[row] - position) / TRANSLATION_PER_UNIT_M
-        turn = multiply(_quaternion(quaternions[row]), conjugate(quaternion))
+        turn = turn_between(quaternion, _quaternion(quaternions[row]))
         step = np.clip([*move, *np.divide(to_axis_angle(turn), ROTATION_PER_UNIT_RAD)], -1.0, 1.0)
         position = position + TRANSLATION_PER_UNIT_M * step[:3]
         quaternion = normalize(multiply(from_axis_angle((ROTATION_PER_UNIT_RAD * step[3:]).tolist()), quaternion))

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import TOOL_DOWN, conjugate, multiply, normalize, rotate, to_axis_angle_near
+from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near, turn_between
 from betterbench.interface import Observation
 from betterbench.json_form import strict_form
 from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, to_format
@@ -173,7 +173,7 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
     if part == "ee_axis_angle":
         return list(to_axis_angle_near((w, x, y, z), TOOL_DOWN))
     if part == "ee_rpy_from_down":
-        return to_format(multiply((w, x, y, z), conjugate(TOOL_DOWN)), "rpy")
+        return to_format(turn_between(TOOL_DOWN, (w, x, y, z)), "rpy")
     return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
 
 

@@ -25,12 +25,12 @@ from betterbench.geometry import (
     Quaternion,
     Vector,
     angle_between,
-    conjugate,
     distance,
     from_axis_angle,
     multiply,
     normalize,
     to_axis_angle,
+    turn_between,
     unit_quaternion,
 )
 from betterbench.interface.actions import (
@@ -338,10 +338,13 @@ def _bounded(
         f = distance_m / lead
         position = (cx + f * dx, cy + f * dy, cz + f * dz)
         pose = Pose(position, quaternion)
-    turn = multiply(quaternion, conjugate(center.quaternion))
-    # |w| of the turn is the cosine of half its angle.
-    if abs(turn[0]) < (_COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)):
-        rx, ry, rz = to_axis_angle(turn)
+    w, x, y, z = quaternion
+    cw, cx, cy, cz = center.quaternion
+    # The product of two unit quaternions is the cosine of half the angle between them.
+    if abs(w * cw + x * cx + y * cy + z * cz) < (
+        _COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)
+    ):
+        rx, ry, rz = to_axis_angle(turn_between(center.quaternion, quaternion))
         f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
         quaternion = unit_quaternion(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
         pose = Pose(position, quaternion)

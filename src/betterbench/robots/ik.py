@@ -28,7 +28,7 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError
-from betterbench.geometry import Pose, Quaternion, angle_between, conjugate, distance, multiply, to_axis_angle
+from betterbench.geometry import Pose, Quaternion, angle_between, distance, to_axis_angle, turn_between
 from betterbench.robots.readers import number_reader, number_writer, numbers_of
 from betterbench.robots.spec import RobotSpec, build_robot_spec
 
@@ -314,7 +314,7 @@ class ArmIK:
         """Return the pose error in the base frame: position [m], then rotation vector [rad]."""
         x, y, z = target.position
         px, py, pz = self._get_position()
-        rotation = to_axis_angle(multiply(target.quaternion, conjugate(self._site_quaternion())))
+        rotation = to_axis_angle(turn_between(self._site_quaternion(), target.quaternion))
         return (x - px, y - py, z - pz, *rotation)
 
     def _world_jacobian(self) -> np.ndarray:

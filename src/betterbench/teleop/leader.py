@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
-from betterbench.geometry import Pose, Vector, conjugate, from_axis_angle, multiply, normalize
+from betterbench.geometry import Pose, Vector, from_axis_angle, multiply, normalize, turn_between
 from betterbench.teleop.controls import Controls
 
 LEADERS = ("so101_leader", "so100_leader")
@@ -77,7 +77,7 @@ class Follower:
             raise InvalidInputError("leader arm", "it has not taken hold", "Call take_hold first")
         there, began = leader.position, self._leader.position
         x, y, z = (r + SCALE * (a - b) for r, a, b in zip(self._robot.position, there, began, strict=True))
-        turn = multiply(leader.quaternion, conjugate(self._leader.quaternion))
+        turn = turn_between(self._leader.quaternion, leader.quaternion)
         if gripper < CLOSED_BELOW or gripper > OPEN_ABOVE:
             self._closed = gripper < CLOSED_BELOW
         return Pose((x, y, z), normalize(multiply(turn, self._robot.quaternion))), self._closed

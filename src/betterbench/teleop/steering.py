@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from betterbench.experts.motion import FREE, delta_action
-from betterbench.geometry import Pose, angle_between, distance, normalize, slerp
+from betterbench.geometry import Pose, angle_between, distance, normalize, straight_way
 from betterbench.robots import RobotSpec
 
 LOWEST_TIP_M = 0.002
@@ -97,9 +97,7 @@ class Steering:
         braking = math.sqrt(2.0 * FREE.acceleration * length)
         speed = max(0.01, min(most, self.speed_m_s + FREE.acceleration * period_s, braking))
         part = min(1.0, speed * period_s / length)
-        x, y, z = (a + part * (b - a) for a, b in zip(now.position, wanted.position, strict=True))
-        led = Pose((x, y, z), slerp(now.quaternion, wanted.quaternion, part))
-        return Steering(speed), delta_action(now, led, gripper)
+        return Steering(speed), delta_action(now, straight_way(now, wanted)(part), gripper)
 
 
 def is_finite(pose: Pose) -> bool:

@@ -19,7 +19,7 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.experts import make_expert
-from betterbench.geometry import Quaternion, conjugate, multiply, normalize, to_axis_angle
+from betterbench.geometry import Quaternion, normalize, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, ActionSpace
 from betterbench.interventions import resolve_condition
@@ -333,7 +333,7 @@ _PATHS: dict[str, type[_Paths]] = {"ee_delta": _DeltaPaths, "ee_delta_measured":
 
 def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
     """Return the rotation vector from one rotation to another in the base frame, (3,) [rad]."""
-    return np.array(to_axis_angle(multiply(end, conjugate(start))))
+    return np.array(to_axis_angle(turn_between(start, end)))
 
 
 def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:

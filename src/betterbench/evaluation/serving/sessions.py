@@ -13,7 +13,7 @@ from betterbench.episodes import POLICY_BOUNDARY
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations
-from betterbench.geometry import Quaternion, conjugate, from_axis_angle, multiply, to_axis_angle
+from betterbench.geometry import Quaternion, from_axis_angle, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
 from betterbench.interface.actions import EE_DELTA, action_space
 from betterbench.policies.adapter import Adapter
@@ -131,7 +131,7 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
         for part, at in rule.columns():
             if part == "ee_axis_angle":
                 theirs = _turn(sent_then[at], sent[at])
-                gap = np.linalg.norm(to_axis_angle(multiply(theirs, conjugate(_turn(before[at], now[at])))))
+                gap = np.linalg.norm(to_axis_angle(turn_between(_turn(before[at], now[at]), theirs)))
             else:
                 gap = np.abs((sent[at] - sent_then[at]) - (now[at] - before[at])).max()
             worst = max(worst, float(gap))
@@ -140,7 +140,7 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
 
 def _turn(before: np.ndarray, now: np.ndarray) -> Quaternion:
     """Return the rotation from one rotation vector, (3,), to another, in the base frame."""
-    return multiply(from_axis_angle(now.tolist()), conjugate(from_axis_angle(before.tolist())))
+    return turn_between(from_axis_angle(before.tolist()), from_axis_angle(now.tolist()))
 
 
 class Counter:

@@ -16,7 +16,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
 from betterbench.evaluation.serving.memory import return_memory
 from betterbench.evaluation.trials.policy_factory import make_privileged
-from betterbench.geometry import conjugate, multiply, normalize, to_axis_angle
+from betterbench.geometry import normalize, to_axis_angle, turn_between
 from betterbench.interface import Observation
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
 from betterbench.interventions import resolve_condition
@@ -116,7 +116,7 @@ class ShadowSimulation:
                 numbers = [*after.pose.position, *after.pose.quaternion]
             elif space == EE_DELTA_MEASURED.name:
                 seen = self._measured[i]
-                turn = multiply(after.pose.quaternion, conjugate(normalize(seen[10:14].tolist())))
+                turn = turn_between(normalize(seen[10:14].tolist()), after.pose.quaternion)
                 moved = [*(np.array(after.pose.position) - seen[7:10]), *to_axis_angle(turn)]
                 numbers = (np.array(moved) / EE_DELTA_MEASURED.scale[:-1]).tolist()
             elif space == JOINT_POSITION.name:

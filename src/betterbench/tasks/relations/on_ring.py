@@ -1,5 +1,7 @@
 """Constrained positioning: whether an object stands centered on a marked ring with its handle clear of the spout."""
 
+import math
+
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
 from betterbench.state import WorldState
 from betterbench.tasks.relations.loose import middle
@@ -26,8 +28,13 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     Its base is centered within 10 mm of the ring, at the height of the ring's plane; it stands upright; and its handle,
     if it has one, is nowhere under the spout.
     """
-    target = state.info.object(fixture)
-    ring = state.pose(fixture).apply(target.region("ring").position)
+    info = state.info
+    region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
+    # Nearly always the two are farther apart than all of this together is long, and nothing has to be turned.
+    reach = math.hypot(*region) + math.hypot(*offset) + RADIUS + HEIGHT
+    if math.dist(state.positions[info.index(name)], state.positions[info.index(fixture)]) > reach:
+        return False
+    ring = state.pose(fixture).apply(region)
     position = foot(state, name)
     if horizontal_distance(position, ring) > RADIUS:
         return False
