@@ -7,15 +7,22 @@ benchmark of its own. Unpacking the memory itself takes a quarter of the time of
 from __future__ import annotations
 
 import functools
+import math
 import operator
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 Reader = Callable[[], tuple[Any, ...]]
 """Returns what is there now: numbers, or rows of numbers."""
+
+Speeds = tuple[tuple[float, ...], tuple[float, ...]]
+"""Linear [m/s] and angular [rad/s] speed of each object."""
+
+_AT_REST = (0.0,) * 6
+_Made = TypeVar("_Made")
 
 
 def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
@@ -34,6 +41,8 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
     """Return a function that reads some rows of an array as they are when it is called.
 
+    Most of the time nothing moves but the arm: as long as nothing changes it returns the very tuple of the last call.
+
     Args:
         array: (n, width) float64, contiguous; it has to stay where it is in memory.
         rows: Which rows.
@@ -42,9 +51,37 @@ def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
         return tuple
     size = 8 * array.shape[1]
     memory = _memory(array)[size * min(rows) : size * (max(rows) + 1)]
-    read = functools.partial(struct.Struct(f"{array.shape[1]}d").iter_unpack, memory)
-    pick = _picker(rows)
-    return (lambda: tuple(read())) if pick is None else (lambda: pick(tuple(read())))
+    unpack, pick = struct.Struct(f"{array.shape[1]}d").iter_unpack, _picker(rows)
+    return _kept(memory, lambda now: tuple(unpack(now)) if pick is None else pick(tuple(unpack(now))))
+
+
+def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) -> Callable[[], Speeds]:
+    """Return a function that reads how fast objects move, as it is when it is called.
+
+    Args:
+        array: (nv,) velocities of all degrees of freedom, float64, contiguous; it has to stay where it is in memory.
+        free: Per object the first of its six degrees of freedom, or -1 if it is not free.
+        slides: Per object its only degree of freedom, or -1 if it does not slide.
+    """
+    ends = [(d, d + 6) for d in free if d >= 0] + [(d, d + 1) for d in slides if d >= 0]
+    first, last = min((a for a, _ in ends), default=0), max((b for _, b in ends), default=0)
+    unpack, n = struct.Struct(f"{last - first}d").unpack, len(free)
+    turning = tuple((i, slice(d - first, d - first + 6)) for i, d in enumerate(free) if d >= 0)
+    sliding = tuple((i, d - first) for i, d in enumerate(slides) if d >= 0)
+
+    def speeds(now: bytes) -> Speeds:
+        velocities = unpack(now)
+        linear, angular = [0.0] * n, [0.0] * n
+        for i, its in turning:
+            if (velocity := velocities[its]) != _AT_REST:
+                vx, vy, vz, wx, wy, wz = velocity
+                linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
+                angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
+        for i, dof in sliding:
+            linear[i] = abs(velocities[dof])
+        return tuple(linear), tuple(angular)
+
+    return _kept(_memory(array)[8 * first : 8 * last], speeds)
 
 
 def numbers_of(array: np.ndarray) -> memoryview[float]:
@@ -55,6 +92,21 @@ def numbers_of(array: np.ndarray) -> memoryview[float]:
 def number_writer(array: np.ndarray) -> Callable[..., None]:
     """Return a function that writes its arguments into an array (n,) float64, all n of them."""
     return functools.partial(struct.Struct(f"{len(array)}d").pack_into, _memory(array), 0)
+
+
+def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
+    """Return a function that returns what is made of some memory, made anew only when a byte of it has changed."""
+    last = memory.tobytes()
+    made = make(last)
+
+    def read() -> _Made:
+        nonlocal last, made
+        now = memory.tobytes()
+        if now != last:
+            last, made = now, make(now)
+        return made
+
+    return read
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import itemgetter
 from typing import Any
 
 import mujoco
@@ -18,7 +16,7 @@ from betterbench.interface.actions import ActionSpace
 from betterbench.robots import ArmController
 from betterbench.robots.control import ControllerState
 from betterbench.robots.physics import PHYSICS
-from betterbench.robots.readers import number_reader, row_reader
+from betterbench.robots.readers import number_reader, row_reader, speed_reader
 from betterbench.scenes.appearance import room_of, start_joints_of, view_jitter_of
 from betterbench.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
 from betterbench.scenes.cameras import ViewPlacement
@@ -30,8 +28,6 @@ from betterbench.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
 
 TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
-
-_AT_REST = (0.0,) * 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,12 +102,11 @@ class Scene:
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
         c = self.compiled
-        moving = tuple((i, int(c.dof_addresses[i])) for i in range(len(c.bodies)) if c.dof_addresses[i] >= 0)
-        self._free = tuple((i, slice(d, d + 6)) for i, d in moving if not c.slides[i])
-        self._slides = tuple((i, d) for i, d in moving if c.slides[i])
-        self._velocities = number_reader(data.qvel, range(self.model.nv))
+        moving = list(zip(c.dof_addresses.tolist(), c.slides.tolist(), strict=True))
+        free, slides = ([d if slid == kind else -1 for d, slid in moving] for kind in (False, True))
+        self._speeds = speed_reader(data.qvel, free, slides)
         self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
-        self._joint_velocities = itemgetter(*self._arm_dofs.tolist())
+        self._joint_velocities = number_reader(data.qvel, self._arm_dofs.tolist())
         self._tool_position = number_reader(data.site_xpos[self._tcp], range(3))
         self._tool_matrix, self._quaternion = data.site_xmat[self._tcp], np.empty(4)
         self._tool_quaternion = number_reader(self._quaternion, range(4))
@@ -266,15 +261,7 @@ class Scene:
     def state(self) -> WorldState:
         """Return everything that is true now."""
         data = self._data
-        n, velocities = len(self._names), self._velocities()
-        linear, angular = [0.0] * n, [0.0] * n
-        for i, its in self._free:
-            if (velocity := velocities[its]) != _AT_REST:
-                vx, vy, vz, wx, wy, wz = velocity
-                linear[i] = math.sqrt(vx * vx + vy * vy + vz * vz)
-                angular[i] = math.sqrt(wx * wx + wy * wy + wz * wz)
-        for i, dof in self._slides:
-            linear[i] = abs(velocities[dof])
+        linear_speeds, angular_speeds = self._speeds()
         positions = self._positions()
         contacts, held = self._contacts.read(data, positions)
         return WorldState(
@@ -283,14 +270,14 @@ class Scene:
             time_s=self._step * TIMESTEP_S * self.physics_steps,
             positions=positions,
             quaternions=self._quaternions(),
-            linear_speeds=tuple(linear),
-            angular_speeds=tuple(angular),
+            linear_speeds=linear_speeds,
+            angular_speeds=angular_speeds,
             ee_pose=self._tool_pose(),
             commanded_pose=self.controller.commanded_pose,
             finger_width_m=self.controller.measured_width_m(data),
             gripper_command=self._gripper_command,
             joint_positions=self._joint_positions(),
-            joint_velocities=self._joint_velocities(velocities),
+            joint_velocities=self._joint_velocities(),
             contacts=contacts,
             held=held,
         )
