@@ -110,6 +110,26 @@ def test_numbers_of_any_type_are_recorded_as_they_are(make_metadata, make_state,
     assert record.applied[1].tolist() == action.tolist()[::-1]
 
 
+def test_rows_are_those_of_the_arrays_that_were_given_whether_they_are_the_same_ones_or_others(
+    make_metadata, make_state
+) -> None:
+    meta, rng = make_metadata(), np.random.default_rng(0)
+    builder, kept, action = RecordBuilder(meta), np.zeros(3), np.zeros(7)
+    wide = np.arange(12.0).reshape(6, 2)
+    given = [kept, kept, wide[3:, 1], kept, np.ones(3), kept]
+    due = []
+    for step, qpos in enumerate(given):
+        kept += 1.0
+        actions = {} if step == 0 else {"action": action, "applied": action}
+        builder.append(
+            make_state(meta.scene, step, rng), qpos=qpos, qvel=kept, ctrl=kept,
+            predicates=(0, 0), subgoals=(0, 0), goal=False, **actions,
+        )  # fmt: skip
+        due.append((qpos.tolist(), kept.tolist()))
+    record = builder.finish(termination="step_limit", success=False)
+    assert list(zip(record.qpos.tolist(), record.qvel.tolist(), strict=True)) == due
+
+
 def test_metadata_and_outcome_come_back(make_record, tmp_path) -> None:
     record, _ = make_record(rows=2, termination="policy_error", error="answer took 12 s", invalid_actions=1)
     write_record(record, tmp_path / "r.parquet")
@@ -147,7 +167,9 @@ def test_a_second_at_20_hz_of_a_busy_scene_stays_within_60_kilobytes(make_record
     [
         ({"step": 3}, "state.step: 3 where row 1 is due"),
         ({"qpos": np.zeros(1)}, r"qpos: has the shape \(1,\), not \(50,\)"),
+        ({"qvel": np.zeros((47, 1))}, r"qvel: has the shape \(47, 1\)"),
         ({"action": np.zeros(3)}, r"action: has the shape \(3,\), not \(7,\)"),
+        ({"applied": np.zeros((1, 7))}, r"applied: has the shape \(1, 7\), not \(7,\)"),
         ({"applied": None}, "action: given or missing in row 1"),
         ({"predicates": (True,)}, "Give 2 predicates and 2 subgoals"),
         ({"other_scene": True}, "state.info: is not the scene"),

@@ -17,8 +17,8 @@ from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetada
 from betterbench.recording.record import Record
 from betterbench.state import WorldState
 
-_SIMULATOR_ROWS = ("qpos", "qvel", "act", "ctrl", "action", "applied")
-_NO_ACTIVATIONS = np.zeros(0)
+_SIMULATOR_ROWS = ("qpos", "qvel", "act", "ctrl")
+_NO_ACTIVATIONS, _NOT_SEEN = np.zeros(0), np.zeros(0)
 _FLOAT64 = np.dtype(np.float64)
 
 
@@ -42,6 +42,8 @@ class RecordBuilder:
         self._states: list[WorldState] = []
         self._rows: list[bytes] = []
         self._truths: list[tuple[Sequence[bool], Sequence[bool], bool, bool]] = []
+        self._simulator: tuple[npt.NDArray[np.float64], ...] = (_NOT_SEEN,) * 4
+        self._memory: tuple[memoryview | bytes, ...] = ()
         self._shapes: tuple[tuple[int, ...], ...] = ()
         self._lengths = (len(metadata.predicate_names), len(metadata.subgoal_names))
         self._no_action = np.full(len(metadata.action_components), np.nan)
@@ -91,20 +93,20 @@ class RecordBuilder:
             )
         if action is None or applied is None:
             action = applied = self._no_action
-        shapes = (qpos.shape, qvel.shape, act.shape, ctrl.shape, action.shape, applied.shape)
-        if shapes != self._shapes:
-            self._check_shapes(shapes)
+        was_qpos, was_qvel, was_act, was_ctrl = self._simulator
+        if qpos is not was_qpos or qvel is not was_qvel or act is not was_act or ctrl is not was_ctrl:
+            self._attend((qpos, qvel, act, ctrl))
+        if action.shape != self._no_action.shape or applied.shape != self._no_action.shape:
+            self._refuse_actions(action, applied)
         if (len(predicates), len(subgoals)) != self._lengths:
             problem = f"{len(predicates)} and {len(subgoals)} truth values"
             cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
             raise InvalidInputError("predicates, subgoals", problem, cure)
         # Bytes take half of the time of an array of the whole row. Policies answer all kinds of numbers.
-        if qpos.dtype is qvel.dtype is act.dtype is ctrl.dtype is action.dtype is applied.dtype is _FLOAT64:
-            row = (qpos.tobytes(), qvel.tobytes(), act.tobytes(), ctrl.tobytes(), action.tobytes(), applied.tobytes())
-            self._rows.append(b"".join(row))
-        else:
-            arrays = (qpos, qvel, act, ctrl, action, applied)
-            self._rows.append(b"".join([a.astype(_FLOAT64).tobytes() for a in arrays]))
+        asked = action if action.dtype is _FLOAT64 else action.astype(_FLOAT64)
+        done = applied if applied.dtype is _FLOAT64 else applied.astype(_FLOAT64)
+        memory = self._memory or [a.astype(_FLOAT64).tobytes() for a in self._simulator]
+        self._rows.append(b"".join((*memory, asked.tobytes(), done.tobytes())))
         self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)
 
@@ -129,10 +131,11 @@ class RecordBuilder:
         rows = len(self._states)
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
-        ends = list(accumulate(shape[0] for shape in self._shapes))
+        shapes = (*self._shapes, self._no_action.shape, self._no_action.shape)
+        ends = list(accumulate(shape[0] for shape in shapes))
         table = np.frombuffer(b"".join(self._rows)).reshape(rows, ends[-1])
         qpos, qvel, act, ctrl, action, applied = (
-            table[:, end - shape[0] : end].copy() for shape, end in zip(self._shapes, ends, strict=True)
+            table[:, end - shape[0] : end].copy() for shape, end in zip(shapes, ends, strict=True)
         )
         return Record(
             metadata=self._metadata,
@@ -197,15 +200,23 @@ class RecordBuilder:
             raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
         self._info = state.info  # the next comparison is by identity
 
-    def _check_shapes(self, shapes: tuple[tuple[int, ...], ...]) -> None:
-        """Keep the first shapes, and refuse others later."""
-        due = self._shapes or (*shapes[:4], self._no_action.shape, self._no_action.shape)
-        for name, shape, known in zip(_SIMULATOR_ROWS, shapes, due, strict=True):
+    def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
+        """Take over the arrays of the simulator, which it keeps in place for an episode, and refuse other shapes."""
+        shapes = tuple(a.shape for a in simulator)
+        for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:
                 raise InvalidInputError(name, f"has the shape {shape}", "Give a flat array")
             if shape != known:
                 raise InvalidInputError(name, f"has the shape {shape}, not {known}", "Keep the shape of the episode")
-        self._shapes = shapes
+        self._shapes, self._simulator = shapes, simulator
+        plain = all(a.dtype is _FLOAT64 and a.flags.c_contiguous for a in simulator)
+        self._memory = tuple(a.data.cast("B") if a.size else b"" for a in simulator) if plain else ()
+
+    def _refuse_actions(self, action: npt.NDArray[np.floating], applied: npt.NDArray[np.floating]) -> None:
+        """Raise InvalidInputError for the first of the two that has another shape than the metadata say."""
+        due = self._no_action.shape
+        name, shape = ("action", action.shape) if action.shape != due else ("applied", applied.shape)
+        raise InvalidInputError(name, f"has the shape {shape}, not {due}", f"Give {due[0]} numbers")
 
 
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
