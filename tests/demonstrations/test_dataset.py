@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich import filesize
 
 from betterbench.cli import dataset as verb
 from betterbench.cli.main import main
@@ -173,7 +174,7 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
 
 
 @pytest.mark.slow
-def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_path):
+def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_path, capsys):
     made = make_dataset(SetRecipe(("fruit_lunch",), demos=2, pairs=True), tmp_path / "set", pictures=False)
     assert made.pairs
     for pair in made.pairs:
@@ -181,6 +182,12 @@ def test_twins_share_their_history_until_the_instruction_makes_them_differ(tmp_p
         assert 0.3 * min(pair.rows) < pair.shared_rows < min(pair.rows)  # the apple comes first in both
     lines = (tmp_path / "set" / "demonstrations" / "pairs.jsonl").read_text().splitlines()
     assert [json.loads(line)["pair"] for line in lines] == [pair.pair for pair in made.pairs]
+    verb._tell(made, 75.5, as_json=True)
+    document = json.loads(capsys.readouterr().out)
+    assert document["seconds"] == 75.5
+    assert document["bytes"] == sum(f.stat().st_size for f in made.path.rglob("*") if f.is_file())
+    verb._tell(made, 3675.5, as_json=False)
+    assert f"{filesize.decimal(document['bytes'])} on disk, 1:01:15 in this sitting" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from rich import filesize
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
@@ -238,8 +239,12 @@ def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_pa
     assert main(words) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["episodes"] == 2
+    assert document["bytes"] == sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
+    assert document["seconds"] > 0.0
     assert document["evaluate"].startswith("better eval --policy lerobot:CHECKPOINT --quality fast")
     assert document["evaluate"] in (out / "README.md").read_text()
+    assert main([*words[:-1]]) == 0  # it is there already
+    assert f"{filesize.decimal(document['bytes'])} on disk, 0:00:0" in capsys.readouterr().out
     assert main(["export", str(demonstrations.run.path), "--check", str(out), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["worst_error"] == 0.0
 

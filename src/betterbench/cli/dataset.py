@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -64,10 +65,12 @@ def dataset_command(
 
     chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
     recipe = SetRecipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
+    began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures)
+    seconds = time.monotonic() - began
     if sign is not None:
         _sign(made, sign)
-    _tell(made, as_json=json)
+    _tell(made, seconds, as_json=json)
     if expect is not None and made.sha256 != expect:
         cure = "Give the same version, machine and arguments to make the same set"
         raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
@@ -100,9 +103,12 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) 
         return make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)
 
 
-def _tell(made: MadeDataset, *, as_json: bool) -> None:
+def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
+    from betterbench.cli.progress import took
+
+    size = sum(file.stat().st_size for file in made.path.rglob("*") if file.is_file())
     if as_json:
-        print_json(_document(made))
+        print_json(_document(made) | {"bytes": size, "seconds": round(seconds, 3)})
         return
     if made.audit is not None:
         rows = [
@@ -112,7 +118,9 @@ def _tell(made: MadeDataset, *, as_json: bool) -> None:
         print_table(("task", "demonstrations", "shortcuts"), rows)
     missing = f", {made.missing} fewer than asked for" if made.missing else ""
     pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
-    OUT.print(f"{made.demonstrations} demonstrations{missing}, {made.steps} steps{pairs}", markup=False)
+    OUT.print(
+        f"{made.demonstrations} demonstrations{missing}, {made.steps} steps{pairs}\n{took(seconds, size)}", markup=False
+    )
     OUT.print(f"hash of the set {made.sha256}\ncard            {made.path / 'README.md'}", markup=False, soft_wrap=True)
     OUT.print(f"again           {made.command}", markup=False, soft_wrap=True)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -118,6 +119,7 @@ def _export_dataset(
     *,
     as_json: bool,
 ) -> None:
+    from betterbench.cli.progress import took
     from betterbench.export import ExportPlan, export_dataset, layout_of, select_demonstrations
     from betterbench.recording import RunFolder
 
@@ -128,6 +130,7 @@ def _export_dataset(
     folders = [RunFolder.open(run) for run in runs]
     selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
     plan = ExportPlan(folders, selection, layout, to, out, **written)
+    began = time.monotonic()
     with progress_bar("export", len(selection.demonstrations)) as (bar, task):
         done = export_dataset(
             plan,
@@ -135,14 +138,15 @@ def _export_dataset(
             on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
         )
         bar.update(task, completed=len(selection.demonstrations))
+    seconds = time.monotonic() - began
     left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:
         say("with test variations: a policy that is trained on these episodes is not tested by the same variations")
-    document = asdict(done) | {"path": str(done.path)}
+    document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
     sentence = (
-        f"{done.episodes} episodes, {done.frames} frames, {done.bytes / 1e6:.1f} MB\n"
+        f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"
         f"written to  {done.path}\nevaluate    {done.evaluate}"
     )
     _tell(document, sentence, as_json=as_json)
