@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import os
 import signal
@@ -204,6 +205,32 @@ def test_variations_without_anything_new_are_counted_apart(undisturbed):
     assert (found.known.balanced.k, found.known.balanced.n) == (sum(t.success for t in balanced), len(balanced))
     assert found.known.contrast.gap.value == pytest.approx(0.5 / 5 - 3 / 5)
     assert "never shown: can" in (out / "study.html").read_text()
+
+
+def test_what_some_learners_solve_is_asked_of_those_that_had_no_say_in_it(undisturbed):
+    _, outcome, found, _, _ = undisturbed
+    balanced = [f for f in outcome.learners if f.learner.arm == "balanced"]
+    solved = [
+        (left_out, variation)
+        for left_out, other in itertools.permutations(balanced, 2)
+        for variation in ("L1", "L2", "L3", "L4", "O1", "T1")
+        if all(t.success for t in other.of(variation))
+    ]
+    trials = [t for left_out, variation in solved for t in left_out.of(variation)]
+    assert 10 <= found.repeated.variations == len(solved)
+    assert (found.repeated.success.k, found.repeated.success.n) == (sum(t.success for t in trials), len(trials))
+    alone = findings_of(outcome.plan, [f for f in outcome.learners if f.learner.seed == 0], {})
+    assert alone.repeated is None
+
+
+def test_a_verdict_that_the_learner_left_out_does_not_share_lowers_what_is_repeated(undisturbed):
+    _, outcome, found, _, _ = undisturbed
+    last = max(f.learner.seed for f in outcome.learners)
+    fails = [
+        replace(f, trials=tuple(replace(t, success=False) for t in f.trials)) if f.learner.seed == last else f
+        for f in outcome.learners
+    ]
+    assert findings_of(outcome.plan, fails, {}).repeated.success.value == 0.0 < found.repeated.success.value
 
 
 def test_the_page_needs_nothing_else_and_says_what_one_seed_cannot(undisturbed, tmp_path):

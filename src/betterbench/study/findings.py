@@ -22,7 +22,7 @@ from betterbench.statistics import (
 from betterbench.study.contrasts import ArmContrast, ArmFinding, arm_of, contrast_of, figure_of, gap_of, success_of
 from betterbench.study.doses import DoseFinding, doses_of
 from betterbench.study.levers import LeverTable, lever_tables
-from betterbench.study.outcomes import LearnerOutcome
+from betterbench.study.outcomes import LearnerOutcome, TrialOutcome
 from betterbench.study.plan import ROLES, StudyPlan
 from betterbench.study.vocabulary import never_shown
 from betterbench.tasks import Expected, get_task
@@ -85,6 +85,22 @@ class KnownFinding:
 
 
 @dataclass(frozen=True, slots=True)
+class RepeatedFinding:
+    """Whether a learner solves what those say that were trained like it with other seeds.
+
+    A verdict that balancing is enough rests on the same trials as the success that it is about. Here the variations are
+    those that the balanced learners of all other training seeds solve, and the trials are of the learner left out.
+
+    Attributes:
+        variations: How many variations were chosen, over all learners left out.
+        success: Success of the learners left out there.
+    """
+
+    variations: int
+    success: Figure
+
+
+@dataclass(frozen=True, slots=True)
 class WordFinding:
     """How often the target changes where nothing but the words does."""
 
@@ -117,6 +133,7 @@ class StudyFindings:
     Attributes:
         roles: Per role the arm that plays it.
         known: The same on the variations of which everything was shown; None without a confounded and a balanced arm.
+        repeated: What learners left out solve of what the other balanced ones do; None without two training seeds.
         doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
@@ -125,6 +142,7 @@ class StudyFindings:
     variations: tuple[VariationFinding, ...]
     contrasts: tuple[ArmContrast, ...]
     known: KnownFinding | None
+    repeated: RepeatedFinding | None
     levers: tuple[LeverTable, ...]
     words: tuple[WordFinding, ...]
     prediction: PredictionFinding | None
@@ -162,6 +180,7 @@ def findings_of(
         variations,
         tuple(contrasts),
         known,
+        _repeated(_of_arm(plain, roles["balanced"])) if "balanced" in roles else None,
         tuple(lever_tables(plan, learners)),
         tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
         score_of(confounded, predictions) if confounded and predictions else None,
@@ -185,6 +204,22 @@ def _on_the_known(
     )
     solved = success_of(trial for f in first for trial in f.varied)
     return KnownFinding(len(known), solved, contrast_of(f"{CONTRAST}, nothing new", "", first, second))
+
+
+def _repeated(balanced: Sequence[LearnerOutcome]) -> RepeatedFinding | None:
+    """Return what each balanced learner solves of the variations that those of the other training seeds solve."""
+    chosen, trials = 0, list[TrialOutcome]()
+    seeds = {(f.learner.task, f.learner.seed) for f in balanced}
+    if len(seeds) == len({task for task, _ in seeds}):
+        return None
+    for left_out in balanced:
+        task, seed = left_out.learner.task, left_out.learner.seed
+        others = [f for f in balanced if f.learner.task == task and f.learner.seed != seed]
+        for variation in dict.fromkeys(t.variation for t in left_out.varied):
+            if solves(success_of(t for f in others for t in f.of(variation))):
+                chosen += 1
+                trials += left_out.of(variation)
+    return RepeatedFinding(chosen, success_of(trials))
 
 
 def _of_arm(learners: Iterable[LearnerOutcome], arm: str, task: str = "") -> list[LearnerOutcome]:

@@ -196,6 +196,14 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         said = gap.sentence() + (f", {p_text(gap.p_value)}" if gap.p_value is not None else "")
         held = None if gap.value is None else gap.value <= -LEAST_DIFFERENCE
         lines.append(_of_the_able(found, ("confounded", "balanced"), Expectation(text, said, held)))
+    if found.repeated is not None and found.repeated.variations:
+        solved = found.repeated.success
+        text = (
+            f"A balanced learner solves {100 * LEAST_SOLVED:.0f} % or more of what those of the other training seeds "
+            "solve"
+        )
+        held = None if solved.value is None else solved.value >= LEAST_SOLVED
+        lines.append(Expectation(text, solved.sentence(), held))
     for role, bound, above in (("confounded", MOST_DEAF, False), ("balanced", LEAST_HEARING, True)):
         word = next((w for w in found.words if w.arm == found.roles.get(role)), None)
         if word is None or word.changed.value is None:
