@@ -220,6 +220,19 @@ def test_what_is_out_of_range_is_clipped_and_counted():
     assert run(Scripted(lambda _: STILL)).outcome.clipped_actions == 0
 
 
+def test_a_policy_that_answers_in_one_array_again_and_again_is_recorded_as_it_answered():
+    array = STILL.copy()
+
+    def answer(observation):
+        array[0] = 2.0 if observation.step == 3 else 0.25
+        return array
+
+    record = run(Scripted(answer), make_scene(steps=6))
+    assert record.action[1:, 0].tolist() == [0.25, 0.25, 0.25, 2.0, 0.25, 0.25]
+    assert record.applied[1:, 0].tolist() == [0.25, 0.25, 0.25, 1.0, 0.25, 0.25]
+    assert record.outcome.clipped_actions == 1
+
+
 # ----------------------------------------------------------------------------------------------------- hostile policies
 
 

@@ -32,6 +32,17 @@ def test_clipping_stays_inside_and_is_idempotent(numbers: list[float]) -> None:
     assert once.tobytes() == EE_DELTA.clip(once).tobytes()
 
 
+@SPACES
+@given(data=st.data())
+def test_as_many_actions_are_counted_as_clipping_changes(space: ActionSpace, data: st.DataObject) -> None:
+    near = st.sampled_from([*space.low, *space.high, 0.0, -0.0]) | st.floats(-4.0, 4.0, width=32)
+    rows = data.draw(st.lists(st.lists(near, min_size=space.dim, max_size=space.dim), max_size=5))
+    for kind in (np.float64, np.float32):
+        actions = np.array(rows, dtype=kind).reshape(-1, space.dim)
+        changed = sum(space.clip(action).tolist() != action.tolist() for action in actions)
+        assert space.count_clipped(actions.astype(np.float64)) == changed
+
+
 def test_clipping_leaves_the_given_array_alone() -> None:
     given_action = np.full(7, 3.0)
     EE_DELTA.clip(given_action)

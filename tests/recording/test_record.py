@@ -102,8 +102,11 @@ def test_numbers_of_any_type_are_recorded_as_they_are(make_metadata, make_state,
     builder, some = RecordBuilder(meta), np.array([1.0, 2.0, 3.0]).astype(kind)
     action = np.arange(len(meta.action_components)).astype(kind)
     rest = {"qvel": np.zeros(2), "ctrl": np.zeros(0), "predicates": (0, 0), "subgoals": (0, 0), "goal": False}
+    assert builder.actions.shape == (0, len(action))
     builder.append(make_state(meta.scene, 0, rng), qpos=some, **rest)
+    assert builder.actions.shape == (0, len(action))
     builder.append(make_state(meta.scene, 1, rng), qpos=some, action=action, applied=action[::-1], **rest)
+    assert builder.actions.tolist() == [action.tolist()]
     record = builder.finish(termination="step_limit", success=False)
     assert record.qpos.tolist() == [[1.0, 2.0, 3.0]] * 2
     assert record.action[1].tolist() == action.tolist()

@@ -155,7 +155,6 @@ def episode_steps(
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
     error: str | None = None
-    clipped = 0
     try:
         if observer is not None:
             yield from chunks.begin()
@@ -166,8 +165,6 @@ def episode_steps(
             applied = scene.step(action if disturb is None else disturb(action))
             if observer is not None:
                 chunks.look(state.step + 1)
-            meant = applied if disturb is None else scene.action_space.clip(action)
-            clipped += meant.tolist() != action.tolist()
             state = scene.state()
             truth = tracker.update(state)
             append_row(builder, scene, state, truth, action=action, applied=applied)
@@ -183,7 +180,7 @@ def episode_steps(
         termination, error = "policy_error", str(problem)
     except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
-    record = _finished(scene, builder, termination, error, clipped=clipped, success=truth.success)
+    record = _finished(scene, builder, termination, error, success=truth.success)
     return EpisodeResult(record, chunks.wall_figures(), builder.states)
 
 
@@ -203,7 +200,6 @@ def _finished(
     termination: Termination,
     error: str | None,
     *,
-    clipped: int,
     success: bool,
 ) -> Record:
     if error is not None:
@@ -213,7 +209,7 @@ def _finished(
         termination=termination,
         success=success and termination == "success",
         error=error,
-        clipped_actions=clipped,
+        clipped_actions=scene.action_space.count_clipped(builder.actions),
         invalid_actions=int(termination == "policy_error" and (error or "").startswith("InvalidActionError")),
     )
 

@@ -119,6 +119,11 @@ class ActionSpace:
                 values[i] = low if value < low else high
         return np.array(values, dtype=np.float64)
 
+    def count_clipped(self, actions: np.ndarray) -> int:
+        """Return how many actions, shape (n, dim), have a number out of bounds, which :meth:`clip` changes."""
+        outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
+        return int(outside.any(axis=1).sum())
+
     def _refuse(self, values: list[float]) -> NoReturn:
         """Raise an error that names the components which are not finite."""
         bad = ", ".join(f"{c} = {v}" for c, v in zip(self.components, values, strict=True) if not math.isfinite(v))

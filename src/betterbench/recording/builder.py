@@ -56,6 +56,13 @@ class RecordBuilder:
         """The states that were appended."""
         return tuple(self._states)
 
+    @property
+    def actions(self) -> npt.NDArray[np.float64]:
+        """The actions that were appended, shape (rows after the first, dim)."""
+        size, end = self._no_action.nbytes, len(self._rows[0]) - self._no_action.nbytes if self._rows else 0
+        asked = b"".join([row[end - size : end] for row in self._rows[1:]])
+        return np.frombuffer(asked).reshape(-1, len(self._no_action))
+
     def append(
         self,
         state: WorldState,
@@ -222,15 +229,18 @@ class RecordBuilder:
 def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.float64]:
     """Return one value per row as an array (T, *shape); ValueError if one of them has another shape.
 
-    Nested values are laid out flat first, which takes a third of the time that NumPy takes to find their shape.
+    Nested values are laid out flat first, which takes a third of the time that NumPy takes to find their shape; rows
+    that are the very value of the row before, as those of things at rest are, are laid out once.
     """
-    rows, flat = len(values), values
+    new = [0, *(i for i in range(1, len(values)) if values[i] is not values[i - 1])]
+    flat: Sequence[Any] = [values[i] for i in new]
     for length in shape:
         wrong = {*map(len, flat)} - {length}
         if wrong:
             raise ValueError(f"a row has {min(wrong)} values where {length} are due")
         flat = list(chain.from_iterable(flat))
-    return np.fromiter(flat, np.float64, len(flat)).reshape(rows, *shape)
+    found = np.fromiter(flat, np.float64, len(flat)).reshape(len(new), *shape)
+    return found if len(new) == len(values) else found.repeat(np.diff([*new, len(values)]), axis=0)
 
 
 def _collect_contacts(states: Sequence[WorldState]) -> tuple[tuple[str, ...], Contacts]:

@@ -210,10 +210,7 @@ class TeleopSession:
             "going": ("interrupted", "the person stopped"),
         }
         termination, error = ends[self.phase]
-        clipped = sum(
-            row.applied is not None and row.action is not None and row.applied.tolist() != row.action.tolist()
-            for row in self._rows
-        )
+        clipped = self.scene.action_space.count_clipped(builder.actions)
         success = termination == "success"
         return builder.finish(termination=termination, success=success, error=error, clipped_actions=clipped)
 

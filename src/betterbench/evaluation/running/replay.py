@@ -178,7 +178,7 @@ def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Ite
         told.termination,
         truth.success and not broken,
         told.error if broken else None,
-        sum(scene.action_space.clip(action).tolist() != action.tolist() for action in record.action[1:]),
+        scene.action_space.count_clipped(record.action[1:]),
         int(told.termination == "policy_error" and error.startswith("InvalidActionError")),
     )
     for name in ("success", "error", "clipped_actions", "invalid_actions"):
