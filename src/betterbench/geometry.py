@@ -64,7 +64,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return ``b a*``: the rotation that takes ``a`` to ``b``, in the frame in which both are given.
 
-    It gives the bits of :func:`multiply` and :func:`conjugate` in half of their time.
+    It gives the bits of :func:`multiply` and :func:`conjugate`, the signs of zeros too, in half of their time.
     """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
@@ -72,7 +72,7 @@ def turn_between(a: Quaternion, b: Quaternion) -> Quaternion:
         bw * aw + bx * ax + by * ay + bz * az,
         bx * aw - bw * ax - by * az + bz * ay,
         bx * az - bw * ay + by * aw - bz * ax,
-        by * ax - (bw * az + bx * ay) + bz * aw,
+        -(bw * az) - bx * ay + by * ax + bz * aw,
     )
 
 

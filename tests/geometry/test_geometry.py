@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import pytest
@@ -182,8 +183,17 @@ def test_slerp_turns_evenly_along_the_shorter_way(a, b, f):
 
 @given(quaternions(), quaternions())
 def test_the_turn_between_two_rotations_takes_one_to_the_other(a, b):
-    assert turn_between(a, b) == multiply(b, conjugate(a))  # the same bits: experts and controllers depend on them
+    # The same bits, signs of zeros included: records of experts depend on them.
+    assert list(map(str, turn_between(a, b))) == list(map(str, multiply(b, conjugate(a))))
     assert same_rotation(multiply(turn_between(a, b), a), b)
+
+
+@pytest.mark.parametrize("zero", [0.0, -0.0])
+@pytest.mark.parametrize("other", [0.0, -0.0])
+def test_the_turn_between_two_rotations_keeps_the_signs_of_zeros(zero, other):
+    for q in itertools.product((1.0, zero), (zero, 0.5), (other, -0.5), (zero, other)):
+        for p in itertools.product((1.0, other), (zero, other), (other, 0.25), (other, -0.0)):
+            assert list(map(str, turn_between(q, p))) == list(map(str, multiply(p, conjugate(q))))
 
 
 @given(poses, poses, st.floats(0.0, 1.0))

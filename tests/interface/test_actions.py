@@ -43,6 +43,11 @@ def test_as_many_actions_are_counted_as_clipping_changes(space: ActionSpace, dat
         assert space.count_clipped(actions.astype(np.float64)) == changed
 
 
+def test_of_no_actions_none_is_clipped_whatever_their_width() -> None:
+    """A record that lies about its components is told so by name and does not break the check."""
+    assert EE_DELTA.count_clipped(np.zeros((0, 3))) == EE_DELTA.count_clipped(np.zeros((0, 7))) == 0
+
+
 def test_clipping_leaves_the_given_array_alone() -> None:
     given_action = np.full(7, 3.0)
     EE_DELTA.clip(given_action)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import itertools
 import json
 import os
 import signal
@@ -207,18 +206,14 @@ def test_variations_without_anything_new_are_counted_apart(undisturbed):
     assert "never shown: can" in (out / "study.html").read_text()
 
 
-def test_what_some_learners_solve_is_asked_of_those_that_had_no_say_in_it(undisturbed):
-    _, outcome, found, _, _ = undisturbed
+def test_a_verdict_is_asked_of_learners_that_it_does_not_rest_on(undisturbed):
+    out, outcome, found, _, _ = undisturbed
     balanced = [f for f in outcome.learners if f.learner.arm == "balanced"]
-    solved = [
-        (left_out, variation)
-        for left_out, other in itertools.permutations(balanced, 2)
-        for variation in ("L1", "L2", "L3", "L4", "O1", "T1")
-        if all(t.success for t in other.of(variation))
-    ]
-    trials = [t for left_out, variation in solved for t in left_out.of(variation)]
-    assert 10 <= found.repeated.variations == len(solved)
+    enough = [v.variation for v in found.variations if v.verdict == "decorrelation is enough"]
+    trials = [t for f in balanced for name in enough for t in f.of(name)]
+    assert found.repeated.variations == len(balanced) * len(enough) == 6  # "no gap" is no such verdict
     assert (found.repeated.success.k, found.repeated.success.n) == (sum(t.success for t in trials), len(trials))
+    assert "left_out_success" in (out / "numbers.csv").read_text()
     alone = findings_of(outcome.plan, [f for f in outcome.learners if f.learner.seed == 0], {})
     assert alone.repeated is None
 
@@ -231,6 +226,26 @@ def test_a_verdict_that_the_learner_left_out_does_not_share_lowers_what_is_repea
         for f in outcome.learners
     ]
     assert findings_of(outcome.plan, fails, {}).repeated.success.value == 0.0 < found.repeated.success.value
+
+
+def test_nothing_is_repeated_by_learners_that_learned_nothing(undisturbed):
+    """Of a variation in which doing nothing is right all learners solve all, and of training none does anything."""
+    _, outcome, _, _, _ = undisturbed
+    idle = [
+        replace(
+            f,
+            trials=tuple(
+                replace(t, success=t.variation in ("L3", "T1") and (t.variation == "T1" or f.learner.arm == "balanced"))
+                for t in f.trials
+            ),
+        )
+        for f in outcome.learners
+    ]
+    found = findings_of(outcome.plan, idle, {})
+    assert found.repeated.success.value == 1.0
+    line = next(e for e in expectations(found) if "decorrelation is enough by" in e.expected)
+    assert line.held is None
+    assert "of the training conditions only" in line.found
 
 
 def test_the_page_needs_nothing_else_and_says_what_one_seed_cannot(undisturbed, tmp_path):

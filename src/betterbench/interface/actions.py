@@ -121,6 +121,8 @@ class ActionSpace:
 
     def count_clipped(self, actions: np.ndarray) -> int:
         """Return how many actions, shape (n, dim), have a number out of bounds, which :meth:`clip` changes."""
+        if not len(actions):
+            return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
         return int(outside.any(axis=1).sum())
 

@@ -86,14 +86,14 @@ class KnownFinding:
 
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
-    """Whether a learner solves what those say that were trained like it with other seeds.
+    """Whether the verdict that decorrelation is enough holds for a learner that it does not rest on.
 
-    A verdict that balancing is enough rests on the same trials as the success that it is about. Here the variations are
-    those that the balanced learners of all other training seeds solve, and the trials are of the learner left out.
+    Each training seed is left out in turn. The variations are those that have this verdict by the learners of all other
+    seeds, the trials are of the balanced learner left out, in the same scenes.
 
     Attributes:
-        variations: How many variations were chosen, over all learners left out.
-        success: Success of the learners left out there.
+        variations: How many variations had the verdict, over all seeds left out.
+        success: Success of the balanced learners left out there.
     """
 
     variations: int
@@ -133,7 +133,7 @@ class StudyFindings:
     Attributes:
         roles: Per role the arm that plays it.
         known: The same on the variations of which everything was shown; None without a confounded and a balanced arm.
-        repeated: What learners left out solve of what the other balanced ones do; None without two training seeds.
+        repeated: Whether verdicts hold for learners that were left out; None without two training seeds of both arms.
         doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
@@ -180,7 +180,7 @@ def findings_of(
         variations,
         tuple(contrasts),
         known,
-        _repeated(_of_arm(plain, roles["balanced"])) if "balanced" in roles else None,
+        _repeated(plain, roles),
         tuple(lever_tables(plan, learners)),
         tuple(word_finding(arm, _of_arm(plain, arm)) for arm in plan.arms),
         score_of(confounded, predictions) if confounded and predictions else None,
@@ -206,20 +206,22 @@ def _on_the_known(
     return KnownFinding(len(known), solved, contrast_of(f"{CONTRAST}, nothing new", "", first, second))
 
 
-def _repeated(balanced: Sequence[LearnerOutcome]) -> RepeatedFinding | None:
-    """Return what each balanced learner solves of the variations that those of the other training seeds solve."""
-    chosen, trials = 0, list[TrialOutcome]()
-    seeds = {(f.learner.task, f.learner.seed) for f in balanced}
-    if len(seeds) == len({task for task, _ in seeds}):
+def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
+    """Return what balanced learners solve where those of the other training seeds say that decorrelation is enough."""
+    if not {"confounded", "balanced"} <= roles.keys():
         return None
-    for left_out in balanced:
-        task, seed = left_out.learner.task, left_out.learner.seed
-        others = [f for f in balanced if f.learner.task == task and f.learner.seed != seed]
-        for variation in dict.fromkeys(t.variation for t in left_out.varied):
-            if solves(success_of(t for f in others for t in f.of(variation))):
+    chosen, trials, seeds = 0, list[TrialOutcome](), 0
+    for left_out in _of_arm(learners, roles["balanced"]):
+        task = left_out.learner.task
+        others = [f for f in learners if f.learner.task == task and f.learner.seed != left_out.learner.seed]
+        by_role = {role: _of_arm(others, arm) for role, arm in roles.items()}
+        seeds += bool(by_role["confounded"] and by_role["balanced"])
+        for name in dict.fromkeys(t.variation for t in left_out.varied):
+            success = {role: success_of(t for f in found for t in f.of(name)) for role, found in by_role.items()}
+            if verdict_of(success) == "decorrelation is enough":
                 chosen += 1
-                trials += left_out.of(variation)
-    return RepeatedFinding(chosen, success_of(trials))
+                trials += left_out.of(name)
+    return RepeatedFinding(chosen, success_of(trials)) if seeds else None
 
 
 def _of_arm(learners: Iterable[LearnerOutcome], arm: str, task: str = "") -> list[LearnerOutcome]:

@@ -199,11 +199,11 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
     if found.repeated is not None and found.repeated.variations:
         solved = found.repeated.success
         text = (
-            f"A balanced learner solves {100 * LEAST_SOLVED:.0f} % or more of what those of the other training seeds "
-            "solve"
+            f"Where decorrelation is enough by the learners of the other training seeds, a balanced one solves "
+            f"{100 * LEAST_SOLVED:.0f} % or more"
         )
         held = None if solved.value is None else solved.value >= LEAST_SOLVED
-        lines.append(Expectation(text, solved.sentence(), held))
+        lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
     for role, bound, above in (("confounded", MOST_DEAF, False), ("balanced", LEAST_HEARING, True)):
         word = next((w for w in found.words if w.arm == found.roles.get(role)), None)
         if word is None or word.changed.value is None:
@@ -274,12 +274,12 @@ def numbers_table(found: StudyFindings) -> Table:
         add("variations", (v.task, v.variation, ""), validity=v.validity, risk=risk)
     for c in found.compared:
         add("contrasts", (c.task, "", c.name), success=c.success, gap=c.gap)
-    for table in found.levers:
-        for row in table.rows:
-            where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
-            add("levers", where, **{axis: row.axes[axis] for axis in row.axes})
-            if row.against is not None:
-                add("levers", where, success_difference=row.against.success, gap_difference=row.against.gap)
+    if found.known is not None:
+        add("contrasts", ("", "", found.known.contrast.name), balanced_success=found.known.balanced)
+    if found.repeated is not None:
+        add("verdicts", ("", "", found.roles["balanced"]), left_out_success=found.repeated.success)
+    for where, figures in _lever_numbers(found):
+        add("levers", where, **figures)
     for w in found.words:
         add("words", ("", "", w.arm), changed=w.changed, right=w.right)
     if found.prediction is not None:
@@ -290,6 +290,16 @@ def numbers_table(found: StudyFindings) -> Table:
         add("doses", (d.task, "", label), failure=d.failure, predicted_label=d.predicted, exposed_label=d.exposed)
     columns = ("table", "task", "variation", "arm", "number", "value", "low", "high", "k", "n", "p")
     return Table("numbers", "All numbers of the study.", columns, tuple(rows))
+
+
+def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
+    """Yield tasks, no variation, and arm with lever of each row of the tables of levers, and its numbers."""
+    for table in found.levers:
+        for row in table.rows:
+            against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}
+            differences = {f"{name}_difference": figure for name, figure in against.items()}
+            where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
+            yield where, {**row.axes, **differences}
 
 
 def trials_table(outcome: StudyOutcome) -> Table:
