@@ -93,6 +93,27 @@ raise SystemExit(0 if osmesa.OSMesaCreateContext(0x1908, None) else 1)
 }
 
 
+# What an interpreter is timed with: plain floats, tuples and dictionaries, as between two physics steps.
+SMALL_WORK = """
+import bz2, ctypes, lzma, multiprocessing, os, sqlite3, ssl, sys, time, zlib
+def work():
+    total, rows = 0.0, [(i * 0.5, i * 0.25, 1.0) for i in range(400)]
+    for x, y, z in rows * 40:
+        names = {"x": x, "y": y}
+        total += names["x"] * z - names["y"] * y if x > y else abs(x)
+    return total
+def seconds():
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+print(sys.executable)
+print(sys.implementation.name, *sys.version_info[:2], os.uname().machine)
+print(min(seconds() for _ in range(12)))
+"""
+CLEARLY = 0.8
+"""Share of the time of this interpreter that another build may take to be clearly faster."""
+
+
 class SetupError(Exception):
     """The set-up cannot go on; the text says what to run."""
 
@@ -341,13 +362,54 @@ def is_filled(lock: str) -> bool:
     return STAMP.read_text(encoding="ascii") in accepted
 
 
-def fill(lock: str) -> None:
+def measured(python: Path | str) -> tuple[str, float] | None:
+    """Executable of an interpreter, and the seconds that it takes for a small piece of work; None where it is no match.
+
+    A match is a CPython of this minor version and machine that has the parts of the standard library which some
+    distributions pack apart.
+    """
+    try:
+        told = subprocess.run([str(python), "-I", "-c", SMALL_WORK], check=True, capture_output=True, timeout=20)
+        executable, kind, seconds = told.stdout.decode().splitlines()
+        same = kind == " ".join([sys.implementation.name, *map(str, sys.version_info[:2]), os.uname().machine])
+        return (executable, float(seconds)) if same else None
+    except (OSError, ValueError, subprocess.SubprocessError):
+        return None
+
+
+def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
+    """The interpreter of ``.venv``: this one, or another build of the same version that is clearly faster.
+
+    pyenv builds Python without optimizations unless it is told otherwise, and such a build takes more than half as long
+    again. Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
+
+    Args:
+        named: This one was asked for by name.
+        places: Folders to look in; those of PATH and /usr/bin where None.
+    """
+    name = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    folders = [Path(folder) for folder in os.get_exec_path()] + [Path("/usr/bin")] if places is None else places
+    others = dict.fromkeys((folder / name).resolve() for folder in folders if os.access(folder / name, os.X_OK))
+    others.pop(Path(sys.executable).resolve(), None)
+    own = None if named or not others else measured(sys.executable)
+    if own is None:
+        return sys.executable
+    found = [timing for other in others if (timing := measured(other)) is not None]
+    fastest, seconds = min(found, key=lambda timing: timing[1], default=own)
+    if seconds > CLEARLY * own[1]:
+        return sys.executable
+    say(f"{fastest} is {own[1] / seconds:.1f} times as fast as {sys.executable}: taking it (PYTHON=... names another)")
+    return fastest
+
+
+def fill(lock: str, *, named: bool = False) -> None:
     """Makes ``.venv`` where there is none and installs the locked packages and this one (editable) into it.
 
     Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
 
     Args:
         lock: "dev" or "runtime".
+        named: ``.venv`` is to have this interpreter and no other build of it.
 
     Raises:
         SetupError: uv failed; its own message stands above.
@@ -357,8 +419,10 @@ def fill(lock: str) -> None:
     uv = find_uv(env)
     steps: list[list[str | Path]] = []
     if run([VENV_PYTHON, "-c", "import sys; sys.exit(sys.version_info < (3, 11))"], quiet=True).returncode != 0:
-        say(f"creating .venv with Python {sys.version.split()[0]}")
-        steps.append([uv, "venv", "--quiet", "--clear", "--python", sys.executable, VENV])
+        python = chosen_python(named=named)
+        told = run([python, "-c", "import sys; print(sys.version.split()[0])"], quiet=True).stdout.strip()
+        say(f"creating .venv with Python {told}")
+        steps.append([uv, "venv", "--quiet", "--clear", "--python", python, VENV])
     STAMP.unlink(missing_ok=True)
     install: list[str | Path] = [uv, "pip", "install", "--quiet", "--python", VENV_PYTHON]
     locked = LOCKS / f"{lock}.lock"
@@ -452,6 +516,7 @@ def main() -> int:
     parser.add_argument("--no-gl", action="store_true", help="leave the graphics library out")
     parser.add_argument("--relock", action="store_true", help="write requirements/*.lock anew and stop")
     parser.add_argument("--upgrade", action="store_true", help="with --relock: take the newest versions")
+    parser.add_argument("--this-python", action="store_true", help="no other build of the same Python for .venv")
     options = parser.parse_args()
     if sys.version_info < OLDEST_PYTHON:
         wanted = ".".join(map(str, OLDEST_PYTHON))
@@ -464,7 +529,7 @@ def main() -> int:
                 relock(upgrade=options.upgrade)
                 return 0
             if not is_filled(options.lock):
-                fill(options.lock)
+                fill(options.lock, named=options.this_python)
             if not options.no_gl:
                 ensure_gl()
     except SetupError as error:

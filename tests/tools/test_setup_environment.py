@@ -162,3 +162,61 @@ def test_each_other_build_stands_in_its_lock(setup_environment: ModuleType) -> N
         text = (ROOT / "requirements" / f"{name}.lock").read_text(encoding="utf-8")
         for package, (local, digest) in builds.items():
             assert re.search(rf"^{package}==[^ ]+{re.escape(local)} ;.*\n *--hash=sha256:{digest}$", text, re.MULTILINE)
+
+
+def interpreter(folder: Path, seconds: float, *, said: str | None = None) -> Path:
+    """Write a program that says of itself what an interpreter of this version says, and return its path."""
+    program = folder / f"python{sys.version_info.major}.{sys.version_info.minor}"
+    folder.mkdir()
+    kind = f"cpython {sys.version_info.major} {sys.version_info.minor} {os.uname().machine}"
+    program.write_text(f"#!/bin/sh\necho {program}\necho {said or kind}\necho {seconds}\n")
+    program.chmod(0o755)
+    return program
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said", "taken"),
+    [
+        (0.6, None, True),
+        (0.95, None, False),  # no more than noise
+        (1.4, None, False),
+        (0.6, f"cpython {sys.version_info.major} 99 {os.uname().machine}", False),
+        (0.6, f"pypy {sys.version_info.major} {sys.version_info.minor} {os.uname().machine}", False),
+        (0.6, "No module named sqlite3", False),
+    ],
+)
+def test_another_build_of_the_same_python_is_taken_if_it_is_clearly_faster(  # noqa: PLR0913 - three are the case
+    setup_environment: ModuleType,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    seconds: float,
+    said: str | None,
+    taken: bool,
+) -> None:
+    this = interpreter(tmp_path / "this", 1.0)
+    other = interpreter(tmp_path / "other", seconds, said=said)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    (broken / other.name).write_text("no program")
+    (broken / other.name).chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(this))
+    places = [tmp_path / "nowhere", broken, this.parent, other.parent]
+    assert setup_environment.chosen_python(named=False, places=places) == str(other if taken else this)
+    assert setup_environment.chosen_python(named=True, places=places) == str(this)
+    assert setup_environment.chosen_python(named=False, places=[broken, this.parent]) == str(this)
+
+
+def test_the_fastest_of_several_builds_is_taken(
+    setup_environment: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = {"this": 1.0, "fast": 0.7, "fastest": 0.5, "slow": 2.0}
+    builds = {name: interpreter(tmp_path / name, seconds) for name, seconds in names.items()}
+    monkeypatch.setattr(sys, "executable", str(builds["this"]))
+    places = [build.parent for build in builds.values()]
+    assert setup_environment.chosen_python(named=False, places=places) == str(builds["fastest"])
+
+
+def test_this_python_is_measured_and_has_all_parts_of_its_library(setup_environment: ModuleType) -> None:
+    executable, seconds = setup_environment.measured(sys.executable)
+    assert executable == sys.executable
+    assert 0.0 < seconds < 5.0
