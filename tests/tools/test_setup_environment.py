@@ -185,10 +185,11 @@ def interpreter(folder: Path, seconds: float, *, said: str | None = None) -> Pat
         (0.6, "No module named sqlite3", False),
     ],
 )
-def test_another_build_of_the_same_python_is_taken_if_it_is_clearly_faster(  # noqa: PLR0913 - three are the case
+def test_another_build_of_the_same_python_is_taken_if_it_is_clearly_faster(
     setup_environment: ModuleType,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    *,
     seconds: float,
     said: str | None,
     taken: bool,
