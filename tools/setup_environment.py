@@ -111,7 +111,7 @@ print(sys.executable)
 print(sys.implementation.name, *sys.version_info[:2], os.uname().machine)
 print(min(seconds() for _ in range(12)))
 """
-CLEARLY = 0.8
+CLEARLY = 0.9
 """Share of the time of this interpreter that another build may take to be clearly faster."""
 TIMINGS = 5
 """How often each interpreter is timed; the least time counts."""
@@ -383,8 +383,8 @@ def measured(python: Path | str) -> tuple[str, float] | None:
 def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
     """The interpreter of ``.venv``: this one, or another build of the same version that is clearly faster.
 
-    pyenv builds Python without optimizations unless it is told otherwise, and such a build takes more than half as long
-    again. Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
+    pyenv builds Python without optimizations unless it is told otherwise, and such a build takes a third to a half
+    longer. Distributions, uv and conda build with them. Not every build says how it was made, so they are timed.
 
     Args:
         named: This one was asked for by name.
