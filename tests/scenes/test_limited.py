@@ -137,6 +137,7 @@ def test_a_process_that_was_stopped_is_not_started_again(scene):
     with LimitedView(quality="fast", size=64) as view:
         view.open(scene.files())
         view.stop()
+        assert view.is_closed  # at once, even if the process takes a moment to end
         with pytest.raises(RecordError, match="was killed"):
             view.draw(scene.data.qpos, "front", jitter=NO_JITTER)
         assert view.is_closed

@@ -247,7 +247,7 @@ class LimitedView:
     @property
     def is_closed(self) -> bool:
         """Whether the process has ended, or was told to."""
-        return self._is_closed or self._process.poll() is not None
+        return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
         """End the process from another thread: the one that waits for an answer gets a RecordError."""
