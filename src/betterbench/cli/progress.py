@@ -63,7 +63,7 @@ def _widths_of(room: int, what: int, note: int, *, note_first: bool) -> _Widths:
     return _Widths(named, bar, max(0, min(note, left)))
 
 
-def clock(seconds: float) -> str:
+def _clock(seconds: float) -> str:
     """Return a duration as "0:04:12"."""
     whole = int(seconds)
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
@@ -74,7 +74,7 @@ def took(seconds: float, size: int) -> str:
 
     Long work is interrupted and resumed; the time is that of this call alone.
     """
-    return f"{filesize.decimal(size)} on disk, {clock(seconds)} in this sitting"
+    return f"{filesize.decimal(size)} on disk, {_clock(seconds)} in this sitting"
 
 
 def _count_text(task: Task) -> str:
@@ -88,7 +88,7 @@ def _count_text(task: Task) -> str:
 def _time_text(task: Task) -> str:
     """Return the time left ("0:04:12 left"), or the time taken while it is unknown and at the end."""
     left = None if task.finished else task.time_remaining
-    return f"{clock(task.elapsed or 0.0)}     " if left is None else f"{clock(left)} left"
+    return f"{_clock(task.elapsed or 0.0)}     " if left is None else f"{_clock(left)} left"
 
 
 class _Line:
@@ -155,6 +155,6 @@ class WorkProgress(Progress):
 
 
 def _logged(task: Task) -> str:
-    left = "" if task.finished or task.time_remaining is None else f"{clock(task.time_remaining)} left"
+    left = "" if task.finished or task.time_remaining is None else f"{_clock(task.time_remaining)} left"
     parts = [text for text in (_count_text(task).strip(), left, str(task.fields["note"])) if text]
     return f"{task.description}: {', '.join(parts)}"

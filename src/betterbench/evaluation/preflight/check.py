@@ -112,8 +112,7 @@ class PreflightCheck:
     @property
     def clipped(self) -> int:
         """How many actions of the first answer a run would clip, because a number is out of range."""
-        space = action_space(self.info.action_space)
-        return sum(space.clip(action).tolist() != action.tolist() for action in self.actions)
+        return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, images as their sizes."""
