@@ -47,8 +47,9 @@ def test_a_way_is_followed_within_its_tolerances_and_limits(ik: ArmIK) -> None:
     joints, searched = ik.home, ik.home
     for i in range(1, 31):
         target = Pose((0.36 + 0.01 * i, 0.012 * i, 0.28), normalize(multiply(from_yaw(0.04 * i), DOWN)))
-        found = ik.follow(joints, target, position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2)
-        assert found is not None, i
+        followed = ik.follow(joints, target, position_tolerance_m=1e-3, rotation_tolerance_rad=1e-2)
+        assert followed is not None, i
+        found = np.array(followed)
         reached = ik.forward(found)
         assert distance(reached.position, target.position) <= 1e-3
         assert angle_between(reached.quaternion, target.quaternion) <= 1e-2

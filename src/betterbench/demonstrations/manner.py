@@ -125,7 +125,7 @@ class VariedSkills(Skills):
         varied = (up, middle, over, goal)
         T_tcp_object = None if held is None else state.ee_pose.inverse() @ state.pose(held)
         blocked, _ = self.planner.check_way(
-            np.asarray(state.joint_positions),
+            state.joint_positions,
             (state.commanded_pose, *varied),
             width_m,
             held=held,
@@ -172,7 +172,7 @@ class VariedSkills(Skills):
         share = (top - low) / (high - low)
         x, y = (g + share * (s - g) for g, s in zip(grasp.position[:2], start.position[:2], strict=True))
         there = Pose((x, y, top), grasp.quaternion)
-        blocked, _ = self.planner.check_way(np.asarray(state.joint_positions), (start, there), 0.0)
+        blocked, _ = self.planner.check_way(state.joint_positions, (start, there), 0.0)
         if blocked is not None:
             return state
         state = yield from follow(state, (there,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)

@@ -120,21 +120,25 @@ def carry_place(
         shift = (goal[0] - wanted[0], goal[1] - wanted[1], goal[2] - wanted[2])
     held = state.ee_pose.inverse() @ state.pose(window.object)
     T_tcp_foot = held @ Pose(foot_offset(state.info.object(window.object)))
+    T_foot_tcp = None if keep_tool else T_tcp_foot.inverse()
     return CarriedOver(
         skill.source,
-        tuple(_placing(to_new @ t, skill.T_tcp_foot, T_tcp_foot, shift, keep_tool=keep_tool) for t in skill.targets),
+        tuple(_placing(to_new @ t, skill.T_tcp_foot, T_tcp_foot, shift, T_foot_tcp) for t in skill.targets),
         skill.gripper,
         skill.change,
     )
 
 
 def _placing(
-    target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], *, keep_tool: bool
+    target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return where the tool has to be for the foot of an object to be where that of the source's object is."""
+    """Return where the tool has to be for the foot of an object to be where that of the source's object is.
+
+    Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object is turned as it lies in the gripper.
+    """
     foot = (target @ T_tcp_foot_source).translated(*shift)
-    if not keep_tool:
-        return foot @ T_tcp_foot.inverse()
+    if T_foot_tcp is not None:
+        return foot @ T_foot_tcp
     dx, dy, dz = rotate(target.quaternion, T_tcp_foot.position)
     x, y, z = foot.position
     return Pose((x - dx, y - dy, z - dz), target.quaternion)

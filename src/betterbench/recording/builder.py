@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from itertools import accumulate, chain
 from operator import attrgetter
@@ -233,13 +234,14 @@ def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.flo
     that are the very value of the row before, as those of things at rest are, are laid out once.
     """
     new = [0, *(i for i in range(1, len(values)) if values[i] is not values[i - 1])]
-    flat: Sequence[Any] = [values[i] for i in new]
+    flat: Iterable[Any] = [values[i] for i in new]
     for length in shape:
+        flat = list(flat)
         wrong = {*map(len, flat)} - {length}
         if wrong:
             raise ValueError(f"a row has {min(wrong)} values where {length} are due")
-        flat = list(chain.from_iterable(flat))
-    found = np.fromiter(flat, np.float64, len(flat)).reshape(len(new), *shape)
+        flat = chain.from_iterable(flat)
+    found = np.fromiter(flat, np.float64, len(new) * math.prod(shape)).reshape(len(new), *shape)
     return found if len(new) == len(values) else found.repeat(np.diff([*new, len(values)]), axis=0)
 
 

@@ -144,19 +144,18 @@ def _windows(
 
 def _begin(record: Record, change: int, earliest: int) -> int:
     """Return the first row from which on the tool stays near the place of a change, not before ``earliest``."""
-    row = change
-    while row > earliest and _distance(record, row - 1, change) < NEAR_M:
-        row -= 1
-    return row
+    away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
+    return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1
 
 
 def _end(record: Record, change: int, away_m: float, latest: int) -> int:
     """Return the row after the first one at which the tool is away from the place of a change, at most ``latest``."""
     row = min(change, len(record) - 1)
-    while row < latest and _distance(record, row, min(change, len(record) - 1)) < away_m:
-        row += 1
-    return min(row + 1, latest) if row < latest else latest
+    away = np.flatnonzero(_distances(record, row, latest, row) >= away_m)
+    return min(row + int(away[0]) + 1, latest) if len(away) else latest
 
 
-def _distance(record: Record, a: int, b: int) -> float:
-    return float(np.linalg.norm(record.ee_position[a] - record.ee_position[b]))
+def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
+    """Return how far the tool is at the rows from ``start`` to ``stop`` from where it is at another one [m]."""
+    found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
+    return found

@@ -216,7 +216,7 @@ class ArmIK:
         lowest, highest = self.window(q, centers, lead)
         if not all(least <= x <= most for least, x, most in zip(lowest, moved, highest, strict=True)):
             return None
-        return _farthest(moved, q)
+        return largest_step(moved, q)
 
     def reach(
         self,
@@ -259,29 +259,29 @@ class ArmIK:
         return IKResult(best.q, best.position_error_m, best.rotation_error_rad, best.converged, used)
 
     def follow(
-        self, q: np.ndarray, target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
-    ) -> np.ndarray | None:
-        """Return joint angles near ``q``, shape (n,) [rad], that bring the tool to ``T_base_tcp``, or None.
+        self, q: Sequence[float], target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
+    ) -> list[float] | None:
+        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; in plain numbers.
 
         It is for many targets one after the other along a way: Newton steps from near by, which take a tenth of the
         time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
         converge, :meth:`reach` searches from ``q``. A ``q`` outside the limits counts as the nearest angles inside.
         """
-        now: list[float] = np.minimum(np.maximum(q, self.low), self.high).tolist()
+        now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
         for _ in range(FOLLOW_ITERATIONS):
             self._place(now)
             x, y, z, rx, ry, rz = self._world_error(target)
             if math.hypot(x, y, z) <= position_tolerance_m and math.hypot(rx, ry, rz) <= rotation_tolerance_rad:
-                return np.array(now)
+                return now
             self._factorize(_POSTURE_WEIGHT + REACH_DAMPING)
             now = self._newton_step(now, (x, y, z, rx, ry, rz))
             if not all(low <= angle <= high for angle, (low, high, _) in zip(now, self._bounds, strict=True)):
                 break
         found = self.reach(
-            q, target, position_tolerance_m=position_tolerance_m, rotation_tolerance_rad=rotation_tolerance_rad,
-            restarts=False,
+            np.array(q), target, restarts=False,
+            position_tolerance_m=position_tolerance_m, rotation_tolerance_rad=rotation_tolerance_rad,
         )  # fmt: skip
-        return found.q if found.converged else None
+        return found.q.tolist() if found.converged else None
 
     def _descend(self, q: np.ndarray, target: Pose, position: float, rotation: float, iterations: int) -> IKResult:
         """Iterate from one start until the pose is reached or progress ends."""
@@ -347,7 +347,7 @@ class ArmIK:
         hessian.ravel()[:: len(q) + 1] += _STEP_WEIGHT
         now, low, high = np.array(q), *map(np.array, self.window(*window))
         inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
-        return inside, _farthest(inside, window[0])
+        return inside, largest_step(inside, window[0])
 
     def _newton_step(self, q: Sequence[float], error: tuple[float, float, float, float, float, float]) -> list[float]:
         """Return the joint angles [rad] after one step from ``q``, prepared by :meth:`_factorize`, without bounds."""
@@ -425,7 +425,7 @@ class _FrameProblem:
         return jacobian, error
 
 
-def _farthest(moved: Sequence[float], q: Sequence[float]) -> float:
+def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
     """Return the largest change of a joint [rad]."""
     return max(abs(x - now) for x, now in zip(moved, q, strict=True))
 

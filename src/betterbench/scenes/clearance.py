@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from betterbench.geometry import Pose, distance
+from betterbench.robots.readers import numbers_of
 from betterbench.scenes.scene import Scene
 from betterbench.state import WorldState
 
@@ -44,7 +45,8 @@ class Clearance:
             self._model.geom_conaffinity[self._geoms[i]] = 0
             self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
         self._held = -1
-        self._arm, self._fingers = scene.arm_addresses, scene.finger_addresses
+        self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
+        self._numbers = numbers_of(self._data.qpos)
 
     def load(self, state: WorldState) -> None:
         """Take over where everything is."""
@@ -80,8 +82,10 @@ class Clearance:
         ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
         """
         data = self._data
-        data.qpos[self._arm] = joints
-        data.qpos[self._fingers] = 0.5 * finger_width_m
+        for address, angle in zip(self._arm, joints, strict=True):
+            self._numbers[address] = angle
+        for address in self._fingers:
+            self._numbers[address] = 0.5 * finger_width_m
         held_index = -1
         if held is not None and held_pose is not None:
             held_index = self._index[held]
@@ -93,6 +97,8 @@ class Clearance:
             self._held = held_index
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_collision(self._model, data)
+        if not data.ncon:
+            return ()  # as nearly everywhere on a way
         found: set[str] = set()
         pairs = self._compiled.geom_labels[data.contact.geom].tolist()
         for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):

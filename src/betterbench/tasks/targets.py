@@ -119,7 +119,7 @@ class Targets:
         """Return where every subject is in any posture; ``strictly`` are the places that are known already."""
         return tuple(
             tuple(
-                w.relation.anyhow(state, name, w.target) if place is None else place
+                w.relation.loosely(state, name, w.target) if place is None and w.relation.loosely else place
                 for name, place in zip(w.subjects, places, strict=True)
             )
             for w, places in zip(self.watches, strictly, strict=True)

@@ -1,9 +1,10 @@
 """Containment: whether an object is in a container that is open at the top."""
 
+import functools
 import math
 from collections.abc import Mapping
 
-from betterbench.geometry import Pose, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
+from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
@@ -37,10 +38,17 @@ def inside(state: WorldState, name: str, container: str) -> bool:
         return False
     if state.touching(name, "table"):
         return False
-    pose, frame = state.pose(name), state.pose(container)
-    x, y, z = (frame @ region.pose).inverse().apply(pose.apply((0.0, 0.0, 0.5 * height)))
+    i = info.index(container)
+    to_region = _to_region(state.positions[i], state.quaternions[i], region.position, region.quaternion)
+    x, y, z = to_region.apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
+
+
+@functools.lru_cache(maxsize=16)
+def _to_region(position: Vector, quaternion: Quaternion, region: Vector, turned: Quaternion) -> Pose:
+    """Return ``T_region_world`` of a region of something that stands still for long, or that many things may be in."""
+    return (Pose(position, quaternion) @ Pose(region, turned)).inverse()
 
 
 def _loosely(state: WorldState, name: str, container: str) -> str | None:
@@ -70,6 +78,7 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
     for turn in (0.0, math.pi / 2, -math.pi / 2):
         x, y, _ = rotate(from_yaw(turn), opening)
         room_x, room_y = _room(region, item, along_x=abs(x) > abs(y))
+        turned = normalize(from_yaw(now + turn))
         for fx, fy in SPOTS:
             spot = (region.position[0] + fx * max(room_x, 0.0), region.position[1] + fy * max(room_y, 0.0))
             gap = min((math.dist(spot, p[:2]) - 0.5 * max(o.size_m[:2]) for p, o in taken), default=1.0) - item
@@ -77,7 +86,7 @@ def _goals(state: WorldState, name: str, container: str, _region: str) -> tuple[
             for drop in DROPS_M:
                 place = frame.apply((spot[0], spot[1], floor + drop))
                 cost = 60.0 * crowding + 40.0 * drop + 0.15 * abs(turn)
-                goals.append((cost, Pose(place, normalize(from_yaw(now + turn)))))
+                goals.append((cost, Pose(place, turned)))
     return tuple(PlaceGoal(pose, alike=cost) for cost, pose in sorted(goals, key=lambda g: g[0]))
 
 

@@ -19,6 +19,8 @@ OVERLAP = threshold(
     "outside does not.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+_ROUNDING_M = 1e-9
+"""More than rounding makes of a distance [m]."""
 
 
 def middle(state: WorldState, name: str) -> Vector:
@@ -46,8 +48,15 @@ def reaches_into(state: WorldState, name: str, space: Pose, half_size: Vector) -
     sx, sy, sz = (0.5 * v for v in state.info.object(name).size_m)
     hx, hy, hz = (max(h - OVERLAP, 0.0) for h in half_size)
     to_space = space.inverse() @ state.pose(name)
-    if math.dist(to_space.apply((0.0, 0.0, sz)), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
+    x, y, z = to_space.apply((0.0, 0.0, sz))
+    if math.dist((x, y, z), (0.0, 0.0, 0.0)) > math.hypot(sx, sy, sz) + math.hypot(hx, hy, hz):
         return False
+    # How far the object reaches from its middle along the axes of the box: beside it no point has to be looked at.
+    q = to_space.quaternion
+    edges = zip(rotate(q, (sx, 0.0, 0.0)), rotate(q, (0.0, sy, 0.0)), rotate(q, (0.0, 0.0, sz)), strict=True)
+    for at, edge, half in zip((x, y, z), edges, (hx, hy, hz), strict=True):
+        if abs(at) - sum(map(abs, edge)) > half + _ROUNDING_M:
+            return False
     for fx, fy, fz in itertools.product(_STEPS, _STEPS, _STEPS):
         x, y, z = to_space.apply((fx * sx, fy * sy, sz + fz * sz))
         if abs(x) <= hx and abs(y) <= hy and abs(z) <= hz:
