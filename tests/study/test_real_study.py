@@ -111,3 +111,32 @@ def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, t
     run = RunFolder.open(out / "runs" / "fruit_lunch-balanced-seed0")
     assert {entry.status for entry in run.entries()} == {"done"}
     assert (run.path / "diagnosis.json").is_file()
+
+
+LEVERS = """
+levers:
+  - {name: frozen, start: balanced, changes: {frozen: [words, objects]}}
+  - {name: seeing, changes: {family: pixels, every: 8, eyes: {views: [front], size: 32, quality: fast}}}
+"""
+
+
+def weights_of(out: Path, learner: str) -> dict[str, object]:
+    from safetensors.torch import load_file
+
+    return load_file(out / "learners" / f"fruit_lunch-{learner}" / "checkpoint.safetensors")
+
+
+@pytest.mark.render
+def test_levers_that_begin_with_a_learner_or_see_pictures_are_trained_and_evaluated(plan, tmp_path):
+    plan.write_text(PLAN + LEVERS)
+    out = tmp_path / "study"
+    finish(plan, out, workers=2)
+    assert json.loads((out / "study.json").read_text())["learners"] == 4
+    begun, start = weights_of(out, "confounded-frozen-seed0"), weights_of(out, "balanced-seed0")
+    for part, stays in (("words.", True), ("objects.", True), ("head.", False)):
+        same = [bool((weight == start[name]).all()) for name, weight in begun.items() if name.startswith(part)]
+        assert same, part
+        assert all(same) == stays, part
+    assert list(out.glob("sets/fruit_lunch-training.frames/*.bin"))
+    evaluated = RunFolder.open(out / "runs" / "fruit_lunch-confounded-seeing-seed0").plan
+    assert (evaluated["observation"]["name"], evaluated["quality"]) == ("default", "fast")

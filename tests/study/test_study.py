@@ -303,13 +303,67 @@ def test_other_questions_of_a_co_training_make_another_learner(tmp_path, monkeyp
     assert trained[2] == [f"train {TASK}-confounded-asked-seed0"]
 
 
+def test_a_lever_begins_with_the_learner_of_another_arm_that_is_trained_before_it(tmp_path):
+    """Also where the two would be trained side by side; another such learner makes another one of the lever."""
+    lever = {"name": "frozen", "changes": {"frozen": ["objects"]}, "start": "balanced"}
+    plan, groups = small(seeds=[0], levers=[lever]), []
+    workshop, calls = made_up_workshop(threads=9)
+    jobs = []
+
+    def train(given, tell):
+        groups.append([job.out.name for job in given])
+        jobs.extend(given)
+        return workshop.train(given, tell)
+
+    run_study(plan, tmp_path, replace(workshop, train=train))
+    assert groups[-1] == [f"{TASK}-confounded-frozen-seed0"]
+    assert f"{TASK}-balanced-seed0" in groups[0]
+    assert jobs[-1].recipe.start == str(tmp_path / "learners" / f"{TASK}-balanced-seed0")
+    assert jobs[-1].recipe.frozen == ("objects",)
+    marker = tmp_path / "stages" / f"learners-{TASK}-balanced-seed0.json"
+    calls.clear()
+    run_study(plan, tmp_path, workshop)
+    assert calls == []
+    changed = json.loads(marker.read_text())
+    changed["output"]["digest"] = "another"
+    marker.write_text(json.dumps(changed))
+    run_study(plan, tmp_path, workshop)
+    assert f"train {TASK}-confounded-frozen-seed0" in calls
+
+
+def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_with(tmp_path):
+    eyes = {"observation": "default", "views": ["front"], "size": 48, "quality": "fast"}
+    lever = {"name": "myopic", "changes": {"family": "pixels", "eyes": eyes}}
+    plan, seen = small(seeds=[0], levers=[lever]), {}
+    workshop, _ = made_up_workshop()
+
+    def evaluate(policy, task, trials, out, tell):
+        seen[out.name] = policy.observation, policy.quality
+        return workshop.evaluate(policy, task, trials, out, tell)
+
+    run_study(plan, tmp_path, replace(workshop, evaluate=evaluate))
+    assert seen.pop(f"{TASK}-confounded-myopic-seed0") == ("default", "fast")
+    assert set(seen.values()) == {("state_only", "fast")}
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not sum up to 1"),
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
         ({"recipe": {"steps": 0}}, "steps"),
-        ({"recipe": {"family": "pixels"}}, "recipe.family.*learners of objects so far"),
+        ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*nothing is trained.*lever that has a start"),
+        ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever that has a start"),
+        ({"levers": [{"name": "x", "changes": {}, "start": "none"}]}, "levers\\[0\\].start.*'none'"),
+        (
+            {"levers": [{"name": "x", "changes": {"capacity": "large"}, "start": "balanced"}]},
+            "lever x.capacity.*the learner of balanced",
+        ),
+        (
+            {"levers": [{"name": "x", "changes": {}, "start": "confounded", "arms": ["balanced"]}]},
+            "levers\\[0\\].start.*morning_coffee is never shown .*, which balanced shows",
+        ),
+        ({"levers": [{"name": "x", "changes": {"start": "learners/x"}}]}, "lever x.start.*the study decides it"),
         ({"recipe": {"seed": 3}}, "recipe.seed.*the study decides it"),
         ({"recipe": {"colour": 3}}, "colour.*unknown"),
         ({"levers": [{"name": "x", "changes": {"capacity": "huge"}}]}, "lever x: capacity"),

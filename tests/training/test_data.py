@@ -13,6 +13,7 @@ from small_recipes import tiny
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.learned.tokens import moment_of
 from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
+from betterbench.training.loop import train
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +46,32 @@ def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, record
         assert np.array_equal(data.actions[rows][:, :6], record.applied[1:, :6].astype(np.float32))
         assert set(data.actions[rows][:, 6]) <= {-1.0, 1.0}
     assert {PHASES[i] for i in data.phases} <= set(PHASES)
+
+
+def test_a_start_knows_all_that_the_data_show_and_may_know_more(records, tmp_path):
+    """Numbers of words are those of the checkpoint; one that lacks a word is refused by its name."""
+    other = dataclasses.replace(records[1].metadata, instruction="Fetch the mug")
+    both = (records[0], dataclasses.replace(records[1], metadata=other))
+    data = {}
+    for name, count in (("wide", 2), ("narrow", 1)):
+        run = start_run(tmp_path / name, TRIALS[:count])
+        for record in both[:count]:
+            add_record(run, record)
+        recipe = tiny(data=[str(run.path)], validation=0.0)
+        data[name] = recipe, read_training_set(recipe)
+        train(*data[name], tmp_path / f"{name} learner")
+    (_, whole), (narrow, alone) = data["wide"], data["narrow"]
+    assert set(alone.vocabulary.words) < set(whole.vocabulary.words)
+    recipe = dataclasses.replace(narrow, start=str(tmp_path / "wide learner"))
+    begun = read_training_set(recipe)
+    assert begun.vocabulary == whole.vocabulary
+    assert np.array_equal(begun.words[0], whole.words[0][: begun.words.shape[1]])
+    train(recipe, begun, tmp_path / "begun")
+    unfit = dataclasses.replace(data["wide"][0], start=str(tmp_path / "narrow learner"))
+    with pytest.raises(
+        InvalidInputError, match="narrow learner: it has no number for the word 'fetch', which the data"
+    ):
+        read_training_set(unfit)
 
 
 @pytest.fixture

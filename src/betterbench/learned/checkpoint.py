@@ -107,6 +107,23 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     return network.eval(), trained
 
 
+def checkpoint_file(place: str) -> Path:
+    """Return the file of a checkpoint, or of a folder that holds one, that a recipe names as its start.
+
+    Raises InvalidInputError if there is none.
+    """
+    path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
+    if not path.is_file():
+        raise InvalidInputError(f"start: {place}", "holds no checkpoint", "Name the folder that better train wrote")
+    return path
+
+
+def read_vocabulary(path: Path) -> Vocabulary:
+    """Return what the learner of a checkpoint has numbers for; InvalidInputError if the file is damaged."""
+    _, about = read_tensors(path)
+    return _trained(about, str(path)).vocabulary
+
+
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     """Put weights into a network; InvalidInputError if they are of another one."""
     there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))

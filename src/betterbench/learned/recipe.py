@@ -276,6 +276,19 @@ class TrainingRecipe:
         return CAPACITIES[self.family][self.capacity] if isinstance(self.capacity, str) else self.capacity
 
     @property
+    def shape(self) -> dict[str, object]:
+        """What decides how many weights there are of each kind, but for the vocabulary, by the name of its field."""
+        return {
+            "family": self.family,
+            "capacity": self.size,
+            "eyes": len(self.eyes.windows),
+            "proprioception": (self.proprioception.given, self.proprioception.dropout > 0.0),
+            "history": self.history,
+            "chunk": self.chunk,
+            "loss": self.loss,
+        }
+
+    @property
     def questions(self) -> int:
         """Questions that a step draws beside its batch."""
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)

@@ -35,10 +35,21 @@ class TrainedPolicy:
     Attributes:
         address: Address of the policy.
         digest: Hash of what it is.
+        observation: Observation preset under which it is evaluated.
+        quality: Render preset under which it is evaluated.
     """
 
     address: str
     digest: str
+    observation: str = "state_only"
+    quality: str = "fast"
+
+    @classmethod
+    def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
+        """Return the policy of a recipe, which is evaluated with the eyes that it has been trained with."""
+        if recipe.family != "pixels":
+            return cls(address, digest)
+        return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +78,19 @@ class _Learner:
     policy: TrainedPolicy | None = None
 
 
-def train_learners(jobs: Sequence[TrainingJob], device: str, tell: OnWork) -> tuple[TrainedPolicy, ...]:
+def train_learners(
+    jobs: Sequence[TrainingJob], device: str, tell: OnWork, *, workers: int = 1
+) -> tuple[TrainedPolicy, ...]:
     """Train all jobs at once, and return the policies in their order; a single one is trained in this process.
+
+    The frames that learners of pixels see are drawn before, by ``workers`` processes.
 
     Raises:
         TrainingError: If a process dies.
         BetterError: Whatever stops one of them; the others are stopped too, and what each has saved stays.
     """
+    for job in jobs:
+        _draw(job, tell, workers)
     if len(jobs) == 1:
         return (_train(jobs[0], device, tell),)
     learners = [_begin(job, device) for job in jobs]
@@ -144,6 +161,20 @@ def _learn(job: TrainingJob, device: str, link: Connection) -> None:
             link.send(TrainingError(f"{job.out.name}: {described(problem)}"))
 
 
+def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
+    """Draw the frames of a learner of pixels that are missing; two processes would not draw into one folder."""
+    if job.recipe.family != "pixels":
+        return
+    from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
+
+    read_training_set(
+        job.recipe,
+        on_read=lambda done, of: tell(done, of, "reading"),
+        workers=workers,
+        on_drawn=lambda done, of: tell(done, of, "drawing frames"),
+    )
+
+
 def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
     """Train a learner in this process; the errors are those of the training loop."""
     from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
@@ -153,4 +184,4 @@ def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
     result = train(
         job.recipe, data, job.out, device=device, on_progress=lambda p: tell(p.step, p.steps, f"loss {p.loss:.4f}")
     )
-    return TrainedPolicy(f"{PREFIX}{job.out}", file_digest(result.checkpoint))
+    return TrainedPolicy.of(f"{PREFIX}{job.out}", file_digest(result.checkpoint), job.recipe)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -14,12 +15,13 @@ from betterbench.errors import InvalidInputError, require_between
 from betterbench.interventions.regimes import Regime, conditions_of
 from betterbench.json_form import read_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
+from betterbench.study.vocabulary import never_shown_before
 from betterbench.tasks import get_task
 
 CURE = "Correct the plan; docs/learned.md shows one"
 PRESETS = ("small", "full", "doses")
-OWN_FIELDS = ("data", "tasks", "seed", "variations", "start", "frozen")
-"""Fields of a recipe that the study itself decides, or that need a checkpoint."""
+OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
+"""Fields of a recipe that the study itself decides."""
 MOST_LEARNERS = 1000
 _SUM_SLACK = 1e-6
 
@@ -46,12 +48,15 @@ class Lever:
         changes: Fields of the recipe.
         arms: Arms on which it is tried; all if empty.
         tasks: Tasks on which it is tried; all if empty.
+        start: Arm whose learner of the same task and training seed, with the recipe as it is, training begins with;
+            ``changes`` may then freeze parts of it. None to begin with nothing.
     """
 
     name: _Name
     changes: dict[str, Any]
     arms: tuple[_Name, ...] = ("confounded",)
     tasks: tuple[str, ...] = ()
+    start: _Name | None = None
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -118,7 +123,10 @@ class StudyPlan:
         for i, lever in enumerate(self.levers):
             _require_known(f"levers[{i}].arms", lever.arms, self.arms)
             _require_known(f"levers[{i}].tasks", lever.tasks, self.tasks)
-            self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name), ("data",))
+            _require_known(f"levers[{i}].start", () if lever.start is None else (lever.start,), self.arms)
+            changed = PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name)
+            self._require_weights_fit(changed, self.recipe_of(changed, ("data",)))
+            self._require_words_known(f"levers[{i}].start", lever)
         count = sum(1 for _ in self.learners())
         if count > MOST_LEARNERS:
             raise InvalidInputError("seeds", f"they make {count} learners", f"Give at most {MOST_LEARNERS}")
@@ -132,6 +140,40 @@ class StudyPlan:
                 for task in lever.tasks or self.tasks:
                     yield from (PlannedLearner(task, arm, seed, lever.name) for arm in lever.arms or self.arms)
 
+    def start_of(self, learner: PlannedLearner) -> PlannedLearner | None:
+        """Return the learner whose weights the training of another one begins with, or None."""
+        lever = self._lever_of(learner)
+        if lever is None or lever.start is None:
+            return None
+        return PlannedLearner(learner.task, lever.start, learner.seed)
+
+    def _lever_of(self, learner: PlannedLearner) -> Lever | None:
+        return next((v for v in self.levers if v.name == learner.lever), None)
+
+    def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
+        """Refuse a start whose weights have other shapes than those of the learner that would begin with them."""
+        start = self.start_of(learner)
+        if start is None:
+            return
+        theirs = self.recipe_of(start, ("data",)).shape
+        other = next((name for name, value in recipe.shape.items() if theirs[name] != value), None)
+        if other is not None:
+            where, problem = (
+                f"lever {learner.lever}.{other}",
+                f"the learner of {start.arm} that it begins with has another",
+            )
+            raise InvalidInputError(where, problem, "Leave it out, or change it in the recipe of the study")
+
+    def _require_words_known(self, where: str, lever: Lever) -> None:
+        """Refuse a start that has no number for something that the lever's own demonstrations show."""
+        if lever.start is None:
+            return
+        for task, arm in itertools.product(lever.tasks or self.tasks, lever.arms or self.arms):
+            missing = never_shown_before(self.arms[lever.start], task, self.arms[arm])
+            if missing:
+                problem = f"its learner of {task} is never shown {', '.join(missing)}, which {arm} shows"
+                raise InvalidInputError(where, problem, "Begin with an arm that shows it, or leave out the task")
+
     def sets_of(self, arm: str) -> dict[Regime, int]:
         """Return the demonstrations of an arm per training condition, by the regime that they show."""
         return {regime: max(1, round(share * self.demos)) for regime, share in self.arms[arm].items()}
@@ -140,27 +182,29 @@ class StudyPlan:
         """Return the first arm that is trained on one regime alone, by the name of its role; None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
-    def recipe_of(self, learner: PlannedLearner, data: tuple[str, ...]) -> TrainingRecipe:
-        """Return the recipe of a learner for the folders of its demonstrations.
+    def recipe_of(self, learner: PlannedLearner, data: tuple[str, ...], *, start: str = "start") -> TrainingRecipe:
+        """Return the recipe of a learner for the folders of its demonstrations, and of what it begins with, if it does.
 
         Raises InvalidInputError if a field is unknown or out of range; the text names it.
         """
-        lever = next((v for v in self.levers if v.name == learner.lever), None)
+        lever = self._lever_of(learner)
         given = {**self.recipe, **({} if lever is None else lever.changes)}
         where = "recipe" if lever is None else f"lever {lever.name}"
         for name in OWN_FIELDS:
             if name in given:
                 raise InvalidInputError(f"{where}.{name}", "the study decides it", "Leave it out")
+        begins = lever is not None and lever.start is not None
+        if "frozen" in given and not begins:
+            problem = "nothing is trained before it is frozen"
+            raise InvalidInputError(f"{where}.frozen", problem, "Freeze in a lever that has a start")
         fixed = {
             "data": data,
             "tasks": (learner.task,),
             "seed": learner.seed,
             "variations": "covered" in self.arms[learner.arm],
+            "start": start if begins else None,
         }
-        recipe = read_training_recipe({**given, **fixed}, where=where)
-        if recipe.family != "objects":
-            raise InvalidInputError(f"{where}.family", "a study trains learners of objects so far", "Leave it out")
-        return recipe
+        return read_training_recipe({**given, **fixed}, where=where)
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, with every value that the file left out."""

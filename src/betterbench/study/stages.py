@@ -160,6 +160,7 @@ class _Study:
         self._stages = len(self._sets) + 2 * len(self._learners)
         self._number = 0
         self._seconds: dict[str, float] = {}
+        self._digests: dict[PlannedLearner, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
         """Yield name and recipe of each set that some learner needs; the same one serves several."""
@@ -201,6 +202,8 @@ class _Study:
         group: list[_Learning] = []
         threads = 0
         for learner in learners:
+            if self._plan.start_of(learner) in [one.learner for one in group]:
+                break  # it begins with what one of these will be
             one = self._learning(learner, hashes)
             threads += one.job.recipe.threads
             if group and threads > self._workshop.threads:
@@ -210,8 +213,13 @@ class _Study:
 
     def _learning(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> _Learning:
         names = [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
-        recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names))
-        inputs = {"recipe": {**recipe.to_json(), "data": names}, "sets": [hashes[name] for name in names]}
+        start = self._plan.start_of(learner)
+        place = str(self._out / "learners" / start.name) if start is not None else ""
+        recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names), start=place)
+        form = {**recipe.to_json(), "data": names}
+        inputs: dict[str, Any] = {"recipe": form, "sets": [hashes[name] for name in names]}
+        if start is not None:
+            form["start"], inputs["start"] = start.name, self._digests[start]
         if recipe.co_training is not None:
             inputs["questions"] = [read_set(Path(place)).sha256 for place in recipe.co_training.sets]
         return _Learning(learner, TrainingJob(recipe, self._out / "learners" / learner.name), _hash_of(inputs))
@@ -232,7 +240,8 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
-            policies.append(TrainedPolicy(address, str(output["digest"])))
+            policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
+            self._digests[one.learner] = policies[-1].digest
         return policies
 
     def _evaluate(self, learner: PlannedLearner, policy: TrainedPolicy) -> LearnerOutcome:

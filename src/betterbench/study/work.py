@@ -43,7 +43,9 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
         return made.sha256
 
     def evaluated(policy: TrainedPolicy, task: str, trials: int, out: Path, tell: OnWork) -> tuple[TrialOutcome, ...]:
-        plan = make_plan(policy.address, tasks=(task,), trials=trials, observation="state_only", quality="fast")
+        plan = make_plan(
+            policy.address, tasks=(task,), trials=trials, observation=policy.observation, quality=policy.quality
+        )
 
         def on_progress(progress: Progress) -> None:
             tell(progress.done, progress.planned, "trials")
@@ -54,7 +56,7 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
         return outcomes_of(found)
 
     def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
-        return train_learners(jobs, device, tell)
+        return train_learners(jobs, device, tell, workers=workers)
 
     # On a card the learners would only take turns.
     return Workshop(make_set, trained, evaluated, threads=workers if device == "cpu" else 1)

@@ -16,6 +16,7 @@ from betterbench.export.job import validation_seeds
 from betterbench.export.selection import ChosenTrial, select_demonstrations
 from betterbench.interface.actions import EE_DELTA, EE_POSE
 from betterbench.interventions import resolve_condition
+from betterbench.learned.checkpoint import checkpoint_file, read_vocabulary
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
 from betterbench.learned.vocabulary import Vocabulary
@@ -240,6 +241,8 @@ def _joined(
     )
     if asked is not None:
         vocabulary = replace(vocabulary, answers=asked.answers(apart))
+    if recipe.start is not None:
+        vocabulary = _of_start(recipe.start, vocabulary)
     most = max(len(e.record.metadata.scene.objects) for e in episodes)
     things = [things_of(e.record.metadata.instruction, e.record.metadata.scene.objects, vocabulary) for e in episodes]
     longest = max(len(t.words) for t in things)
@@ -264,6 +267,24 @@ def _joined(
         at_gripper=np.concatenate([_at_gripper(e.actions[:, -1], recipe.chunk) for e in episodes]),
         shown=np.concatenate([np.arange(len(e.actions)) % recipe.every == 0 for e in episodes]),
     )
+
+
+def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
+    """Return the vocabulary of the checkpoint that training begins with, if it knows everything that the data show."""
+    known = read_vocabulary(checkpoint_file(start))
+    for what, theirs, ours in (
+        ("word", known.words, shown.words),
+        ("category", known.categories, shown.categories),
+        ("color", known.colors, shown.colors),
+    ):
+        strange = sorted(set(ours) - set(theirs))
+        if strange:
+            problem = f"it has no number for the {what} {strange[0]!r}, which the data show"
+            raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint whose training showed all of them")
+    if known.answers != shown.answers:
+        problem = "it answers other questions than those of co_training"
+        raise InvalidInputError(f"start: {start}", problem, "Give one with the same co_training, or none with none")
+    return known
 
 
 def _padded(values: np.ndarray, most: int) -> np.ndarray:

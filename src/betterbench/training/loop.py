@@ -22,6 +22,7 @@ from betterbench.json_form import read_object
 from betterbench.learned.checkpoint import (
     FILE_NAME,
     Trained,
+    checkpoint_file,
     load_weights,
     read_tensors,
     write_checkpoint,
@@ -152,7 +153,7 @@ class _Training:
         for name, buffer in self._network.named_buffers():
             buffer.copy_(torch.from_numpy(scales[name]))
         if recipe.start is not None:
-            _begin_with(self._network, _checkpoint_of(recipe.start), data)
+            _begin_with(self._network, checkpoint_file(recipe.start), data)
         for part, parameters in self._network.parts().items():
             for parameter in parameters:
                 parameter.requires_grad_(part not in recipe.frozen)
@@ -304,20 +305,12 @@ def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None
     load_weights(network, weights, f"start: {start}")
 
 
-def _checkpoint_of(start: str) -> Path:
-    """Return the file of a checkpoint or of a folder that holds one; InvalidInputError if there is none."""
-    path = Path(start) / FILE_NAME if Path(start).is_dir() else Path(start)
-    if not path.is_file():
-        raise InvalidInputError(f"start: {start}", "holds no checkpoint", "Name the folder that better train wrote")
-    return path
-
-
 def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses) -> None:
     """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
     form = {
         "recipe": recipe.to_json(),
         "data": data.sha256,
-        "start": None if recipe.start is None else file_digest(_checkpoint_of(recipe.start)),
+        "start": None if recipe.start is None else file_digest(checkpoint_file(recipe.start)),
         "torch": str(torch.__version__),
         "device": device.partition(":")[0],
         "processes": world.size,
