@@ -139,4 +139,4 @@ def test_levers_that_begin_with_a_learner_or_see_pictures_are_trained_and_evalua
         assert all(same) == stays, part
     assert list(out.glob("sets/fruit_lunch-training.frames/*.bin"))
     evaluated = RunFolder.open(out / "runs" / "fruit_lunch-confounded-seeing-seed0").plan
-    assert (evaluated["observation"]["name"], evaluated["quality"]) == ("default", "fast")
+    assert (evaluated["observation"]["name"], evaluated["quality"]["name"]) == ("default", "fast")
