@@ -154,6 +154,28 @@ def test_a_process_that_hangs_is_one_clear_line(scene, monkeypatch):
         assert view._process.returncode is not None
 
 
+def test_time_in_which_both_processes_were_stopped_does_not_count(scene, monkeypatch):
+    """Ctrl-Z for an hour, in the midst of a wait: the clock has gone on and nothing has come, once it goes on."""
+    late, waits, real = [0.0], [], limited.select.select
+    clock = time.monotonic
+
+    def select_after_an_hour(*given):
+        waits.append(given)
+        if len(waits) % 3:
+            return real(*given)
+        late[0] += 3600.0
+        return [], [], []
+
+    with LimitedView(quality="fast", size=64) as view:
+        view.open(scene.files())
+        expected = view.draw(scene.data.qpos, "front", jitter=NO_JITTER)
+        monkeypatch.setattr(limited.select, "select", select_after_an_hour)
+        monkeypatch.setattr(limited.time, "monotonic", lambda: clock() + late[0])
+        for _ in range(3):
+            np.testing.assert_array_equal(view.draw(scene.data.qpos, "front", jitter=NO_JITTER), expected)
+    assert late[0] > 3600.0
+
+
 def test_the_process_that_draws_loads_nothing_that_only_builds_scenes():
     """It is started for every film of a report; assets and kinematics would double what its start costs."""
     code = "import sys, betterbench.scenes.limited; print(*sys.modules)"

@@ -53,6 +53,7 @@ _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
+_SLICE_S, _ROUNDING_S = 10.0, 1e-3
 _ENDS_WITHIN_S = 5.0
 """Time that a process has to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
@@ -82,6 +83,29 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 class _EndedError(RecordError):
     """The process has ended although nobody told it to."""
+
+
+@dataclass(slots=True)
+class _Patience:
+    """The time that is left to wait for a process [s].
+
+    It is waited for in slices, and a slice counts no more than it should have taken: with Ctrl-Z both processes stop,
+    for as long as somebody likes, and the clock goes on.
+    """
+
+    left_s: float
+
+    def lasts_until_ready(self, pipe: BinaryIO, *, to_write: bool) -> bool:
+        """Wait until a pipe takes or holds something; False once no time is left."""
+        pipes: list[BinaryIO] = [pipe]
+        while True:
+            slice_s, began = min(_SLICE_S, max(0.0, self.left_s)), time.monotonic()
+            ready = select.select([] if to_write else pipes, pipes if to_write else [], [], slice_s)
+            self.left_s -= min(slice_s, time.monotonic() - began)
+            if ready[0] or ready[1]:
+                return True
+            if self.left_s <= _ROUNDING_S:
+                return False
 
 
 class LimitedView:
@@ -278,11 +302,11 @@ class LimitedView:
     def _receive(self, most: int) -> bytes | bytearray:
         """Return an answer of at most so many bytes; RecordError or MissingDependencyError if it is a reason."""
         try:
-            end = time.monotonic() + REQUEST_S
-            kind, size = _HEADER.unpack(self._read(_HEADER.size, end))
+            patience = _Patience(REQUEST_S)
+            kind, size = _HEADER.unpack(self._read(_HEADER.size, patience))
             if size > most:
                 raise self._refused("it answered too much")
-            answer = self._read(size, end)
+            answer = self._read(size, patience)
         except (OSError, EOFError):
             raise self._ended() from None
         if kind == _PIXELS:
@@ -291,25 +315,22 @@ class LimitedView:
         raise (MissingDependencyError if kind == _MISSING else RecordError)(reason)
 
     def _write(self, data: bytes) -> None:
-        pipe, left, end = _opened(self._process.stdin), memoryview(data), time.monotonic() + REQUEST_S
+        pipe, left, patience = _opened(self._process.stdin), memoryview(data), _Patience(REQUEST_S)
         while left:
-            self._wait(end, to_write=True)
+            self._wait(patience, to_write=True)
             left = left[os.write(pipe.fileno(), left[:_BLOCK]) :]
 
-    def _wait(self, end: float, *, to_write: bool) -> None:
-        """Wait until the pipe takes or holds something, until a time of the monotonic clock at most."""
+    def _wait(self, patience: _Patience, *, to_write: bool) -> None:
+        """Wait until the pipe takes or holds something."""
         pipe = _opened(self._process.stdin if to_write else self._process.stdout)
-        ready = select.select(
-            [] if to_write else [pipe], [pipe] if to_write else [], [], max(0.0, end - time.monotonic())
-        )
-        if not (ready[0] or ready[1]):
+        if not patience.lasts_until_ready(pipe, to_write=to_write):
             raise self._refused(f"nothing came of it within {REQUEST_S:g} s", "The machine is too busy, or its file")
 
-    def _read(self, count: int, end: float) -> bytearray:
+    def _read(self, count: int, patience: _Patience) -> bytearray:
         pipe, answer = _opened(self._process.stdout), bytearray(count)
         left = memoryview(answer)
         while left:
-            self._wait(end, to_write=False)
+            self._wait(patience, to_write=False)
             got = os.readv(pipe.fileno(), [left])
             if not got:
                 raise EOFError
