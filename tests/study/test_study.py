@@ -270,7 +270,7 @@ def test_nothing_is_concluded_from_learners_that_learned_nothing(undisturbed):
 
 def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     arms = {"confounded": {"training": 1.0}, "half": {"training": 0.5, "balanced": 0.5}, "free": {"balanced": 1.0}}
-    levers = [{"name": "large", "changes": {"capacity": "large"}}]
+    levers = [{"name": "large", "changes": {"capacity": "large"}}, {"name": "on", "changes": {}, "start": "free"}]
     plan = small(seeds=[0], arms=arms, levers=levers, demos=40)
     workshop, calls = made_up_workshop()
     found = write_page(run_study(plan, tmp_path, workshop), tmp_path)
@@ -279,7 +279,9 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     assert [(d.dose, d.arm) for d in overall] == [(0.0, "free"), (0.5, "half"), (1.0, "confounded")]
     (table,) = found.levers
     assert (table.arm, table.tasks, table.seeds) == ("confounded", (TASK,), 1)
-    plain, large = table.rows
+    plain, large, on = table.rows
+    assert (plain.start, large.start, on.start) == (None, None, "free")
+    assert "on, begins with free" in (tmp_path / "study.html").read_text()
     assert (plain.found.lever, plain.against, large.found.lever) == ("", None, "large")
     assert plain.axes == large.axes
     assert sum(f.k for f in plain.axes.values()) == plain.found.variations.k
@@ -287,7 +289,7 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     assert large.against.gap.value == pytest.approx(0.0)
     assert large.against.success.p_value is None  # of one pair of learners nothing is known about others
     rows = (tmp_path / "numbers.csv").read_text().splitlines()
-    assert sum(row.startswith("levers,") for row in rows) == 2 * 3 + 2
+    assert sum(row.startswith("levers,") for row in rows) == 3 * 3 + 2 * 2
     assert "Failure by dose" in (tmp_path / "study.html").read_text()
 
 
@@ -332,7 +334,7 @@ def test_a_lever_begins_with_the_learner_of_another_arm_that_is_trained_before_i
 
 
 def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_with(tmp_path):
-    eyes = {"observation": "default", "views": ["front"], "size": 48, "quality": "fast"}
+    eyes = {"observation": "default", "views": ["front"], "size": 48, "quality": "standard"}
     lever = {"name": "myopic", "changes": {"family": "pixels", "eyes": eyes}}
     plan, seen = small(seeds=[0], levers=[lever]), {}
     workshop, _ = made_up_workshop()
@@ -342,7 +344,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         return workshop.evaluate(policy, task, trials, out, tell)
 
     run_study(plan, tmp_path, replace(workshop, evaluate=evaluate))
-    assert seen.pop(f"{TASK}-confounded-myopic-seed0") == ("default", "fast")
+    assert seen.pop(f"{TASK}-confounded-myopic-seed0") == ("default", "standard")
     assert set(seen.values()) == {("state_only", "fast")}
 
 
@@ -355,6 +357,29 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
         ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*nothing is trained.*lever that has a start"),
         ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever that has a start"),
         ({"levers": [{"name": "x", "changes": {}, "start": "none"}]}, "levers\\[0\\].start.*'none'"),
+        (
+            {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "start": "balanced"}]},
+            "lever x.co_training.*other demonstrations",
+        ),
+        (
+            {
+                "levers": [
+                    {
+                        "name": "x",
+                        "changes": {"frozen": ["words", "objects", "state", "trunk", "head"]},
+                        "start": "balanced",
+                    }
+                ]
+            },
+            "lever x.*frozen.*nothing is left to train",
+        ),
+        (
+            {
+                "arms": {"a": {"training": 1.0}, "a-x": {"balanced": 1.0}},
+                "levers": [{"name": "x", "changes": {"steps": 5}, "arms": ["a"]}],
+            },
+            "levers.*two learners would be called morning_coffee-a-x-seed0",
+        ),
         (
             {"levers": [{"name": "x", "changes": {"capacity": "large"}, "start": "balanced"}]},
             "lever x.capacity.*the learner of balanced",

@@ -247,6 +247,9 @@ class TrainingRecipe:
             raise InvalidInputError("execute", problem, "Give at most as many")
         if self.start is None and self.frozen:
             raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
+        parts = {"words", "trunk", "head", "eyes" if self.family == "pixels" else "objects"}
+        if parts | ({"state"} if self.proprioception.given else set()) <= set(self.frozen):
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
             problem = f"the family {self.family} has no such thing"
@@ -278,12 +281,13 @@ class TrainingRecipe:
     @property
     def shape(self) -> dict[str, object]:
         """What decides how many weights there are of each kind, but for the vocabulary, by the name of its field."""
+        given = self.proprioception.given
         return {
             "family": self.family,
             "capacity": self.size,
             "eyes": len(self.eyes.windows),
-            "proprioception": (self.proprioception.given, self.proprioception.dropout > 0.0),
-            "history": self.history,
+            "proprioception": (given, given and self.proprioception.dropout > 0.0),
+            "history": self.history if given else None,
             "chunk": self.chunk,
             "loss": self.loss,
         }

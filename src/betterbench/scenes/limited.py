@@ -54,6 +54,7 @@ _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
 _SLICE_S, _ROUNDING_S = 10.0, 1e-3
+"""Longest slice of a wait, and what of a wait is as good as nothing [s]."""
 _ENDS_WITHIN_S = 5.0
 """Time that a process has to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16

@@ -21,11 +21,13 @@ class LeverRow:
         axes: Success on the variations of each axis, by its name.
         against: The difference to the recipe as it is, over the trials of the same tasks and training seeds; None for
             that recipe itself.
+        start: Arm whose learners these begin with, so that they have seen its demonstrations too; None for none.
     """
 
     found: ArmFinding
     axes: Mapping[str, Figure]
     against: ArmContrast | None
+    start: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class LeverTable:
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
     """Yield one table for each arm and each set of tasks on which levers were tried, in the order of the plan."""
+    starts = {lever.name: lever.start for lever in plan.levers}
     groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):
@@ -58,12 +61,15 @@ def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterato
             changed = [f for f in mine if f.learner.lever == name]
             if changed:
                 found = arm_of("", arm, name, changed)
-                rows.append(_row(found, changed, contrast_of(f"{name} on {arm}", "", changed, plain)))
+                against = contrast_of(f"{name} on {arm}", "", changed, plain)
+                rows.append(_row(found, changed, against, starts[name]))
         if plain and len(rows) > 1:
             yield LeverTable(arm, tasks, len({f.learner.seed for f in plain}), tuple(rows))
 
 
-def _row(found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmContrast | None) -> LeverRow:
+def _row(
+    found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmContrast | None, start: str | None = None
+) -> LeverRow:
     varied = [
         (variation.axis, trial)
         for f in learners
@@ -71,4 +77,4 @@ def _row(found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmCont
         for trial in f.of(variation.name)
     ]
     axes = {axis.value: success_of(trial for of, trial in varied if of is axis) for axis in Axis}
-    return LeverRow(found, {axis: figure for axis, figure in axes.items() if figure.n}, against)
+    return LeverRow(found, {axis: figure for axis, figure in axes.items() if figure.n}, against, start)

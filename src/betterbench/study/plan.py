@@ -127,9 +127,12 @@ class StudyPlan:
             changed = PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name)
             self._require_weights_fit(changed, self.recipe_of(changed, ("data",)))
             self._require_words_known(f"levers[{i}].start", lever)
-        count = sum(1 for _ in self.learners())
-        if count > MOST_LEARNERS:
-            raise InvalidInputError("seeds", f"they make {count} learners", f"Give at most {MOST_LEARNERS}")
+        names = [learner.name for learner in self.learners()]
+        if len(names) > MOST_LEARNERS:
+            raise InvalidInputError("seeds", f"they make {len(names)} learners", f"Give at most {MOST_LEARNERS}")
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InvalidInputError("levers", f"two learners would be called {twice}", "Rename the arm or the lever")
 
     def learners(self) -> Iterator[PlannedLearner]:
         """Yield all learners: those of the first seed first, so that a part of the study already says something."""
@@ -155,7 +158,11 @@ class StudyPlan:
         start = self.start_of(learner)
         if start is None:
             return
-        theirs = self.recipe_of(start, ("data",)).shape
+        plain = self.recipe_of(start, ("data",))
+        if plain.co_training is not None or recipe.co_training is not None:
+            problem = "the learner that it begins with answers questions about other demonstrations, or none"
+            raise InvalidInputError(f"lever {learner.lever}.co_training", problem, "Leave it out, or the start")
+        theirs = plain.shape
         other = next((name for name, value in recipe.shape.items() if theirs[name] != value), None)
         if other is not None:
             where, problem = (
