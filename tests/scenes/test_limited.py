@@ -78,7 +78,7 @@ limited.draw_for_parent("fast", 64)
     [
         ("os.kill(os.getpid(), signal.SIGSEGV)", "crashed (SIGSEGV)"),
         ("os.kill(os.getpid(), signal.SIGKILL)", "was killed, perhaps because memory ran out"),
-        ("os.kill(os.getpid(), signal.SIGXCPU)", "took more than 60 s of processor time"),
+        ("signal.setitimer(signal.ITIMER_PROF, 0.2)\n    while True: pass", "took more than 60 s of processor time"),
         ("os._exit(3)", "ended (exit status 3)"),
     ],
 )
@@ -96,6 +96,36 @@ def test_a_scene_that_ends_each_process_is_one_clear_line(how, said, monkeypatch
             view.open({"model.mjb": b"x"})
         assert view.is_closed
     assert len(started) == 2
+
+
+WORKING = """
+import resource, signal, time
+from betterbench.scenes import limited
+def work(files):
+    began = time.process_time()
+    while time.process_time() - began < 0.6:
+        pass
+limited.load_model = work
+limited.REQUEST_CPU_S = 1.0
+time.process_time = lambda start=time.process_time: start() - {lag}
+limited.draw_for_parent("fast", 64)
+"""
+
+
+@pytest.mark.parametrize("lag", [0.0, 2.5])
+def test_each_answer_has_its_own_time_on_whatever_clock_the_kernel_counts(lag, monkeypatch):
+    """The kernel counts ticks, which run ahead of what Python tells: nobody asks what was used before."""
+    ordinary = subprocess.Popen
+
+    def working(command, **options):
+        return ordinary([sys.executable, "-c", WORKING.format(lag=lag)], **options)
+
+    monkeypatch.setattr(limited.subprocess, "Popen", working)
+    with LimitedView(quality="fast", size=64) as view:
+        first = view.process_id
+        for _ in range(4):  # 2.4 s of processor time in all
+            view.open({"model.mjb": b"x"})
+        assert view.process_id == first
 
 
 @pytest.mark.parametrize("asked", ["open", "prepare", "draw", "sights", "again"])
