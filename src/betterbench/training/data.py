@@ -16,7 +16,6 @@ from betterbench.export.job import validation_seeds
 from betterbench.export.selection import ChosenTrial, select_demonstrations
 from betterbench.interface.actions import EE_DELTA, EE_POSE
 from betterbench.interventions import resolve_condition
-from betterbench.learned.checkpoint import checkpoint_file, read_vocabulary
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
 from betterbench.learned.vocabulary import Vocabulary
@@ -271,6 +270,8 @@ def _joined(
 
 def _of_start(start: str, shown: Vocabulary) -> Vocabulary:
     """Return the vocabulary of the checkpoint that training begins with, if it knows everything that the data show."""
+    from betterbench.learned.checkpoint import checkpoint_file, read_vocabulary  # noqa: PLC0415 - needs torch
+
     known = read_vocabulary(checkpoint_file(start))
     for what, theirs, ours in (
         ("word", known.words, shown.words),
