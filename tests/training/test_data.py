@@ -13,7 +13,6 @@ from small_recipes import tiny
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.learned.tokens import moment_of
 from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
-from betterbench.training.loop import train
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +49,7 @@ def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, record
 
 def test_a_start_knows_all_that_the_data_show_and_may_know_more(records, tmp_path):
     """Numbers of words are those of the checkpoint; one that lacks a word is refused by its name."""
+    train = pytest.importorskip("betterbench.training.loop", reason="needs torch", exc_type=ImportError).train
     other = dataclasses.replace(records[1].metadata, instruction="Fetch the mug")
     both = (records[0], dataclasses.replace(records[1], metadata=other))
     data = {}
