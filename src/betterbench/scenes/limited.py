@@ -53,8 +53,8 @@ _QUESTION = struct.Struct("!QQ")
 _HEADER = struct.Struct("!BQ")
 _JITTER = TypeAdapter(ViewJitter)
 _LONGEST_REASON = 2000
-_SLICE_S, _ROUNDING_S = 10.0, 1e-3
-"""Longest slice of a wait, and what of a wait is as good as nothing [s]."""
+_SLICE_S = 10.0
+"""Longest slice of a wait [s]."""
 _ENDS_WITHIN_S = 5.0
 """Time that a process has to end after it has closed its pipe [s]."""
 _BLOCK = 1 << 16
@@ -105,7 +105,7 @@ class _Patience:
             self.left_s -= min(slice_s, time.monotonic() - began)
             if ready[0] or ready[1]:
                 return True
-            if self.left_s <= _ROUNDING_S:
+            if self.left_s <= 0.0:
                 return False
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from betterbench.report.wording import Figure
 from betterbench.study.contrasts import ArmContrast, ArmFinding, arm_of, contrast_of, success_of
 from betterbench.study.outcomes import LearnerOutcome
-from betterbench.study.plan import StudyPlan
+from betterbench.study.plan import Lever, StudyPlan
 from betterbench.tasks import Axis, get_task
 
 
@@ -48,21 +48,20 @@ class LeverTable:
 
 def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
     """Yield one table for each arm and each set of tasks on which levers were tried, in the order of the plan."""
-    starts = {lever.name: lever.start for lever in plan.levers}
-    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
     for lever in plan.levers:
         for arm in lever.arms or tuple(plan.arms):
-            groups.setdefault((arm, lever.tasks or tuple(plan.tasks)), []).append(lever.name)
-    for (arm, tasks), names in groups.items():
+            groups.setdefault((arm, lever.tasks or tuple(plan.tasks)), []).append(lever)
+    for (arm, tasks), levers in groups.items():
         mine = [f for f in learners if f.learner.arm == arm and f.learner.task in tasks]
         plain = [f for f in mine if not f.learner.lever]
         rows = [_row(arm_of("", arm, "", plain), plain, None)]
-        for name in names:
-            changed = [f for f in mine if f.learner.lever == name]
+        for lever in levers:
+            changed = [f for f in mine if f.learner.lever == lever.name]
             if changed:
-                found = arm_of("", arm, name, changed)
-                against = contrast_of(f"{name} on {arm}", "", changed, plain)
-                rows.append(_row(found, changed, against, starts[name]))
+                found = arm_of("", arm, lever.name, changed)
+                against = contrast_of(f"{lever.name} on {arm}", "", changed, plain)
+                rows.append(_row(found, changed, against, lever.start))
         if plain and len(rows) > 1:
             yield LeverTable(arm, tasks, len({f.learner.seed for f in plain}), tuple(rows))
 

@@ -21,11 +21,15 @@ def never_shown(regimes: Iterable[Regime], task: str, variation: str) -> tuple[s
 
 def never_shown_before(regimes: Iterable[Regime], task: str, later: Iterable[Regime]) -> tuple[str, ...]:
     """Return the words, categories and colors of the conditions of later regimes that no condition of others has."""
-    return _missing(regimes, task, [c for regime in later for c in conditions_of(get_task(task), regime)])
+    return _missing(regimes, task, _conditions(later, task))
+
+
+def _conditions(regimes: Iterable[Regime], task: str) -> list[Condition]:
+    return [condition for regime in regimes for condition in conditions_of(get_task(task), regime)]
 
 
 def _missing(regimes: Iterable[Regime], task: str, asked: Sequence[Condition]) -> tuple[str, ...]:
-    shown = [condition for regime in regimes for condition in conditions_of(get_task(task), regime)]
+    shown = _conditions(regimes, task)
     things = [spec for condition in shown for spec in condition.objects]
     known = Vocabulary.of(
         (condition.instruction.text for condition in shown),

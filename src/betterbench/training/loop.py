@@ -159,8 +159,6 @@ class _Training:
                 parameter.requires_grad_(part not in recipe.frozen)
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
-        if not self._trained:
-            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
         self._optimizer = torch.optim.AdamW(
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
