@@ -89,7 +89,7 @@ def test_a_learner_whose_process_is_killed_stops_the_study_and_nothing_is_lost(p
     assert (out / "study.html").exists()
 
 
-def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, tmp_path):
+def test_a_real_study_that_is_killed_at_each_kind_of_stage_and_moved_ends_the_same(plan, tmp_path):
     out = tmp_path / "study"
     for sign in (
         "sets/*-balanced/sources/records/**/*.parquet",
@@ -99,9 +99,11 @@ def test_a_real_study_that_is_killed_at_each_kind_of_stage_ends_the_same(plan, t
     ):
         kill_once_there(plan, out, sign)
         assert not (out / "study.html").exists()
+        if not (out / "runs").exists():
+            out = out.rename(tmp_path / f"moved-{out.name}")  # sets and learners are at home wherever they lie
     finish(plan, out)
     killed = {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
-    out.rename(tmp_path / "killed")
+    out = tmp_path / "study"
     finish(plan, out, workers=2)  # and both learners are trained side by side
     assert killed == {name: (out / name).read_bytes() for name in FILES if name != "study.html"}
     found = json.loads((out / "study.json").read_text())

@@ -104,6 +104,27 @@ def test_another_recipe_does_not_go_on_in_the_folder(tmp_path, other):
         train(tiny(), made_up(seed=1), tmp_path / "out")
 
 
+@pytest.mark.parametrize("starts", [False, True])
+def test_a_training_whose_data_were_moved_goes_on(tmp_path, monkeypatch, starts):
+    data = made_up() if starts else with_questions(made_up())
+
+    def recipe(place: Path):
+        if starts:
+            return tiny(data=[str(place)], start=str(place / "first"))
+        return tiny(data=[str(place)], co_training={**ASKED, "sets": [str(place / "questions")]})
+
+    old, new = tmp_path / "old", tmp_path / "new"
+    train(tiny(), made_up(), old / "first")
+    with monkeypatch.context() as patched:
+        stop_at(patched, 5)
+        with pytest.raises(StoppedError):
+            train(recipe(old), data, old / "out")
+    old.rename(new)
+    train(recipe(new), data, new / "out")
+    train(recipe(new), data, tmp_path / "whole")
+    assert contents(new / "out") == contents(tmp_path / "whole")
+
+
 def test_a_folder_with_other_files_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(RunConflictError, match="other files"):

@@ -8,9 +8,10 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 import torch.distributed
@@ -317,17 +318,29 @@ def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: s
     if path.exists():
         cure = "Choose another folder"
         there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
-        found = first_difference(there, form, "training")
+        found = first_difference(_wherever(there), _wherever(form), "training")
         if found is not None:
             raise RunConflictError(
                 f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
                 "Give the same recipe and data to resume it, or choose another folder."
             )
-        return
-    if any(not p.name.endswith(PART_SUFFIX) and p.name != LOCK_NAME for p in out.iterdir()):
+        if there == form:
+            return
+    elif any(not p.name.endswith(PART_SUFFIX) and p.name != LOCK_NAME for p in out.iterdir()):
         raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
     with on_disk(out):
         write_durably(path, (json.dumps(form, indent=1) + "\n").encode())
+
+
+def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what decides the weights without where it lies: what was moved is known by its hash."""
+    recipe = form.get("recipe")
+    if not isinstance(recipe, dict):
+        return dict(form)
+    recipe = {name: value for name, value in recipe.items() if name not in {"data", "start"}}
+    if isinstance(asking := recipe.get("co_training"), dict):
+        recipe["co_training"] = {name: value for name, value in asking.items() if name != "sets"}
+    return {**form, "recipe": recipe}
 
 
 def _require_device(device: str) -> None:
