@@ -14,6 +14,7 @@ import pytest
 
 from betterbench.recording import RunFolder
 from betterbench.study.page import FILES
+from betterbench.vqa import read_set
 
 pytest.importorskip("torch")
 pytest.importorskip("safetensors")
@@ -118,6 +119,7 @@ def test_a_real_study_that_is_killed_at_each_kind_of_stage_and_moved_ends_the_sa
 LEVERS = """
 levers:
   - {name: frozen, start: balanced, changes: {frozen: [words, objects]}}
+  - {name: asked, changes: {co_training: {weight: 0.5}}, questions: 60}
   - {name: seeing, changes: {family: pixels, every: 8, eyes: {views: [front], size: 32, quality: fast}}}
 """
 
@@ -129,16 +131,20 @@ def weights_of(out: Path, learner: str) -> dict[str, object]:
 
 
 @pytest.mark.render
-def test_levers_that_begin_with_a_learner_or_see_pictures_are_trained_and_evaluated(plan, tmp_path):
+def test_levers_that_begin_with_a_learner_see_pictures_or_are_asked_are_trained_and_evaluated(plan, tmp_path):
     plan.write_text(PLAN + LEVERS)
     out = tmp_path / "study"
     finish(plan, out, workers=2)
-    assert json.loads((out / "study.json").read_text())["learners"] == 4
+    assert json.loads((out / "study.json").read_text())["learners"] == 5
     begun, start = weights_of(out, "confounded-frozen-seed0"), weights_of(out, "balanced-seed0")
     for part, stays in (("words.", True), ("objects.", True), ("head.", False)):
         same = [bool((weight == start[name]).all()) for name, weight in begun.items() if name.startswith(part)]
         assert same, part
         assert all(same) == stays, part
     assert list(out.glob("sets/fruit_lunch-training.frames/*.bin"))
+    answers = (out / "learners" / "fruit_lunch-confounded-asked-seed0" / "answers.csv").read_text()
+    assert len(answers.splitlines()) > 1
+    (questions,) = (out / "questions").iterdir()
+    assert read_set(questions).purpose == "training"
     evaluated = RunFolder.open(out / "runs" / "fruit_lunch-confounded-seeing-seed0").plan
     assert (evaluated["observation"]["name"], evaluated["quality"]["name"]) == ("default", "fast")

@@ -293,6 +293,60 @@ def test_levers_and_doses_have_tables_of_their_own(tmp_path):
     assert "Failure by dose" in (tmp_path / "study.html").read_text()
 
 
+def test_a_lever_may_be_compared_with_another_one(tmp_path):
+    """The balanced learners of the made-up workshop fail a part of one variation, the confounded ones all of some."""
+    levers = [
+        {"name": "tuned", "changes": {}, "start": "balanced"},
+        {"name": "frozen", "changes": {"frozen": ["objects"]}, "start": "balanced", "against": "tuned"},
+        {"name": "slow", "changes": {"steps": 11}, "against": "tuned"},
+    ]
+    workshop, _ = made_up_workshop()
+
+    def evaluate(policy, task, trials, out, tell):
+        digest = f"{task}-balanced" if "tuned" in out.name or "frozen" in out.name else policy.digest
+        return workshop.evaluate(replace(policy, digest=digest), task, trials, out, tell)
+
+    outcome = run_study(small(seeds=[0], levers=levers), tmp_path, replace(workshop, evaluate=evaluate))
+    (table,) = write_page(outcome, tmp_path).levers
+    plain, tuned, frozen, slow = table.rows
+    assert [row.compared for row in table.rows] == [None, None, "tuned", "tuned"]
+    assert tuned.against.success.value > 0.0 == frozen.against.success.value
+    assert slow.against.success.value == -tuned.against.success.value
+    assert plain.against is None
+    page = (tmp_path / "study.html").read_text()
+    assert "frozen, begins with balanced, against tuned" in page
+    assert "slow, against tuned" in page
+
+
+def test_a_lever_with_questions_has_them_asked_about_the_sets_of_its_arm(tmp_path):
+    arms = {"confounded": {"training": 1.0}, "half": {"training": 0.5, "balanced": 0.5}}
+    lever = {"name": "asked", "changes": {"co_training": {"weight": 0.5}}, "questions": 300, "arms": ["half"]}
+    plan, jobs = small(seeds=[0, 1], arms=arms, levers=[lever], demos=40), []
+    workshop, calls = made_up_workshop()
+
+    def train(given, tell):
+        jobs.extend(given)
+        return workshop.train(given, tell)
+
+    told = []
+    run_study(plan, tmp_path, replace(workshop, train=train), on_progress=told.append)
+    names = [f"{TASK}-{regime}-20-300-questions" for regime in ("training", "balanced")]
+    assert [call for call in calls if call.startswith("ask")] == [f"ask {name}" for name in names]
+    assert {p.stages for p in told} == {3 + 2 + 2 * 6}
+    asked = [job for job in jobs if job.out.name.startswith(f"{TASK}-half-asked-")]
+    assert len(asked) == 2
+    for job in asked:
+        assert job.recipe.co_training.sets == tuple(str(tmp_path / "questions" / name) for name in names)
+        assert job.recipe.co_training.weight == 0.5
+    assert all(job.recipe.co_training is None for job in jobs if job not in asked)
+    calls.clear()
+    run_study(plan, tmp_path, workshop)
+    assert calls == []
+    more = small(seeds=[0, 1], arms=arms, levers=[{**lever, "questions": 400}], demos=40)
+    run_study(more, tmp_path, workshop)
+    assert [call.partition(" ")[0] for call in calls] == ["ask", "ask", "train", "train"]  # to the same two policies
+
+
 def test_other_questions_of_a_co_training_make_another_learner(tmp_path, monkeypatch):
     lever = {"name": "asked", "changes": {"co_training": {"sets": ["questions"]}, "batch": 8}}
     plan, trained = small(seeds=[0], levers=[lever]), []
@@ -388,6 +442,26 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
             {"levers": [{"name": "x", "changes": {}, "start": "confounded", "arms": ["balanced"]}]},
             "levers\\[0\\].start.*morning_coffee is never shown .*, which balanced shows",
         ),
+        (
+            {"levers": [{"name": "x", "changes": {"co_training": {"sets": ["q"]}}, "questions": 9}]},
+            "lever x.co_training.sets.*asks its own",
+        ),
+        ({"levers": [{"name": "x", "changes": {"co_training": 3}, "questions": 9}]}, "lever x.co_training.*no mapping"),
+        ({"levers": [{"name": "x", "changes": {}, "questions": -1}]}, "questions"),
+        (
+            {"levers": [{"name": "x", "changes": {}, "questions": 9, "start": "balanced"}]},
+            "lever x.co_training.*other demonstrations",
+        ),
+        ({"levers": [{"name": "x", "changes": {}, "against": "x"}]}, "levers\\[0\\].against.*'x' is not in the study"),
+        (
+            {
+                "levers": [
+                    {"name": "x", "changes": {}, "against": "y", "arms": ["confounded", "balanced"]},
+                    {"name": "y", "changes": {}},
+                ]
+            },
+            "levers\\[0\\].against.*y is not tried on balanced",
+        ),
         ({"levers": [{"name": "x", "changes": {"start": "learners/x"}}]}, "lever x.start.*the study decides it"),
         ({"recipe": {"seed": 3}}, "recipe.seed.*the study decides it"),
         ({"recipe": {"colour": 3}}, "colour.*unknown"),
@@ -421,7 +495,9 @@ def test_presets_are_plans(name):
         assert planted == [0.5, 0.7, 0.85, 0.95, 1.0]
         assert len(plan.tasks) == 2
     else:
-        assert all(plan.arm_in(role) for role in ("confounded", "balanced", "covered"))
+        assert plan.arm_in("confounded")
+        assert plan.arm_in("balanced")
+        assert (plan.arm_in("covered") is None) == (name == "levers")
     if name == "full":
         assert len(plan.tasks) >= 4
         assert len(plan.seeds) >= 3

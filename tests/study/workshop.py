@@ -57,6 +57,12 @@ def made_up_workshop(
         (out / "prediction.json").write_bytes(prediction_bytes(recipe.tasks[0]))
         return hashlib.sha256(json.dumps(asdict(recipe)).encode()).hexdigest()
 
+    def ask(source, questions, out, tell):
+        did("ask", out)
+        assert (source / "prediction.json").exists()
+        tell(1, 2, "questions")
+        return f"{questions} about {source.name}"
+
     def train(jobs, tell):
         assert sum(job.recipe.threads for job in jobs) <= threads
         for job in jobs:
@@ -72,4 +78,4 @@ def made_up_workshop(
         tell(len(planned), len(planned), "trials")
         return tuple(played(policy.digest, task, t.variation, t.base_condition or t.condition, t.seed) for t in planned)
 
-    return Workshop(make_set, train, evaluate, threads), calls
+    return Workshop(make_set, ask, train, evaluate, threads), calls

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from betterbench.report.wording import Figure
 from betterbench.study.contrasts import ArmContrast, ArmFinding, arm_of, contrast_of, success_of
@@ -19,15 +19,17 @@ class LeverRow:
     Attributes:
         found: What they did on all their tasks; its ``lever`` is "" for the recipe as it is.
         axes: Success on the variations of each axis, by its name.
-        against: The difference to the recipe as it is, over the trials of the same tasks and training seeds; None for
-            that recipe itself.
+        against: The difference to what they are compared with, over the trials of the same tasks and training seeds;
+            None for the recipe as it is.
         start: Arm whose learners these begin with, so that they have seen its demonstrations too; None for none.
+        compared: Lever of the learners that these are compared with; None for the recipe as it is.
     """
 
     found: ArmFinding
     axes: Mapping[str, Figure]
     against: ArmContrast | None
     start: str | None = None
+    compared: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,20 +57,19 @@ def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterato
     for (arm, tasks), levers in groups.items():
         mine = [f for f in learners if f.learner.arm == arm and f.learner.task in tasks]
         plain = [f for f in mine if not f.learner.lever]
-        rows = [_row(arm_of("", arm, "", plain), plain, None)]
+        rows = [_row(arm_of("", arm, "", plain), plain)]
         for lever in levers:
             changed = [f for f in mine if f.learner.lever == lever.name]
             if changed:
                 found = arm_of("", arm, lever.name, changed)
-                against = contrast_of(f"{lever.name} on {arm}", "", changed, plain)
-                rows.append(_row(found, changed, against, lever.start))
+                others = [f for f in mine if f.learner.lever == (lever.against or "")]
+                against = contrast_of(f"{lever.name} on {arm}", "", changed, others)
+                rows.append(replace(_row(found, changed, against), start=lever.start, compared=lever.against))
         if plain and len(rows) > 1:
             yield LeverTable(arm, tasks, len({f.learner.seed for f in plain}), tuple(rows))
 
 
-def _row(
-    found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmContrast | None, start: str | None = None
-) -> LeverRow:
+def _row(found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmContrast | None = None) -> LeverRow:
     varied = [
         (variation.axis, trial)
         for f in learners
@@ -76,4 +77,4 @@ def _row(
         for trial in f.of(variation.name)
     ]
     axes = {axis.value: success_of(trial for of, trial in varied if of is axis) for axis in Axis}
-    return LeverRow(found, {axis: figure for axis, figure in axes.items() if figure.n}, against, start)
+    return LeverRow(found, {axis: figure for axis, figure in axes.items() if figure.n}, against)

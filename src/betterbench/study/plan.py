@@ -17,9 +17,10 @@ from betterbench.json_form import read_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
 from betterbench.study.vocabulary import never_shown_before
 from betterbench.tasks import get_task
+from betterbench.vqa.dataset import MOST_QUESTIONS
 
 CURE = "Correct the plan; docs/learned.md shows one"
-PRESETS = ("small", "full", "doses")
+PRESETS = ("small", "full", "levers", "doses")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of a recipe that the study itself decides."""
 MOST_LEARNERS = 1000
@@ -50,6 +51,9 @@ class Lever:
         tasks: Tasks on which it is tried; all if empty.
         start: Arm whose learner of the same task and training seed, with the recipe as it is, training begins with;
             ``changes`` may then freeze parts of it. None to begin with nothing.
+        against: Lever on the same arms and tasks with which it is compared; the recipe as it is if None.
+        questions: About how many questions are learned beside the actions, about the demonstrations of each regime of
+            its arm; the study asks them. ``co_training`` in ``changes`` may then give their weight.
     """
 
     name: _Name
@@ -57,6 +61,8 @@ class Lever:
     arms: tuple[_Name, ...] = ("confounded",)
     tasks: tuple[str, ...] = ()
     start: _Name | None = None
+    against: _Name | None = None
+    questions: Annotated[int, Field(ge=0, le=MOST_QUESTIONS)] = 0
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -124,6 +130,7 @@ class StudyPlan:
             _require_known(f"levers[{i}].arms", lever.arms, self.arms)
             _require_known(f"levers[{i}].tasks", lever.tasks, self.tasks)
             _require_known(f"levers[{i}].start", () if lever.start is None else (lever.start,), self.arms)
+            self._require_comparable(f"levers[{i}].against", lever)
             changed = PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name)
             self._require_weights_fit(changed, self.recipe_of(changed, ("data",)))
             self._require_words_known(f"levers[{i}].start", lever)
@@ -150,8 +157,29 @@ class StudyPlan:
             return None
         return PlannedLearner(learner.task, lever.start, learner.seed)
 
+    def questions_of(self, learner: PlannedLearner) -> int:
+        """Return about how many questions about each of its sets a learner is asked, 0 if the study asks none."""
+        lever = self._lever_of(learner)
+        return 0 if lever is None else lever.questions
+
     def _lever_of(self, learner: PlannedLearner) -> Lever | None:
         return next((v for v in self.levers if v.name == learner.lever), None)
+
+    def _require_comparable(self, where: str, lever: Lever) -> None:
+        """Refuse a lever that is compared with itself, with none, or with one that has no such learners."""
+        if lever.against is None:
+            return
+        others = {v.name: v for v in self.levers if v is not lever}
+        _require_known(where, (lever.against,), others)
+        other = others[lever.against]
+        for name, mine, theirs in (
+            ("arms", lever.arms or tuple(self.arms), other.arms or tuple(self.arms)),
+            ("tasks", lever.tasks or self.tasks, other.tasks or self.tasks),
+        ):
+            missing = [one for one in mine if one not in theirs]
+            if missing:
+                problem = f"{other.name} is not tried on {', '.join(missing)}"
+                raise InvalidInputError(where, problem, f"Give both levers the same {name}")
 
     def _require_weights_fit(self, learner: PlannedLearner, recipe: TrainingRecipe) -> None:
         """Refuse a start whose weights have other shapes than those of the learner that would begin with them."""
@@ -189,8 +217,17 @@ class StudyPlan:
         """Return the first arm that is trained on one regime alone, by the name of its role; None if there is none."""
         return next((name for name, shares in self.arms.items() if shares == ROLES[role]), None)
 
-    def recipe_of(self, learner: PlannedLearner, data: tuple[str, ...], *, start: str = "start") -> TrainingRecipe:
-        """Return the recipe of a learner for the folders of its demonstrations, and of what it begins with, if it does.
+    def recipe_of(
+        self,
+        learner: PlannedLearner,
+        data: tuple[str, ...],
+        *,
+        start: str = "start",
+        questions: tuple[str, ...] = ("questions",),
+    ) -> TrainingRecipe:
+        """Return the recipe of a learner for the folders of its demonstrations.
+
+        ``start`` is the folder of what it begins with, and ``questions`` are those of what it is asked, where it is.
 
         Raises InvalidInputError if a field is unknown or out of range; the text names it.
         """
@@ -204,6 +241,8 @@ class StudyPlan:
         if "frozen" in given and not begins:
             problem = "nothing is trained before it is frozen"
             raise InvalidInputError(f"{where}.frozen", problem, "Freeze in a lever that has a start")
+        if lever is not None and lever.questions:
+            given["co_training"] = _asked(given.get("co_training", {}), questions, f"{where}.co_training")
         fixed = {
             "data": data,
             "tasks": (learner.task,),
@@ -217,6 +256,15 @@ class StudyPlan:
         """Return the JSON form, with every value that the file left out."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return form
+
+
+def _asked(given: object, questions: tuple[str, ...], where: str) -> dict[str, Any]:
+    """Return the form of a co-training with questions that the study asks."""
+    if not isinstance(given, dict):
+        raise InvalidInputError(where, "it is no mapping", "Give {weight: 0.25}, or leave it out")
+    if "sets" in given:
+        raise InvalidInputError(f"{where}.sets", "the study asks its own questions", "Leave it out, or the questions")
+    return {**given, "sets": questions}
 
 
 def _require_known(where: str, names: tuple[str, ...], known: Any) -> None:  # noqa: ANN401 - any container

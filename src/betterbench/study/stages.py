@@ -157,7 +157,8 @@ class _Study:
         self._plan, self._out, self._workshop, self._on_progress = plan, out, workshop, on_progress
         self._learners = tuple(plan.learners())
         self._sets = dict(self._all_sets())
-        self._stages = len(self._sets) + 2 * len(self._learners)
+        self._questions = dict(self._all_questions())
+        self._stages = len(self._sets) + len(self._questions) + 2 * len(self._learners)
         self._number = 0
         self._seconds: dict[str, float] = {}
         self._digests: dict[PlannedLearner, str] = {}
@@ -167,6 +168,15 @@ class _Study:
         for learner in self._learners:
             for regime, demos in self._plan.sets_of(learner.arm).items():
                 yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
+
+    def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
+        """Yield the name of each set of questions that is due, and about which set how many are asked."""
+        for learner in self._learners:
+            if asked := self._plan.questions_of(learner):
+                yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
+
+    def _sets_of(self, learner: PlannedLearner) -> list[str]:
+        return [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
 
     def _set_name(self, task: str, regime: Regime, demos: int) -> str:
         return f"{task}-{regime}" + ("" if demos == self._plan.demos else f"-{demos}")
@@ -178,9 +188,10 @@ class _Study:
     def run(self) -> StudyOutcome:
         """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
+        asked = {name: self._ask(name, *about, hashes) for name, about in self._questions.items()}
         found: list[LearnerOutcome] = []
         while len(found) < len(self._learners):
-            group = self._side_by_side(self._learners[len(found) :], hashes)
+            group = self._side_by_side(self._learners[len(found) :], hashes | asked)
             policies = self._train(group)
             found += [self._evaluate(one.learner, policy) for one, policy in zip(group, policies, strict=True)]
         confounded = (self._set_name(task, "training", self._plan.demos) for task in self._plan.tasks)
@@ -194,6 +205,17 @@ class _Study:
             name,
             form,
             lambda tell: {"sha256": self._workshop.make_set(recipe, self._out / "sets" / name, tell)},
+        )
+        return str(found["sha256"])
+
+    def _ask(self, name: str, about: str, count: int, hashes: Mapping[str, str]) -> str:
+        """Ask the questions about a set, and return their hash."""
+        source, out = (self._out / kind / of for kind, of in (("sets", about), ("questions", name)))
+        found = self._stage(
+            "questions",
+            name,
+            {"set": hashes[about], "questions": count},
+            lambda tell: {"sha256": self._workshop.ask(source, count, out, tell)},
         )
         return str(found["sha256"])
 
@@ -212,15 +234,20 @@ class _Study:
         return group
 
     def _learning(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> _Learning:
-        names = [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
+        names, count = self._sets_of(learner), self._plan.questions_of(learner)
+        asked = [_asked_name(name, count) for name in names] if count else []
+        questions = tuple(str(self._out / "questions" / name) for name in asked)
         start = self._plan.start_of(learner)
         place = str(self._out / "learners" / start.name) if start is not None else ""
-        recipe = self._plan.recipe_of(learner, tuple(str(self._out / "sets" / name) for name in names), start=place)
+        data = tuple(str(self._out / "sets" / name) for name in names)
+        recipe = self._plan.recipe_of(learner, data, start=place, questions=questions)
         form = {**recipe.to_json(), "data": names}
         inputs: dict[str, Any] = {"recipe": form, "sets": [hashes[name] for name in names]}
         if start is not None:
             form["start"], inputs["start"] = start.name, self._digests[start]
-        if recipe.co_training is not None:
+        if asked:
+            form["co_training"]["sets"], inputs["questions"] = asked, [hashes[name] for name in asked]
+        elif recipe.co_training is not None:
             inputs["questions"] = [read_set(Path(place)).sha256 for place in recipe.co_training.sets]
         return _Learning(learner, TrainingJob(recipe, self._out / "learners" / learner.name), _hash_of(inputs))
 
@@ -300,6 +327,11 @@ class _Study:
             raise AssertionError(f"{kind} {name} is done")
         self._seconds[kind] = round(self._seconds.get(kind, 0.0) + there.seconds, 1)
         return there.output
+
+
+def _asked_name(about: str, questions: int) -> str:
+    """Return the name of a set of questions; no set of demonstrations has such a name."""
+    return f"{about}-{questions}-questions"
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:

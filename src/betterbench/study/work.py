@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from betterbench.datasets.build import make_dataset
+from betterbench.datasets.build import DEMONSTRATIONS, make_dataset
 from betterbench.datasets.recipe import SetRecipe
 from betterbench.diagnosis import diagnose_run, stored
 from betterbench.evaluation import Progress, evaluate, make_plan
+from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.learned.address import require_torch
+from betterbench.recording import RunFolder
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob, train_learners
 from betterbench.study.outcomes import TrialOutcome, outcomes_of
+from betterbench.vqa import SetOptions
+from betterbench.vqa import make_set as make_question_set
+
+QUESTIONS = SetOptions(cameras=("front",), quality="fast")
+"""How the demonstrations of a set are asked about; a question does not name its camera, so there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,12 +28,14 @@ class Workshop:
 
     Attributes:
         make_set: Makes the set of a recipe in a folder and returns its hash.
+        ask: Asks about so many questions about the demonstrations of a set, in a folder, and returns their hash.
         train: Trains some learners, side by side if there are several.
         evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it.
         threads: How many threads learners may take that are trained side by side.
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
+    ask: Callable[[Path, int, Path, OnWork], str]
     train: Callable[[Sequence[TrainingJob], OnWork], tuple[TrainedPolicy, ...]]
     evaluate: Callable[[TrainedPolicy, str, int, Path, OnWork], tuple[TrialOutcome, ...]]
     threads: int = 1
@@ -39,6 +48,18 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
     def make_set(recipe: SetRecipe, out: Path, tell: OnWork) -> str:
         made = make_dataset(
             recipe, out, workers=workers, pictures=False, on_progress=lambda stage, d, n, _: tell(d, n, stage)
+        )
+        return made.sha256
+
+    def asked(source: Path, questions: int, out: Path, tell: OnWork) -> str:
+        run, options = RunFolder.open(source / DEMONSTRATIONS), replace(QUESTIONS, questions=questions)
+        made = make_question_set(
+            run,
+            out,
+            options,
+            open_photos=lambda: ViewRenderer(run, size=options.size, quality=options.quality),
+            workers=workers,
+            on_progress=lambda done, planned: tell(done, planned, "questions"),
         )
         return made.sha256
 
@@ -59,4 +80,4 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
         return train_learners(jobs, device, tell, workers=workers)
 
     # On a card the learners would only take turns.
-    return Workshop(make_set, trained, evaluated, threads=workers if device == "cpu" else 1)
+    return Workshop(make_set, asked, trained, evaluated, threads=workers if device == "cpu" else 1)
