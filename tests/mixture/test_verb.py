@@ -69,8 +69,26 @@ def test_a_file_of_draws_goes_on(capsys, mixture):
         assert Path("draws.jsonl").read_bytes() == whole
     capsys.readouterr()
     assert main([*words, "--seed", "6"]) == 2
-    assert "draws of another mixture" in capsys.readouterr().err.replace("\n", " ")
+    assert "something else than draws of this mixture" in " ".join(capsys.readouterr().err.split())
     assert Path("draws.jsonl").read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    "other", ["my notes without an end", "one\ntwo\nthree", '{"number": 1', "\n", "{draws}more", "{draws}\n"]
+)
+def test_a_file_that_holds_something_else_is_left_alone(capsys, mixture, other):
+    words = ["mixture", str(mixture), "--draws", "9", "--out", "draws.jsonl"]
+    assert main(words) == 0
+    draws = Path("draws.jsonl").read_text()
+    Path("draws.jsonl").write_text(text := other.replace("{draws}", draws))
+    assert main(words) == 2
+    assert Path("draws.jsonl").read_text() == text
+    assert "Name another file" in " ".join(capsys.readouterr().err.split())
+
+
+def test_what_is_no_file_is_not_read_without_an_end(capsys, mixture):
+    assert main(["mixture", str(mixture), "--draws", "9", "--out", "/dev/full"]) == 2
+    assert "/dev/full is no file" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
@@ -88,12 +106,16 @@ def test_a_file_of_draws_goes_on(capsys, mixture):
         (["broken.yaml"], "is not YAML"),
         (["deep.yaml"], "nested too deep"),
         (["field.yaml"], "field.yaml: grups"),
+        (["twice.yaml"], "twice.yaml: weight is given twice (line 4)"),
+        (["number.yaml"], "number.yaml: groups[0].sets: "),
     ],
 )
 def test_wrong_input_is_one_line(capsys, tmp_path, monkeypatch, words, said):
     monkeypatch.chdir(tmp_path)
     texts = {"list": "[1]", "alias": "a: &x 1\nb: *x\n", "broken": "a: [", "deep": "a: " + "[" * 50 + "]" * 50}
-    for name, text in (texts | {"field": "groups: []\ngrups: []\n"}).items():
+    texts |= {"twice": "groups:\n- name: g\n  weight: 1\n  weight: 2\n  sets: []\n"}
+    texts |= {"number": "groups: [{name: g, weight: 1e-3, sets: []}]\n"}
+    for name, text in (texts | {"field": "groups: [{name: g, weight: 1, sets: [{path: x}]}]\ngrups: []\n"}).items():
         Path(f"{name}.yaml").write_text(text)
     assert main(["mixture", *words]) == 2
     assert said in " ".join(capsys.readouterr().err.split())

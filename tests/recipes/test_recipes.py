@@ -323,12 +323,27 @@ def test_a_data_set_that_is_here_is_checked(tmp_path):
         ("lerobot", {"stepps": 1}, {}, "stepps"),
         ("lerobot", {"frozen": {"openpi": ["vision", "vision"]}}, {}, "names a part twice"),
         ("lerobot", {"name": "a b"}, {}, "name"),
+        ("lerobot", {"chunk": 10}, {"policy": "diffusion"}, "chunk: .*10 is no multiple of 8.*Give 8, 16"),
+        ("openpi", "better", {"data": ("sets/my data #1",)}, "--data: 'my data #1'.*Rename the folder"),
+        ("openpi", "better", {"data": ('sets/cost$5 "x" `id`',)}, "--data.*Rename the folder"),
+        ("being-h", "better", {"data": ("sets/a: b",)}, "--data: 'a: b'.*Rename the folder"),
+        ("openpi", "better", {"data": ("sets/..",)}, r"--data: '\.\.', the last part"),
+        ("openpi", "libero", {"data": ("/",)}, "--data: '', the last part of '/'"),
     ],
 )
 def test_wrong_recipes_are_one_line(framework, form, options, said):
     with pytest.raises(BetterError, match=said) as caught:
         made(framework, form, **options)
     assert "\n" not in str(caught.value)
+
+
+def test_names_of_data_sets_stay_text_in_being_hs_yaml():
+    """Without quotes YAML would read a date."""
+    setup, files, _ = made("being-h", data=("sets/2026-10-01", "sets/1e3", "sets/no"))
+    (form,) = yaml.safe_load(files["better.yaml"]).values()
+    assert form["dataset_names"] == ["2026-10-01", "1e3", "no"]
+    assert all(repr(name) in files["better_being_h.py"] for name in form["dataset_names"])
+    assert setup.settings
 
 
 def test_unknown_names():

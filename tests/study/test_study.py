@@ -347,6 +347,26 @@ def test_a_lever_with_questions_has_them_asked_about_the_sets_of_its_arm(tmp_pat
     assert [call.partition(" ")[0] for call in calls] == ["ask", "ask", "train", "train"]  # to the same two policies
 
 
+@pytest.mark.parametrize("demos", [2, 3, 5, 10, 25, 40])
+@pytest.mark.parametrize("share", [0.001, 0.05, 0.5, 0.7, 0.95, 0.999])
+def test_arms_share_out_all_their_demonstrations_and_doses_are_those_that_were_shown(demos, share):
+    arms = {"mixed": {"training": share, "balanced": 1.0 - share}}
+    plan = small(arms=arms, demos=demos)
+    shown = plan.sets_of("mixed")
+    assert sum(shown.values()) == demos
+    assert all(count >= 1 for count in shown.values())
+    assert abs(shown["training"] - share * demos) <= 1.0
+    assert plan.dose_of("mixed") == shown["training"] / demos
+
+
+def test_questions_that_cannot_be_read_stop_a_study_before_it_begins(tmp_path):
+    lever = {"name": "asked", "changes": {"co_training": {"sets": [str(tmp_path / "nowhere")]}}}
+    workshop, calls = made_up_workshop()
+    with pytest.raises(BetterError, match="nowhere"):
+        run_study(small(levers=[lever]), tmp_path / "study", workshop)
+    assert calls == []
+
+
 def test_other_questions_of_a_co_training_make_another_learner(tmp_path, monkeypatch):
     lever = {"name": "asked", "changes": {"co_training": {"sets": ["questions"]}, "batch": 8}}
     plan, trained = small(seeds=[0], levers=[lever]), []
@@ -407,6 +427,7 @@ def test_learners_of_pixels_are_evaluated_with_the_eyes_that_they_were_trained_w
     [
         ({"arms": {"a": {"training": 0.5}}}, "arms.a.*do not sum up to 1"),
         ({"arms": {"a": {"test": 1.0}}}, "arms.a"),
+        ({"arms": {"a": {"training": 0.5, "balanced": 0.5}}, "demos": 1}, "arms.a.*cannot be shared by 2"),
         ({"recipe": {"steps": 0}}, "steps"),
         ({"recipe": {"frozen": ["trunk"]}}, "recipe.frozen.*nothing is trained.*lever that has a start"),
         ({"levers": [{"name": "x", "changes": {"frozen": ["trunk"]}}]}, "lever x.frozen.*lever that has a start"),

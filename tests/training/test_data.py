@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from demonstrating import STEPS, add_record, start_run
 from short_records import TRIALS, short_records
 from small_recipes import tiny
 
-from betterbench.errors import BetterError, InvalidInputError
+from betterbench.errors import InvalidInputError
 from betterbench.learned.tokens import moment_of
 from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
 
@@ -132,7 +133,25 @@ def test_a_dataset_of_another_action_space_is_one_line(run_of):
     assert "\n" not in str(caught.value)
 
 
-def test_a_folder_without_a_run_is_one_line(tmp_path):
-    with pytest.raises(BetterError) as caught:
-        read_training_set(tiny(data=[str(tmp_path)]))
+@pytest.mark.parametrize("place", ["", "empty", "nowhere"])
+def test_a_folder_without_a_run_is_one_line_that_names_the_field(tmp_path, monkeypatch, place):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InvalidInputError, match=f"data: '{place}' holds no demonstrations.*better dataset") as caught:
+        read_training_set(tiny(data=[place]))
     assert "\n" not in str(caught.value)
+
+
+def test_a_demonstration_does_not_count_twice(run_of, tmp_path):
+    run = run_of().path
+    shutil.copytree(run, tmp_path / "copy")
+    for data in ([run, run], [run, tmp_path / "copy"]):
+        with pytest.raises(InvalidInputError, match=r"data: .*hold the same demonstration"):
+            read_training_set(tiny(data=[str(place) for place in data]))
+
+
+def test_the_folder_in_which_one_stands_is_a_place_too(run_of, monkeypatch):
+    run = run_of().path
+    whole = read_training_set(tiny(data=[str(run)]))
+    monkeypatch.chdir(run)
+    assert read_training_set(tiny(data=["."])).sha256 == whole.sha256

@@ -14,7 +14,7 @@ from made_up import made_up, pictured
 from small_recipes import PIXELS, tiny
 from torch.nn import functional
 
-from betterbench.errors import InvalidInputError, RunConflictError, StorageError, TrainingError
+from betterbench.errors import BetterError, InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
 from betterbench.learned.families import new_network
 from betterbench.learned.network import ObjectsNetwork
@@ -129,6 +129,7 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(RunConflictError, match="other files"):
         train(tiny(), made_up(), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_a_loss_that_is_not_finite_keeps_what_was_saved(tmp_path, monkeypatch):
@@ -210,6 +211,53 @@ def test_a_damaged_file_is_one_line(tmp_path, harm):
         read_checkpoint(tmp_path / "out" / "checkpoint.safetensors")
     with pytest.raises(InvalidInputError, match="damaged"):
         train(tiny(), made_up(), tmp_path / "out")
+
+
+def test_the_state_of_another_training_is_refused(tmp_path):
+    """Also one whose tensors have the same names and shapes, and a checkpoint in its place."""
+    for seed in (0, 1):
+        train(tiny(seed=seed), made_up(), tmp_path / str(seed))
+    before = contents(tmp_path / "0")
+    for other in (tmp_path / "1" / STATE_NAME, tmp_path / "0" / "checkpoint.safetensors"):
+        (tmp_path / "0" / STATE_NAME).write_bytes(other.read_bytes())
+        with pytest.raises(InvalidInputError, match=r"state.safetensors.*another training.*put the file back"):
+            train(tiny(), made_up(), tmp_path / "0")
+    (tmp_path / "0" / STATE_NAME).write_bytes(before[STATE_NAME])
+    train(tiny(), made_up(), tmp_path / "0")
+    assert contents(tmp_path / "0") == before
+
+
+@pytest.mark.parametrize("harm", ["missing", "text", "long"])
+def test_a_damaged_table_is_no_reason_to_remove_the_weights(tmp_path, harm):
+    train(tiny(), made_up(), tmp_path / "out")
+    table = tmp_path / "out" / "loss.csv"
+    if harm == "missing":
+        table.unlink()
+    else:
+        table.write_text({"text": "step\nx\n", "long": "step\n" + "9" * 200_000}[harm])
+    with pytest.raises(BetterError, match=r"loss\.csv: cannot be read .*stay as they are") as caught:
+        train(tiny(), made_up(), tmp_path / "out")
+    assert "remove" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rank", "size"), [("1", None), ("abc", "2"), ("-1", "2"), ("2", "2"), ("0", "0"), ("0", "many")]
+)
+def test_an_environment_without_sense_is_one_line(tmp_path, monkeypatch, rank, size):
+    monkeypatch.setenv("RANK", rank)
+    if size is not None:
+        monkeypatch.setenv("WORLD_SIZE", size)
+    with pytest.raises(InvalidInputError, match=f"RANK={rank} and WORLD_SIZE={size or 1}.*torchrun"):
+        train(tiny(), made_up(), tmp_path / "out")
+
+
+@pytest.mark.parametrize("step", [-1, 1.5, "x", float("inf"), True])
+def test_a_number_of_steps_that_is_none_is_refused(tmp_path, step):
+    data = made_up()
+    network, path = ObjectsNetwork(tiny(), data.vocabulary), tmp_path / "checkpoint.safetensors"
+    write_checkpoint(path, network.state_dict(), Trained(tiny(), data.vocabulary, step, "none"))
+    with pytest.raises(InvalidInputError, match="for the steps of training"):
+        read_checkpoint(path)
 
 
 def test_draws_follow_from_the_step_alone_and_are_shared_out():

@@ -117,13 +117,23 @@ def _shard(text: str) -> tuple[int, int]:
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws: int, shards: int) -> None:
     """Write the draws of a shard as lines, after those that are there already."""
+    from betterbench.recording.durable import on_disk
+
     planned = len(sampler)
+    if out.exists() and not out.is_file():
+        raise InvalidInputError("--out", f"{out} is no file", "Name a file of JSON lines")
     whole = out.read_bytes() if out.exists() else b""
-    lines = whole[: whole.rfind(b"\n") + 1].splitlines(keepends=True)
-    if len(lines) > planned or (lines and lines[-1] != _line(sampler, mixture, len(lines) - 1)):
-        raise RunConflictError(f"{out}: it holds draws of another mixture, seed or shard. Name another file.")
-    with out.open("ab") as file, progress_bar("draw", planned) as (bar, task):
-        file.truncate(sum(map(len, lines)))
+    *lines, begun = whole.split(b"\n")
+    there = [*lines[-1:], begun]  # the last whole line, and what an interruption left of the next one
+    first = max(0, len(lines) - 1)
+    told = [_line(sampler, mixture, i).removesuffix(b"\n") for i in range(first, min(len(lines) + 1, planned))]
+    told += [b""] * (len(lines) == planned)
+    if len(there) != len(told) or there[:-1] != told[:-1] or not told[-1].startswith(begun):
+        raise RunConflictError(
+            f"{out}: it holds something else than draws of this mixture, seed and shard. Name another file."
+        )
+    with on_disk(out), out.open("ab") as file, progress_bar("draw", planned) as (bar, task):
+        file.truncate(len(whole) - len(begun))
         for index in range(len(lines), planned):
             file.write(_line(sampler, mixture, index))
             if index % 1000 == 0:

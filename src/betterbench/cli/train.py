@@ -56,8 +56,9 @@ def train_command(
     chosen = _recipe(recipe, {"data": data or None, "tasks": tasks or None, "seed": seed, "steps": steps})
     require_torch("better train")
     from betterbench.training.data import epochs_of
-    from betterbench.training.loop import TrainingProgress, train
+    from betterbench.training.loop import TrainingProgress, require_place, train
 
+    require_place(out, device)
     found = _training_set(chosen, frames, workers)
     first = os.environ.get("RANK", "0") == "0"
     if first:

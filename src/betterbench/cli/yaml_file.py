@@ -2,33 +2,59 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded
 
+if TYPE_CHECKING:
+    import yaml
+
 _MAX_BYTES = 64 * 1024
+_EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
 def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
     """Return what a YAML file holds.
 
     Raises:
-        InvalidInputError: If it is missing, larger than 64 KiB, no mapping, has aliases, or is nested too deep.
+        InvalidInputError: If it is missing, larger than 64 KiB, no mapping, has aliases, gives a field twice, or is
+            nested too deep.
     """
     import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        """Reads 1e-3 as a number, as YAML 1.2 does; that of YAML 1.1 needs a point."""
+
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _EXPONENT, list("-+0123456789"))
 
     text = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
         _require_plain(path, text, deepest, cure)
-        found = yaml.safe_load(text)
+        _require_once(path, yaml.compose(text, Loader=Loader))
+        found = yaml.load(text, Loader=Loader)  # noqa: S506 - a SafeLoader
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())[:200] or "it is nested too deep"
         raise InvalidInputError(str(path), f"is not YAML ({problem})", cure) from error
     if not isinstance(found, dict):
         raise InvalidInputError(str(path), "it holds no fields", f"Write lines like `name: value`. {cure}")
     return found
+
+
+def _require_once(path: Path, node: yaml.Node | None) -> None:
+    """Refuse a field that is given twice, of which only the last would be read."""
+    if node is None or isinstance(node.value, str):
+        return
+    fields = [key.value for key, _ in node.value] if node.tag.endswith(":map") else []
+    twice = next((str(name) for i, name in enumerate(fields) if name in fields[:i]), None)
+    if twice is not None:
+        line = next(k.start_mark.line for k, _ in reversed(node.value) if k.value == twice)
+        raise InvalidInputError(str(path), f"{twice} is given twice (line {line + 1})", "Give it once")
+    for child in node.value:
+        for one in child if isinstance(child, tuple) else (child,):
+            _require_once(path, one)
 
 
 def _require_plain(path: Path, text: bytes, deepest: int, cure: str) -> None:

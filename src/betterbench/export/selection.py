@@ -70,8 +70,9 @@ def select_demonstrations(
         where = ", ".join(str(run.path) for run in runs)
         raise InvalidInputError(
             where,
-            f"holds no demonstration to export ({listed})",
-            "Give a run with successful trials of training conditions, or --variations for those of test variations",
+            f"holds no demonstration that is asked for ({listed})",
+            "Give a run with successful trials of training conditions, or ask for those of test variations too "
+            "(--variations of better export, variations: true in a recipe of better train)",
         )
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
 

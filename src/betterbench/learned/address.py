@@ -105,7 +105,11 @@ class _Address:
 
 def _path(address: str) -> Path:
     """Return the file that an address names, or the one in the folder that it names."""
-    path = Path(address.removeprefix(PREFIX).partition("?")[0]).expanduser()
+    path = Path(address.removeprefix(PREFIX).partition("?")[0])
+    try:
+        path = path.expanduser()
+    except RuntimeError as error:
+        raise InvalidInputError(f"policy {address}", "there is no such home folder", "Write its path") from error
     return path / _FILE_NAME if path.is_dir() else path
 
 

@@ -138,9 +138,12 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
     try:
         recipe = read_training_recipe(about["recipe"], where=f"{where}: recipe")
         vocabulary = read_form(_VOCABULARY, about["vocabulary"], where=f"{where}: vocabulary", cure=_CURE)
-        return Trained(recipe, vocabulary, int(about["step"]), str(about["data"]), str(about["action_space"]))
-    except (KeyError, TypeError, ValueError) as error:
+        step, data, space = about["step"], about["data"], about["action_space"]
+    except KeyError as error:
         raise InvalidInputError(where, f"its header says no {error}", _CURE) from error
+    if type(step) is not int or step < 0:
+        raise InvalidInputError(where, f"its header says {step!r} for the steps of training", _CURE)
+    return Trained(recipe, vocabulary, step, str(data), str(space))
 
 
 def _digest(tensors: Mapping[str, Tensor]) -> str:

@@ -226,6 +226,9 @@ def _questions(path: Path) -> QuestionSource:
     return QuestionSource(path, tuple(places))
 
 
+_Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FileForm:
@@ -233,7 +236,7 @@ class FileForm:
 
     path: ShortText
     name: ShortText | None = None
-    weight: float = 1.0
+    weight: _Weight = 1.0
 
 
 @strict_form
@@ -242,8 +245,8 @@ class GroupForm:
     """A group in the file of a mixture."""
 
     name: ShortText
-    weight: float
-    sets: tuple[FileForm, ...]
+    weight: _Weight
+    sets: Annotated[tuple[FileForm, ...], Field(min_length=1)]
     within: Within = "items"
 
 
@@ -252,7 +255,7 @@ class GroupForm:
 class MixtureForm:
     """The file of a mixture: its groups, and the seed of the draws."""
 
-    groups: tuple[GroupForm, ...]
+    groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
     seed: int = 0
 
 

@@ -6,6 +6,7 @@ Fields: BeingBeyond/Being-H@594219ea, ``BeingH/train/train.py`` (arguments), ``s
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Any
 
@@ -179,7 +180,7 @@ def _yaml(training: Training, group: str) -> str:
 
     return (
         f"# The data of {group}, for {UPSTREAM}\n{group}:\n"
-        + block("dataset_names", [data.name for data in training.data])
+        + block("dataset_names", [json.dumps(data.name) for data in training.data])
         + block("data_config_names", [config] * n)
         + block("embodiment_tags", [tag] * n)
         + "  sampling_strategy: step\n  video_backend: torchvision_av\n  stats_level: auto\n"

@@ -34,6 +34,8 @@ _POLICIES: Mapping[str, Mapping[str, Any]] = {
     "pi05": {"chunk": ("chunk_size", 50), "executed": ("n_action_steps", 50), "lr": 2.5e-5},
 }
 _WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
+_DOWNSAMPLED = 8
+"""What the horizon of diffusion is a multiple of: 2 to the number of its down_dims (configuration_diffusion.py)."""
 _WITHOUT_LANGUAGE = ("act", "diffusion")
 
 
@@ -93,6 +95,9 @@ def _settings(training: Training) -> tuple[Setting, ...]:
     executed, steps = known["executed"]
     # A policy with a horizon sees two steps, of which the first lies before now.
     longest = (form.chunk or default) - (chunk == "horizon")
+    if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
+        problem = f"diffusion halves its horizon three times, and {form.chunk} is no multiple of {_DOWNSAMPLED}"
+        raise InvalidInputError("chunk", problem, "Give 8, 16, 24 or more, or leave it out")
     if longest < 1:
         raise InvalidInputError("chunk", f"{policy} needs two steps at least", "Give more, or leave it out")
     batch = recipe.setting("batch", "batch")

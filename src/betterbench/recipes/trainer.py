@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.resources
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -90,6 +91,10 @@ class Training:
         return batch // self.gpus
 
 
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+"""Names of data sets that every trainer takes, as part of a path, of a command and of YAML."""
+
+
 @dataclass(frozen=True, slots=True)
 class TrainerSetup:
     """What is written for a framework.
@@ -127,6 +132,9 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
     folder = Path(place)
     if not place or any(ord(letter) < 32 for letter in place):
         raise InvalidInputError("--data", f"{place!r} is no place of a data set", "Name its folder")
+    if not _NAME.fullmatch(folder.name):
+        problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
+        raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
     if benchmark != "better" or not folder.exists():
         return TrainingData(place, preset if benchmark == "better" else "")
     source, info = _json(folder / SOURCE_FILE), _json(folder / "meta/info.json")

@@ -97,7 +97,9 @@ def write_setup(files: Mapping[str, str], out: Path) -> None:
         RunConflictError: If the folder holds other files of these names.
         OSError: If it cannot be written.
     """
-    others = [name for name, text in files.items() if (out / name).exists() and (out / name).read_text() != text]
+    others = [
+        name for name, text in files.items() if (out / name).exists() and (out / name).read_bytes() != text.encode()
+    ]
     if others:
         raise RunConflictError(f"{out}: it holds another {others[0]}. Choose another folder, or move it away.")
     for name, text in files.items():

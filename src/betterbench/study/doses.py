@@ -46,9 +46,9 @@ def doses_of(
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):
-        for arm, shares in sorted(plan.arms.items(), key=lambda item: (item[1].get("training", 0.0), item[0])):
-            if "covered" in shares:
-                continue
+        for dose, arm in sorted(
+            (plan.dose_of(arm), arm) for arm, shares in plan.arms.items() if "covered" not in shares
+        ):
             mine = [f for f in learners if f.learner.arm == arm and task in ("", f.learner.task)]
             trials = [found for f in mine for found in _matching(f, predictions.get(f.learner.task))]
             lost = [found for found in trials if not found[0].success]
@@ -56,7 +56,7 @@ def doses_of(
             predicted = sum(trial.label == label for trial, label, _ in decided)
             exposed = sum(trial.label in known for trial, _, known in decided)
             yield DoseFinding(
-                shares.get("training", 0.0),
+                dose,
                 arm,
                 task,
                 Figure.of_rate(Rate(len(lost), len(trials))),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from importlib import resources
@@ -125,6 +126,9 @@ class StudyPlan:
         for arm, shares in self.arms.items():
             if abs(sum(shares.values()) - 1.0) > _SUM_SLACK:
                 raise InvalidInputError(f"arms.{arm}", "its shares do not sum up to 1", "Give shares that do")
+            if len(shares) > self.demos:
+                problem = f"{self.demos} demonstrations cannot be shared by {len(shares)} regimes"
+                raise InvalidInputError(f"arms.{arm}", problem, "Give more in demos")
         self.recipe_of(PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0]), ("data",))
         for i, lever in enumerate(self.levers):
             _require_known(f"levers[{i}].arms", lever.arms, self.arms)
@@ -210,8 +214,21 @@ class StudyPlan:
                 raise InvalidInputError(where, problem, "Begin with an arm that shows it, or leave out the task")
 
     def sets_of(self, arm: str) -> dict[Regime, int]:
-        """Return the demonstrations of an arm per training condition, by the regime that they show."""
-        return {regime: max(1, round(share * self.demos)) for regime, share in self.arms[arm].items()}
+        """Return the demonstrations of an arm per training condition, by the regime that they show, all together demos.
+
+        Each regime has one at least; the others are those that come nearest to the shares.
+        """
+        wanted = {regime: share * self.demos for regime, share in self.arms[arm].items()}
+        found = {regime: max(1, math.floor(number + _SUM_SLACK)) for regime, number in wanted.items()}
+        while sum(found.values()) != self.demos:
+            short = sum(found.values()) < self.demos
+            off = {regime: wanted[regime] - count for regime, count in found.items() if short or count > 1}
+            found[(max if short else min)(off, key=off.__getitem__)] += 1 if short else -1
+        return found
+
+    def dose_of(self, arm: str) -> float:
+        """Return the share of the demonstrations of an arm that hold the confounds, in whole demonstrations."""
+        return self.sets_of(arm).get("training", 0) / self.demos
 
     def arm_in(self, role: str) -> str | None:
         """Return the first arm that is trained on one regime alone, by the name of its role; None if there is none."""

@@ -7,6 +7,7 @@ interrupted is resumed by the package whose work it is, to the same bytes.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -187,6 +188,7 @@ class _Study:
 
     def run(self) -> StudyOutcome:
         """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
+        self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
         asked = {name: self._ask(name, *about, hashes) for name, about in self._questions.items()}
         found: list[LearnerOutcome] = []
@@ -197,6 +199,13 @@ class _Study:
         confounded = (self._set_name(task, "training", self._plan.demos) for task in self._plan.tasks)
         folders = {n.rpartition("-")[0]: self._out / "sets" / n for n in confounded if n in hashes}
         return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
+
+    def _require_questions(self) -> None:
+        """Refuse a set of questions that a lever names and that cannot be read, before anything is begun."""
+        recipes = [self._plan.recipe_of(one, ("data",)) for one in self._learners if not self._plan.questions_of(one)]
+        asked = (recipe.co_training.sets for recipe in recipes if recipe.co_training is not None)
+        for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
+            read_set(Path(place))
 
     def _make_set(self, name: str, recipe: SetRecipe) -> str:
         form = {**asdict(recipe), "conditions": _conditions(recipe)}

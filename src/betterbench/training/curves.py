@@ -132,6 +132,9 @@ def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
         readers = [_READERS[str(f.type)] for f in fields(kind)]
         cells = [*csv.reader(path.read_text(encoding="utf-8").splitlines())][1:]
         rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordError(f"{path}: cannot be read ({error}). Choose another folder, or remove this one.") from error
+    except (OSError, ValueError, KeyError, csv.Error) as error:
+        raise RecordError(
+            f"{path}: cannot be read ({error}). Put a whole copy of it there, or train in another folder; the "
+            "weights in this one stay as they are."
+        ) from error
     return [row for row in rows if row.step <= until]

@@ -124,17 +124,19 @@ def read_training_set(
         InvalidInputError: If nothing is left, a record is of another action space, or no question is about one.
         StorageError: If the disk has no room for the frames; those that were drawn stay.
     """
-    runs = [RunFolder.open(run_folder(Path(place))) for place in recipe.data]
+    runs = [_opened(place) for place in recipe.data]
     selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
     chosen = _fewer(selection.demonstrations, recipe.demonstrations)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
+    _require_once(chosen, runs)
     episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
     asked = read_questions(recipe, [episode.trial for episode in episodes])
     data = _joined(episodes, held_out, digest, recipe, asked)
-    beside = [Path(place).with_name(Path(place).name + SUFFIX) if frames is None else frames for place in recipe.data]
+    places = [Path(place).resolve() for place in recipe.data]
+    beside = [place.with_name(place.name + SUFFIX) if frames is None else frames for place in places]
 
     def draw(rows_of: Sequence[np.ndarray]) -> FrameStore:
         wanted = [
@@ -183,6 +185,27 @@ def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
 def run_folder(place: Path) -> Path:
     """Return the run of a folder of ``better dataset``, or the folder itself."""
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
+
+
+def _opened(place: str) -> RunFolder:
+    """Return the run of a place that a recipe names."""
+    folder = run_folder(Path(place))
+    if not place or not (folder / "run.json").is_file():
+        problem = f"{place!r} holds no demonstrations"
+        raise InvalidInputError(
+            "data", problem, "Name folders of better dataset, or runs of collect, amplify or teleop"
+        )
+    return RunFolder.open(folder)
+
+
+def _require_once(chosen: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
+    """Refuse data that hold a demonstration twice: it would count twice, and be shown and held out at once."""
+    first: dict[tuple[TrialId, str], int] = {}
+    for one in chosen:
+        other = first.setdefault((one.trial, one.digest), one.run)
+        if other != one.run:
+            problem = f"{runs[other].path} and {runs[one.run].path} hold the same demonstration ({one.trial})"
+            raise InvalidInputError("data", problem, "Name each demonstration once")
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:

@@ -81,8 +81,16 @@ class TrainingProcesses:
 
     @classmethod
     def here(cls) -> TrainingProcesses:
-        """Return what the environment says; one process alone if it says nothing."""
-        return cls(int(os.environ.get("RANK", "0")), int(os.environ.get("WORLD_SIZE", "1")))
+        """Return what the environment says; one process alone if it says nothing.
+
+        Raises InvalidInputError if what it says makes no sense.
+        """
+        said = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
+        rank, size = (int(text) if text.isascii() and text.isdecimal() and len(text) < 7 else -1 for text in said)
+        if not 0 <= rank < size:
+            problem = f"RANK={said[0]} and WORLD_SIZE={said[1]} are no process and number of processes"
+            raise InvalidInputError("the environment", problem, "Start it under torchrun, or unset both")
+        return cls(rank, size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,30 +131,58 @@ def train(
         StorageError: If the disk is full; what was saved before stays.
     """
     world = TrainingProcesses.here()
-    _require_device(device)
+    require_place(out, device)
     if recipe.batch % world.size:
         raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
     if recipe.questions % world.size:
         problem = f"{recipe.questions} questions are no multiple of {world.size} processes"
         raise InvalidInputError("co_training.weight", problem, "Change the weight")
+    form = {
+        "recipe": recipe.to_json(),
+        "data": data.sha256,
+        "start": None if recipe.start is None else file_digest(checkpoint_file(recipe.start)),
+        "torch": str(torch.__version__),
+        "device": device.partition(":")[0],
+        "processes": world.size,
+    }
     with contextlib.ExitStack() as stack:
         if world.rank == 0:
             with on_disk(out):
                 stack.enter_context(RunLock(out / LOCK_NAME))
-            _keep_recipe(recipe, data, out, device, world)
+            _keep_recipe(form, out)
             remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
-        return _Training(recipe, data, out, device, world).run(on_progress)
+        return _Training(recipe, data, out, device, world, identity=_identity(form)).run(on_progress)
+
+
+def require_place(out: Path, device: str) -> None:
+    """Refuse a folder that holds other files, or a device that cannot be used, before any data are read.
+
+    Raises RunConflictError or InvalidInputError.
+    """
+    TrainingProcesses.here()
+    _require_device(device)
+    others = [p for p in out.iterdir() if not p.name.endswith(PART_SUFFIX)] if out.is_dir() else []
+    if not (out / _RECIPE_NAME).exists() and any(p.name != LOCK_NAME for p in others):
+        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
 
 
 class _Training:
     """One training while it runs."""
 
     def __init__(
-        self, recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses
+        self,
+        recipe: TrainingRecipe,
+        data: TrainingSet,
+        out: Path,
+        device: str,
+        world: TrainingProcesses,
+        *,
+        identity: str,
     ) -> None:
         self._recipe, self._data, self._out, self._device, self._world = recipe, data, out, device, world
+        self._identity = identity
         self._batches = Batches(data, recipe, device)
         torch.manual_seed(recipe.seed)
         self._network = new_network(recipe, data.vocabulary)
@@ -272,12 +308,15 @@ class _Training:
         for name, parameter in self._trained.items():
             moments = self._optimizer.state[parameter]
             tensors |= {f"first/{name}": moments["exp_avg"], f"second/{name}": moments["exp_avg_sq"]}
-        write_tensors(self._out / STATE_NAME, tensors, {"step": self._step, "rows": self._rows})
+        about = {"step": self._step, "rows": self._rows, "training": self._identity}
+        write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Go back to the saved state."""
+        """Go back to the saved state; InvalidInputError if it is no state of this training."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
+        if about.get("training") != self._identity:
+            raise InvalidInputError(str(path), "is the state of another training", _STATE_CURE)
         parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
         for name, tensor in tensors.items():
             part, _, rest = name.partition("/")
@@ -304,16 +343,8 @@ def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None
     load_weights(network, weights, f"start: {start}")
 
 
-def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: str, world: TrainingProcesses) -> None:
+def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
     """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
-    form = {
-        "recipe": recipe.to_json(),
-        "data": data.sha256,
-        "start": None if recipe.start is None else file_digest(checkpoint_file(recipe.start)),
-        "torch": str(torch.__version__),
-        "device": device.partition(":")[0],
-        "processes": world.size,
-    }
     path = out / _RECIPE_NAME
     if path.exists():
         cure = "Choose another folder"
@@ -326,10 +357,13 @@ def _keep_recipe(recipe: TrainingRecipe, data: TrainingSet, out: Path, device: s
             )
         if there == form:
             return
-    elif any(not p.name.endswith(PART_SUFFIX) and p.name != LOCK_NAME for p in out.iterdir()):
-        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
     with on_disk(out):
         write_durably(path, (json.dumps(form, indent=1) + "\n").encode())
+
+
+def _identity(form: Mapping[str, Any]) -> str:
+    """Return a hash of what decides the weights."""
+    return hashlib.sha256(json.dumps(_wherever(form), sort_keys=True).encode()).hexdigest()
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
