@@ -124,11 +124,12 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws
         raise InvalidInputError("--out", f"{out} is no file", "Name a file of JSON lines")
     whole = out.read_bytes() if out.exists() else b""
     *lines, begun = whole.split(b"\n")
-    there = [*lines[-1:], begun]  # the last whole line, and what an interruption left of the next one
-    first = max(0, len(lines) - 1)
-    told = [_line(sampler, mixture, i).removesuffix(b"\n") for i in range(first, min(len(lines) + 1, planned))]
-    told += [b""] * (len(lines) == planned)
-    if len(there) != len(told) or there[:-1] != told[:-1] or not told[-1].startswith(begun):
+
+    def told(index: int) -> bytes:
+        return _line(sampler, mixture, index).removesuffix(b"\n") if index < planned else b""
+
+    ours = len(lines) <= planned and told(len(lines)).startswith(begun)
+    if not ours or lines[-1:] != [told(i) for i in range(len(lines))[-1:]]:
         raise RunConflictError(
             f"{out}: it holds something else than draws of this mixture, seed and shard. Name another file."
         )
