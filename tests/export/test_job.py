@@ -193,6 +193,16 @@ def test_questions_and_subgoals_stand_in_the_language_columns(demonstrations, tm
     assert [(e["style"], e["content"], e["camera"]) for e in persistent[0]] == [
         ("subtask", first["subgoal"][row], None) for row in changes
     ]
+    entry = demonstrations.run.entry(TRIALS[0])
+    for record, held in ((demonstrations.run.record_digest(entry), True), ("0" * 64, False)):
+        (asked.path / "set.json").write_text(json.dumps({"records": {str(TRIALS[0]): record}}))
+        again = plan_of(demonstrations.run, tmp_path / str(held), questions=asked.path)
+        if held:
+            export_dataset(again)
+            assert read_v30(again.out)[0]["language_events"] == events
+        else:  # of another run, which had the same trial
+            with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
+                export_dataset(again)
     write_set(tmp_path / "others", questions[3:], (), "training")
     with pytest.raises(InvalidInputError, match="asks about no frame of these episodes"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "other", questions=tmp_path / "others"))

@@ -39,8 +39,11 @@ def read(records, tmp_path, monkeypatch):
     for record in records:
         add_record(run, record)
 
-    def read(questions, *, purpose: str = "training", co_training=None, **changes):
+    def read(questions, *, purpose: str = "training", co_training=None, told=None, **changes):
         made = asked_set(tmp_path / "questions", questions, purpose=purpose)
+        if told is not None:
+            digests = {str(e.key): run.record_digest(e) for e in run.entries()}
+            (made.path / "set.json").write_text(json.dumps({"records": digests | told}))
         form = {"sets": [str(made.path)], "weight": 0.5, **(co_training or {})}
         return read_training_set(tiny(data=[str(run.path)], co_training=form, **{"validation": 0.0, **changes}))
 
@@ -49,6 +52,15 @@ def read(records, tmp_path, monkeypatch):
 
 def about(number: int, row: int, **changes):
     return question(TRIALS[number], row, **changes)
+
+
+def test_questions_about_another_record_of_a_trial_are_left_out(read):
+    """A demonstration that was played again under the same name has other answers."""
+    asked = [about(0, 2), about(1, 2)]
+    assert set(read(asked, told={}).questions.episodes.tolist()) == {0, 1}
+    assert set(read(asked, told={str(TRIALS[0]): "0" * 64}).questions.episodes.tolist()) == {1}
+    with pytest.raises(InvalidInputError, match="none of its 1 questions is about a demonstration"):
+        read(asked[:1], told={str(TRIALS[0]): "0" * 64})
 
 
 def test_a_question_is_asked_of_the_row_that_it_is_about(read, records):

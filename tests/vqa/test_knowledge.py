@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 from tests.vqa.small import SIZE, small_run
@@ -56,6 +57,21 @@ def test_decisive_moments_are_asked_about_twice_with_other_words(failing, decisi
     label = next(t for t in diagnose_run(failing).trials if not t.success)
     under = next(q for q in decisive.questions if q.role == "under" and q.source.condition == label.variation)
     assert under.answer == label.first_attempt_kind
+
+
+def test_answers_about_another_run_are_refused_and_nothing_is_kept(failing, decisive, tmp_path, capsys):
+    """Two policies play trials of the same names: answers about the frames of one say nothing of the other."""
+    answered(decisive, tmp_path, lambda q: q.reply, "wise")
+    asked = tmp_path / "asked"
+    shutil.copytree(decisive.path, asked)
+    told = json.loads((asked / "set.json").read_text())
+    told["records"] = dict.fromkeys(told["records"], "0" * 64)
+    (asked / "set.json").write_text(json.dumps(told))
+    before = {path: path.read_bytes() for path in failing.path.rglob("knowledge.json")}
+    words = ["diagnose", str(failing.path), "--answers", str(tmp_path / "wise.jsonl"), "--questions", str(asked)]
+    assert main(words) == 2
+    assert "asks about another record of morning_coffee/" in " ".join(capsys.readouterr().err.split())
+    assert before == {path: path.read_bytes() for path in failing.path.rglob("knowledge.json")}
 
 
 def test_who_knows_all_and_who_knows_nothing(failing, decisive, tmp_path):

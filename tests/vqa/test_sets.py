@@ -91,6 +91,31 @@ def test_a_complete_set_is_read_and_not_made_again(run, photos, made):
     assert [b.to_json() for b in again.baselines] == [b.to_json() for b in made.baselines]
 
 
+def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos, made, tmp_path):
+    """A run that went on, or was played again under the same trial names, is another one."""
+    assert made.records == read_set(made.path).records == {str(e.key): run.record_digest(e) for e in run.entries()}
+    made.require_about(run)
+    key, copy = next(iter(made.records)), tmp_path / "copy"
+    copy.mkdir()
+    for name in ("set.json", "summary.json", "questions.jsonl"):
+        (copy / name).write_bytes((made.path / name).read_bytes())
+    plan = json.loads((copy / "set.json").read_text())
+    for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent there")):
+        told = {**plan, "records": {k: v for k, v in {**plan["records"], **change}.items() if change or k != key}}
+        (copy / "set.json").write_text(json.dumps(told))
+        with pytest.raises(RunConflictError, match=said):
+            make_set(run, copy, OPTIONS, open_photos=photos)
+    (copy / "set.json").write_text(json.dumps({**plan, "records": {key: "0" * 64}}))
+    with pytest.raises(InvalidInputError, match=f"another record of {key} than the one in .*of this run"):
+        read_set(copy).require_about(run)
+    for wrong in ([], {key: 1}):
+        (copy / "set.json").write_text(json.dumps({**plan, "records": wrong}))
+        with pytest.raises(RecordError, match="no hashes by trial"):
+            read_set(copy)
+    (copy / "set.json").unlink()  # as sets of older versions, which do not say
+    read_set(copy).require_about(run)
+
+
 def test_every_answer_is_derived_again_from_the_records(run, made):
     wrong, derived, open_ = check(run, made.path)
     assert not wrong

@@ -108,6 +108,7 @@ def _knowledge(
     from betterbench.vqa.knowing import knowledge_of, store_knowledge
 
     asked = read_set(answers.absolute().parent if questions is None else questions)
+    asked.require_about(folder)
     known = knowledge_of(result, asked, read_answers(answers, asked))
     if not keep:
         try:

@@ -22,7 +22,6 @@ from betterbench.export.layout import DatasetLayout, layout_of
 from betterbench.export.lerobot import CHUNK_FILES
 from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import observation_name, open_hdf5, read_origin
-from betterbench.export.selection import digest_of
 from betterbench.export.video import read_pictures
 from betterbench.json_form import parse_json
 from betterbench.recording import Record, RunFolder
@@ -140,7 +139,7 @@ def _record(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[RunFol
     trial = TrialId(about["task"], about["condition"], about["seed"])
     for run in runs:
         entry = run.entry(trial)
-        if entry is not None and entry.status == "done" and digest_of(run, entry) == about["record"]:
+        if entry is not None and entry.status == "done" and run.record_digest(entry) == about["record"]:
             return run, run.read_record(trial.task, trial.condition, trial.seed)
     raise RecordError(
         f"{trial}: no run that is named has the record of this episode (SHA-256 {about['record'][:12]}...). "

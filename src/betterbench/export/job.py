@@ -152,21 +152,24 @@ def _identity(plan: ExportPlan, quality: str) -> str:
         "left_out": dict(plan.selection.left_out),
         "validation": plan.validation,
         "language": plan.language,
-        **({"pairs": pairs} if (pairs := {str(t): ids for t, ids in _pairs(plan).items()}) else {}),
+        **({"pairs": pairs} if (pairs := {str(t): ids for (_, t), ids in _pairs(plan).items()}) else {}),
         "questions": question_set(plan.questions).sha256 if plan.questions else None,
     }
     return hashlib.sha256(dump_json(form)).hexdigest()
 
 
-def _pairs(plan: ExportPlan) -> dict[TrialId, list[str]]:
-    """Return the ids of the pairs of twins that each demonstration belongs to; nothing for runs without twins."""
-    chosen = {d.trial for d in plan.selection.demonstrations}
-    found: dict[TrialId, list[str]] = {}
-    for run in plan.runs:
+def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
+    """Return the ids of the pairs of twins that each demonstration belongs to, by the number of its run and its trial.
+
+    There are none for runs without twins.
+    """
+    found: dict[tuple[int, TrialId], list[str]] = {}
+    for number, run in enumerate(plan.runs):
+        chosen = {d.trial for d in plan.selection.demonstrations if d.run == number}
         for pair in read_pairs(run):
             if chosen.issuperset(pair.trials):
                 for trial in pair.trials:
-                    found.setdefault(trial, []).append(pair.pair)
+                    found.setdefault((number, trial), []).append(pair.pair)
     return found
 
 
@@ -281,8 +284,8 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
 
 def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
     """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
-    trials = {d.trial for d in plan.selection.demonstrations}
-    asked = questions_of(question_set(plan.questions), plan.layout, trials) if plan.questions else {}
+    shown = plan.selection.demonstrations
+    asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
     pairs = _pairs(plan)
     episodes, rates = [], set()
     for d in plan.selection.demonstrations:
@@ -291,8 +294,8 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
         rates.add(round(index["about"]["control_rate_hz"]))
-        about = {**index["about"], "pairs": pairs.get(d.trial, [])} if pairs else index["about"]
-        episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.trial, ())))
+        about = {**index["about"], "pairs": pairs.get((d.run, d.trial), [])} if pairs else index["about"]
+        episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)

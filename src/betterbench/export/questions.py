@@ -8,6 +8,7 @@ from pathlib import Path
 from betterbench.errors import InvalidInputError
 from betterbench.export.episodes import FrameQuestion
 from betterbench.export.layout import DatasetLayout
+from betterbench.export.selection import ChosenTrial
 from betterbench.tasks import TrialId
 from betterbench.vqa.dataset import QuestionSet, read_set
 
@@ -18,32 +19,37 @@ def question_set(path: Path) -> QuestionSet:
 
 
 def questions_of(
-    asked: QuestionSet, layout: DatasetLayout, trials: Collection[TrialId]
-) -> dict[TrialId, tuple[FrameQuestion, ...]]:
-    """Return the questions of a set about some trials, by trial; those about cameras that are not shown are left out.
+    asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
+) -> dict[str, tuple[FrameQuestion, ...]]:
+    """Return the questions of a set about some records, by their SHA-256; those about cameras not shown are left out.
 
     So are boxes and points in pixels of an image that is not shown as it was rendered. Options of a choice are listed
     with letters below the text.
 
     Raises InvalidInputError if none is left.
     """
-    found: dict[TrialId, list[FrameQuestion]] = {}
+    found: dict[str, list[FrameQuestion]] = {}
+    records: dict[TrialId, list[str]] = {}
+    for d in demonstrations:
+        if asked.is_about(d.trial, d.digest):
+            records.setdefault(d.trial, []).append(d.digest)
     sizes = _plain_sizes(layout)
     shown = {column.camera for column in layout.images}
     for question in asked.questions:
         source = question.source
-        trial = TrialId(source.task, source.condition, source.seed)
-        if trial not in trials or source.camera not in shown:
+        about = records.get(source.trial, ())
+        if not about or source.camera not in shown:
             continue
         has_pixels = "[" in question.prompt + question.reply
         if has_pixels and sizes.get(source.camera) != (question.width, question.height):
             continue
         said = FrameQuestion(source.row, source.camera, question.prompt, question.reply)
-        found.setdefault(trial, []).append(said)
+        for record in about:
+            found.setdefault(record, []).append(said)
     if not found:
         cure = "Give the set that better vqa made of the same run, with its cameras and sizes"
         raise InvalidInputError("--vqa", f"{asked.path} asks about no frame of these episodes", cure)
-    return {trial: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for trial, asked in found.items()}
+    return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
 
 
 def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:

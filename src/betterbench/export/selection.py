@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.recording import JournalEntry, RunFolder
-from betterbench.recording.parquet import file_digest
 from betterbench.tasks import TrialId
 
 
@@ -58,7 +57,7 @@ def select_demonstrations(
             if not reason:
                 brief = run.read_brief(entry.key, entry=entry)
                 if brief.outcome.success:
-                    found.append(ChosenTrial(entry.key, number, digest_of(run, entry), brief.metadata.scene_hash))
+                    found.append(ChosenTrial(entry.key, number, run.record_digest(entry), brief.metadata.scene_hash))
                     continue
                 reason = "not successful"
             left_out[reason] += 1
@@ -75,11 +74,6 @@ def select_demonstrations(
             "(--variations of better export, variations: true in a recipe of better train)",
         )
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
-
-
-def digest_of(run: RunFolder, entry: JournalEntry) -> str:
-    """Return the SHA-256 of a trial's record, which journals of older versions do not hold."""
-    return entry.record or file_digest(run.record_path(entry.task, entry.condition, entry.seed))
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:

@@ -24,7 +24,7 @@ from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
-from betterbench.recording.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
+from betterbench.recording.parquet import AGAIN, RecordBrief, file_digest, read_brief, read_record, write_record
 from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.trial_id import TrialId
@@ -210,6 +210,10 @@ class RunFolder:
     def entry(self, trial: TrialId) -> JournalEntry | None:
         """Return the last line of the journal about a trial, or None; raises what :meth:`entries` raises."""
         return _known_entries(self.journal_path).get(trial)
+
+    def record_digest(self, entry: JournalEntry) -> str:
+        """Return the SHA-256 of the record of a trial that is done, which journals of older versions do not hold."""
+        return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
         """Refuse a journal that lists what the plan does not."""

@@ -133,7 +133,7 @@ def read_training_set(
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
-    asked = read_questions(recipe, [episode.trial for episode in episodes])
+    asked = read_questions(recipe, [(d.trial, d.digest) for d in chosen])
     data = _joined(episodes, held_out, digest, recipe, asked)
     places = [Path(place).resolve() for place in recipe.data]
     beside = [place.with_name(place.name + SUFFIX) if frames is None else frames for place in places]

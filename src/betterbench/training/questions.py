@@ -86,8 +86,8 @@ def question_text(question: Question) -> str:
     return in_cells(question.prompt, question.width, CELLS)
 
 
-def read_questions(recipe: TrainingRecipe, trials: Sequence[TrialId]) -> AskedQuestions | None:
-    """Read the questions of a recipe about the demonstrations of these trials; None without co-training.
+def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
+    """Read the questions of a recipe about these demonstrations, by trial and SHA-256; None without co-training.
 
     Raises:
         RecordError: If a folder holds no complete set, or it is damaged.
@@ -95,12 +95,18 @@ def read_questions(recipe: TrainingRecipe, trials: Sequence[TrialId]) -> AskedQu
     """
     if recipe.co_training is None:
         return None
-    number = {(t.task, t.condition, t.seed): i for i, t in enumerate(trials)}
+    number: dict[TrialId, list[int]] = {}
+    for i, (trial, _) in enumerate(records):
+        number.setdefault(trial, []).append(i)
     sets = [_checked(read_set(Path(place))) for place in recipe.co_training.sets]
     found = []
     for made in sets:
-        here = [(q, number.get((q.source.task, q.source.condition, q.source.seed))) for q in made.questions]
-        asked = [(episode, question) for question, episode in here if episode is not None]
+        asked = [
+            (episode, question)
+            for question in made.questions
+            for episode in number.get(question.source.trial, ())
+            if made.is_about(*records[episode])
+        ]
         if not asked:
             problem = f"none of its {len(made.questions)} questions is about a demonstration that is trained on"
             raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)

@@ -11,9 +11,9 @@ import hashlib
 import io
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -130,6 +130,7 @@ class QuestionSet:
         purpose: "test" if its records are of evaluation seeds, which nothing may be trained on, else "training".
         baselines: What can be answered without the images, by type.
         sha256: Hash of ``questions.jsonl``.
+        records: SHA-256 of the record of each trial that was looked at, by its name; empty for older sets.
     """
 
     path: Path
@@ -137,6 +138,18 @@ class QuestionSet:
     questions: tuple[Question, ...]
     baselines: tuple[Baseline, ...]
     sha256: str
+    records: Mapping[str, str] = field(default_factory=dict)
+
+    def is_about(self, trial: TrialId, record: str) -> bool:
+        """Return whether what it asks about a trial of this name is about this record; True if it does not say."""
+        return self.records.get(str(trial), record) == record
+
+    def require_about(self, run: RunFolder) -> None:
+        """Raise InvalidInputError if the set asks about another record of a trial than the one of a run."""
+        for entry in run.entries():
+            if entry.status == "done" and not self.is_about(entry.key, run.record_digest(entry)):
+                problem = f"it asks about another record of {entry.key} than the one in {run.path}"
+                raise InvalidInputError(str(self.path), problem, "Give the set that better vqa made of this run")
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form of everything but the questions."""
@@ -182,7 +195,9 @@ def make_set(
     """
     trials = trials_of(run, options.tasks)
     purpose = purpose_of(trials)
-    plan = {"kind": "balanced", "run": run_digest(run), "options": asdict(options), "purpose": purpose}
+    records = records_of(run, trials)
+    plan = {"kind": "balanced", "run": run_digest(run), "records": records}
+    plan |= {"options": asdict(options), "purpose": purpose}
     out = out.absolute()
     with on_disk(out), begun_set(out, plan) as done:
         if done:
@@ -194,7 +209,7 @@ def make_set(
         order = sorted(range(len(made)), key=lambda i: made[i].id)
         questions = [made[i] for i in order]
         found = baselines(questions, [chosen[i].turn for i in order])
-        return write_set(out, questions, found, purpose)
+        return replace(write_set(out, questions, found, purpose), records=records)
 
 
 def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
@@ -227,6 +242,12 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 def run_digest(run: RunFolder) -> str:
     """Return a hash of the plan of a run: what makes it the run that it is."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
+
+
+def records_of(run: RunFolder, trials: Collection[TrialId]) -> dict[str, str]:
+    """Return the SHA-256 of the record of each of some trials, by its name."""
+    wanted = set(trials)
+    return {str(e.key): run.record_digest(e) for e in run.entries() if e.key in wanted and e.status == "done"}
 
 
 class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a function
@@ -477,7 +498,16 @@ def read_set(folder: Path) -> QuestionSet:
     )
     names = ("name", "n", "blind", "majority", "chance")
     found = tuple(Baseline(**{name: b[name] for name in names}) for b in summary.baselines)
-    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256)
+    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, _records(folder / "set.json"))
+
+
+def _records(file: Path) -> dict[str, str]:
+    """Return what a set says of the records that it is about; nothing if it does not say."""
+    form = _json_of(file) if file.exists() else {}
+    records = form.get("records", {}) if isinstance(form, dict) else None
+    if not isinstance(records, dict) or not all(isinstance(value, str) for value in records.values()):
+        raise RecordError(f"{file}: its records are no hashes by trial. {_CURE}.")
+    return records
 
 
 __all__ = ["CAMERAS", "QUESTION", "OpenPhotos", "PhotoSource", "QuestionSet", "SetOptions", "make_set", "read_set"]

@@ -32,6 +32,7 @@ from betterbench.vqa.dataset import (
     image_path,
     purpose_of,
     read_set,
+    records_of,
     require_size,
     run_digest,
     trials_of,
@@ -109,7 +110,9 @@ def make_decisive_set(
     Raises what :func:`~betterbench.vqa.dataset.make_set` raises.
     """
     trials = trials_of(run, options.tasks)
-    plan = {"kind": "decisive", "run": run_digest(run), "options": asdict(options), "purpose": purpose_of(trials)}
+    records = records_of(run, trials)
+    plan = {"kind": "decisive", "run": run_digest(run), "records": records}
+    plan |= {"options": asdict(options), "purpose": purpose_of(trials)}
     out = out.absolute()
     told = {t.trial_id: t for t in diagnosis.trials if t.record is not None}
     chosen = [told[t] for t in trials if t in told and told[t].kind is not Kind.SYSTEM]
@@ -128,7 +131,7 @@ def make_decisive_set(
                     on_progress(number, len(chosen))
         ordered = sorted(questions, key=lambda q: q.id)
         turns = [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in ordered]
-        return write_set(out, ordered, baselines(ordered, turns), purpose_of(trials))
+        return replace(write_set(out, ordered, baselines(ordered, turns), purpose_of(trials)), records=records)
 
 
 def _kept(

@@ -146,7 +146,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     by_trial: dict[TrialId, list[Question]] = {}
     for q in asked.questions:
         if q.role is not None:
-            by_trial.setdefault(TrialId(q.source.task, q.source.condition, q.source.seed), []).append(q)
+            by_trial.setdefault(q.source.trial, []).append(q)
     trials = [t for t in diagnosis.trials if t.kind is not Kind.SYSTEM]
     if not any(t.trial_id in by_trial for t in trials):
         cure = "Make one with better vqa --run RUN --out SET and ask it"

@@ -12,6 +12,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.json_form import strict_form
 from betterbench.state import Box
+from betterbench.tasks import TrialId
 
 
 class QuestionType(StrEnum):
@@ -61,6 +62,11 @@ class FrameSource:
     row: Annotated[int, Field(ge=0)]
     time_s: float
     camera: str
+
+    @property
+    def trial(self) -> TrialId:
+        """The trial."""
+        return TrialId(self.task, self.condition, self.seed)
 
 
 @strict_form
