@@ -15,7 +15,7 @@ from betterbench.interventions.regimes import conditions_of
 from betterbench.shortcuts.association import association, strongest_of
 from betterbench.shortcuts.examine import audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep, facts_of_condition
-from betterbench.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign
+from betterbench.shortcuts.prediction import NAMESPACE, predict, read_prediction, sign, write_prediction
 from betterbench.tasks import get_task, suite_tasks, training_distribution_of
 from betterbench.tasks.balanced import balanced_conditions, crossed, slots_aside
 from betterbench.tasks.training_distribution import pairing
@@ -223,6 +223,19 @@ def test_too_few_demonstrations_are_refused():
     facts = [EpisodeFacts(str(i), "g", "put it", (ShownStep("a", "a", "b", "c"),)) for i in range(7)]
     with pytest.raises(InvalidInputError, match="has 7 demonstrations, and 8 are needed"):
         audit_dataset("few", facts)
+
+
+def test_a_signature_of_another_prediction_does_not_stay_beside_a_new_one(training, tmp_path):
+    path, found = tmp_path / "prediction.json", predict(training)
+    signature = tmp_path / "prediction.json.sig"
+    write_prediction(path, found)
+    signature.write_text("signed")
+    write_prediction(path, found)
+    assert signature.read_text() == "signed"
+    path.write_bytes(path.read_bytes() + b"\n")
+    write_prediction(path, found)
+    assert not signature.exists()
+    assert read_prediction(path) == found
 
 
 @pytest.mark.skipif(shutil.which("ssh-keygen") is None, reason="OpenSSH is not installed")

@@ -87,6 +87,43 @@ def test_nothing_is_found_where_nothing_is_planted(tmp_path):
     assert {f.question for f in found.groups[0].findings} == {"words_first_place", "words_last_place", "words_heading"}
 
 
+def test_names_in_a_list_of_their_own_are_names_too(tmp_path):
+    plain, nested = (facts_of_lerobot(made_up(tmp_path / n, names=names)) for n, names in (
+        ("set", ("x", "y", "z", "gripper")), ("nested/set", (["x", "y", "z", "gripper"],)),
+    ))  # fmt: skip
+    assert nested == plain
+
+
+def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
+    path = made_up(tmp_path / "set", version="v2.1", episodes=12)
+    first, last = (path / "data" / "chunk-000" / f"episode_{number:06d}.parquet" for number in (0, 11))
+    kept = last.read_bytes()
+    last.unlink()
+    with pytest.raises(RecordError, match=r"info\.json: total_episodes is 12, and the data hold 11\. Fetch"):
+        facts_of_lerobot(path)
+    last.write_bytes(first.read_bytes())
+    with pytest.raises(RecordError, match=r"episode_000011\.parquet: episode 0 stands in the data twice"):
+        facts_of_lerobot(path)
+    last.write_bytes(kept)
+    assert len(facts_of_lerobot(path)) == 12
+    info = json.loads((path / "meta" / "info.json").read_text())
+    (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": 10**6}))
+    with pytest.raises(RecordError, match="total_episodes is 1000000, and the data hold 12"):
+        facts_of_lerobot(path)
+
+
+def test_instructions_that_cannot_be_read_are_one_clear_line(tmp_path):
+    old = made_up(tmp_path / "old", version="v2.1", episodes=8)
+    with (old / "meta" / "tasks.jsonl").open("a") as file:
+        file.write('{"task_index": 1e400, "task": 3}\n')
+    with pytest.raises(RecordError, match=r"tasks\.jsonl: the instructions cannot be read \(.*infinity"):
+        facts_of_lerobot(old)
+    new = made_up(tmp_path / "new", episodes=8)
+    pq.write_table(pa.table({"task_index": [0, 1]}), new / "meta" / "tasks.parquet")
+    with pytest.raises(RecordError, match=r"tasks\.parquet: the instructions cannot be read \(it has no column"):
+        facts_of_lerobot(new)
+
+
 def test_the_command_writes_what_it_found(tmp_path, capsys):
     made_up(tmp_path / "set")
     assert main(["shortcuts", str(tmp_path / "set"), "--out", str(tmp_path / "audit")]) == 0
@@ -137,8 +174,9 @@ def changed(name, change):
         (changed("action", lambda v: [[float("nan")] * 4, *v[1:]]), "action is no finite number in row 0"),
         (changed("observation.state", lambda v: [*v[:-1], [0.0, 0.0, float("inf"), 0.0]]), r"observation\.state is no"),
         (changed("task_index", lambda v: [None] * len(v)), "task_index is no finite number"),
-        (changed("action", lambda v: [x[:1] for x in v]), "800 numbers in 800 rows, and not 4"),
+        (changed("action", lambda v: [x[:1] for x in v]), "does not have 4 numbers in each row"),
         (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, and not 4"),
+        (changed("action", lambda v: [[*v[0], *v[1][:2]], v[1][2:], *v[2:]]), "does not have 4 numbers in each row"),
         (changed("action", lambda v: ["a"] * len(v)), "it cannot be read"),
         (lambda t: t.slice(0, 0), "it holds no episode"),
         (lambda t: t.filter(pa.array(np.arange(len(t)) % STEPS == 0)), "it holds no episode"),
@@ -159,7 +197,7 @@ def test_features_that_say_something_else_than_the_data_are_one_clear_line(tmp_p
     known = json.loads(file.read_text())
     for change, said in (
         ({"shape": [10**7]}, "no proprioception"),
-        ({"shape": [400]}, "and not 400 in each"),
+        ({"shape": [400]}, "not have 400 numbers in each row"),
         ({"names": ["grip"] * 4}, "are of the gripper"),
     ):
         features = {**known["features"], "observation.state": {**known["features"]["observation.state"], **change}}

@@ -87,14 +87,14 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
     from betterbench.recording import write_durably
     from betterbench.shortcuts.page import audit_lines, prediction_lines
-    from betterbench.shortcuts.prediction import sign
+    from betterbench.shortcuts.prediction import sign, write_prediction
 
     text = json_module.dumps(audit.to_json(), indent=1, ensure_ascii=False) + "\n"
     lines = ["# Shortcuts", "", *audit_lines(audit)]
     write_durably(out / "shortcuts.json", text.encode())
     if prediction is not None:
         lines += ["## Prediction", "", *prediction_lines(prediction)]
-        write_durably(out / "prediction.json", prediction.file_bytes())
+        write_prediction(out / "prediction.json", prediction)
         if key is not None:
             sign(out / "prediction.json", key)
     write_durably(out / "shortcuts.md", ("\n".join(lines).rstrip() + "\n").encode())

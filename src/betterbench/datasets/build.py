@@ -27,7 +27,7 @@ from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts
-from betterbench.shortcuts.prediction import Prediction, predict
+from betterbench.shortcuts.prediction import Prediction, predict, write_prediction
 from betterbench.tasks import TrialId, get_task
 
 SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
@@ -211,7 +211,7 @@ def _write(
         write_durably(out / DEMONSTRATIONS / PAIRS_FILE, pairs_bytes(made.pairs))
     if made.audit is not None and made.prediction is not None:
         write_durably(out / "shortcuts.json", _json(made.audit.to_json()))
-        write_durably(out / "prediction.json", made.prediction.file_bytes())
+        write_prediction(out / "prediction.json", made.prediction)
     facts = CardFacts(made.sha256, made.command, counts, numbers, made.audit, made.prediction, made.pairs, sheets)
     write_durably(out / "README.md", dataset_card(recipe, facts).encode())
     document = {

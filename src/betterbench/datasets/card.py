@@ -23,8 +23,8 @@ RANGES = "Ranges over the training frames; `statistics.json` has mean, deviation
 ABOUT_REGIME = {
     "training": "The training conditions of each task with their confounds: words, places and orders that go together.",
     "balanced": (
-        "The control arm: as many demonstrations of the same skills, with words, places, orders and objects crossed by "
-        "conditions other than the tests."
+        "The control arm: as many demonstrations of the same skills (and one of each condition at least), with words, "
+        "places, orders and objects crossed by conditions other than the tests."
     ),
     "covered": (
         "The test conditions themselves: what a policy that learned from them solves can be learned, and what it alone "

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
@@ -155,7 +156,10 @@ def _names(feature: Mapping[str, Any]) -> list[str]:
     names = feature.get("names")
     if isinstance(names, dict):
         names = next((value for value in names.values() if isinstance(value, list)), None)
-    return [str(name).lower() for name in names] if isinstance(names, list) else []
+    if not isinstance(names, list):
+        return []
+    flat = itertools.chain.from_iterable(name if isinstance(name, list) else [name] for name in names)
+    return [str(name).lower() for name in flat]
 
 
 def _is_axis(name: str, axis: str) -> bool:
@@ -170,28 +174,39 @@ def _tasks(path: Path) -> dict[int, str]:
     try:
         if table.is_file():
             found = pq.read_table(table).to_pydict()
-            texts = next(values for name, values in found.items() if name != "task_index")
+            texts = next((values for name, values in found.items() if name != "task_index"), None)
+            if texts is None:
+                raise ValueError("it has no column with them")  # noqa: TRY301 - told below
             return {int(i): str(text) for i, text in zip(found["task_index"], texts, strict=True)}
         data = read_bounded(lines, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
         forms = [parse_json(line) for line in data.decode().splitlines() if line.strip()]
         return {int(form["task_index"]): str(form["task"]) for form in forms}
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, StopIteration) as error:
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
         where = table if table.is_file() else lines
         raise RecordError(f"{where}: the instructions cannot be read ({one_line(error)}). {_CURE}.") from error
 
 
 def _episodes(path: Path, info: Mapping[str, Any], columns: _Columns) -> Iterator[_Episode]:
-    """Yield episodes in the order of their files, evenly chosen if there are very many."""
-    total = info.get("total_episodes")
+    """Yield episodes in the order of their files, evenly chosen if there are very many.
+
+    Raises RecordError if one stands there twice, or there are not as many as the dataset says.
+    """
+    total, there = info.get("total_episodes"), set[int]()
     every = max(1, math.ceil(total / MOST_EPISODES)) if isinstance(total, int) else 1
     for file in sorted((path / "data").rglob("*.parquet")):
         rows = _rows(file, columns)
         index = rows["episode_index"].astype(np.int64)
         for start, stop in _runs(index):
             number = int(index[start])
+            if number in there:
+                raise RecordError(f"{file}: episode {number} stands in the data twice. Fetch the files again.")
+            there.add(number)
             if number % every == 0 and stop - start >= 2:
                 grip = rows[columns.action][start:stop, columns.grip]
                 yield _Episode(number, int(rows["task_index"][start]), rows[columns.state][start:stop], grip)
+    if there and isinstance(total, int) and total != len(there):
+        where, what = path / "meta" / "info.json", f"total_episodes is {total}, and the data hold {len(there)}"
+        raise RecordError(f"{where}: {what}. Fetch the files that are missing, or correct the number.")
 
 
 def _rows(file: Path, columns: _Columns) -> Mapping[str, _Floats]:
@@ -217,6 +232,9 @@ def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
     if width == 1:
         return np.asarray(flat.to_numpy(zero_copy_only=False), dtype=np.float64)
     listed = pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type)
+    if listed and any(count != width for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
+        msg = f"a column does not have {width} numbers in each row"
+        raise ValueError(msg)
     values = np.asarray((flat.flatten() if listed else flat).to_numpy(zero_copy_only=False), dtype=np.float64)
     if len(values) != width * len(flat):
         msg = f"a column has {len(values)} numbers in {len(flat)} rows, and not {width} in each"

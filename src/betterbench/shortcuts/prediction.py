@@ -22,6 +22,7 @@ from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers th
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
 from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.recording.durable import write_durably
 from betterbench.recording.metadata import dump_json
 from betterbench.shortcuts.examine import Finding, ShortcutAudit
 from betterbench.shortcuts.questions import COUNT, FIRST_PLACE, HEADING, LANDMARK, LAST_PLACE
@@ -203,6 +204,18 @@ def read_prediction(path: Path) -> Prediction:
     return found
 
 
+def write_prediction(path: Path, prediction: Prediction) -> None:
+    """Write a prediction, and remove a signature beside it that is of another one: it would call this one forged."""
+    data = prediction.file_bytes()
+    if not path.exists() or path.read_bytes() != data:
+        _signature_of(path).unlink(missing_ok=True)
+    write_durably(path, data)
+
+
+def _signature_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sig")
+
+
 def sign(path: Path, key: Path) -> Path:
     """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the file of the signature.
 
@@ -210,7 +223,7 @@ def sign(path: Path, key: Path) -> Path:
         MissingDependencyError: If there is no ssh-keygen.
         InvalidInputError: If the key cannot be used.
     """
-    signature = path.with_name(f"{path.name}.sig")
+    signature = _signature_of(path)
     signature.unlink(missing_ok=True)
     command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key), str(path)]
     try:
