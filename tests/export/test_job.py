@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich import filesize
+from tests.looping import each
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
@@ -146,6 +148,50 @@ def test_a_check_names_what_is_not_what_the_records_say(demonstrations, whole, t
         check_export([demonstrations.run], out)
     with pytest.raises(RecordError, match="no run that is named has the record"):
         check_export([], out)
+
+
+def with_values(out, name, values):
+    """Writes another column of numbers into the first file of frames."""
+    file = out / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(file)
+    place = table.column_names.index(name)
+    new = pa.array(values(table[name].to_numpy().copy()), table.schema.field(name).type)
+    pq.write_table(table.set_column(place, name, new), file)
+
+
+def with_fields(out, name, change):
+    file = out / "meta" / name
+    form = json.loads(file.read_text())
+    change(form)
+    file.write_text(json.dumps(form))
+
+
+@pytest.mark.usefixtures("whole")
+@each(
+    "change, said",
+    [
+        (lambda out: with_values(out, "task_index", lambda v: 1 - v), "episode 0: its task_index says .* the record"),
+        (lambda out: with_values(out, "subtask_index", lambda v: 0 * v + 99), "its subtask_index says '' at frame 0"),
+        (lambda out: with_values(out, "timestamp", lambda v: 0 * v), "its timestamp is not what the record says"),
+        (lambda out: with_values(out, "frame_index", lambda v: 0 * v + 7), "its frame_index is not"),
+        (lambda out: with_values(out, "index", lambda v: v + 1), "episode 0: its index is not"),
+        (lambda out: with_fields(out, "stats.json", lambda f: f["action"]["mean"].insert(0, 99.0)), "mean of action"),
+        (lambda out: with_fields(out, "stats.json", lambda f: f["action"].update(std=[1e-6] * 7)), "std of action"),
+        (lambda out: with_fields(out, "stats.json", lambda f: f["action"].pop("max")), "its max of action is not"),
+        (lambda out: with_fields(out, "info.json", lambda f: f.update(fps=5)), "its fps is 5, and the records have 20"),
+        (lambda out: with_fields(out, "info.json", lambda f: f.update(total_frames=1)), "its total_frames is 1, and"),
+        (lambda out: with_fields(out, "info.json", lambda f: f.update(splits={})), "its splits are {}, of 2"),
+        (lambda out: with_fields(out, "info.json", lambda f: f.update(splits={"train": "0:3"})), "its splits are"),
+        (lambda out: with_fields(out, "info.json", lambda f: f.pop("codebase_version")), "is damaged"),
+        (lambda out: (out / "meta/tasks.parquet").unlink(), r"tasks\.parquet: cannot be read"),
+    ],
+    lambda _, said: said,
+)
+def test_a_check_names_whatever_else_is_not_so(demonstrations, tmp_path, tmp_path_factory, change, said):
+    out = shutil.copytree(tmp_path / "whole", tmp_path_factory.mktemp("changed") / "set")
+    change(out)
+    with pytest.raises(InvalidInputError, match=said):
+        check_export([demonstrations.run], out)
 
 
 def test_seeds_are_held_out_whole_and_come_last(demonstrations, tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,8 @@ from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.frames import frame_numbers, shown_images
 from betterbench.export.job import SOURCE_FILE
 from betterbench.export.layout import DatasetLayout, layout_of
-from betterbench.export.lerobot import CHUNK_FILES
+from betterbench.export.lerobot import CHUNK_FILES, COUNTERS
+from betterbench.export.lerobot_check import LeRobotCheck
 from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import observation_name, open_hdf5, read_origin
 from betterbench.export.video import read_pictures
@@ -35,7 +36,9 @@ _CURE = "Export it again into another place"
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """What was compared: everything that is a number, and three pictures of each episode and camera, drawn again.
+    """What was compared: states and actions, and three pictures of each episode and camera, drawn again.
+
+    Of LeRobot's data sets also what :class:`~betterbench.export.lerobot_check.LeRobotCheck` compares.
 
     Attributes:
         worst_error: Largest mean error of a picture, in levels of 255; 0 for images without loss.
@@ -53,10 +56,12 @@ class _Stored:
 
     Attributes:
         images: Pictures by column and row.
+        counters: Columns of LeRobot that count, (N, 1); none of other formats.
     """
 
     vectors: Mapping[str, np.ndarray]
     images: Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
+    counters: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def check_export(
@@ -75,6 +80,7 @@ def check_export(
     lossless = source["images"] == "png"
     pictures, worst, episodes = 0, 0.0, source["episodes"]
     stored = _stored_robomimic(path, layout, episodes) if path.is_file() else _stored_lerobot(path, layout, episodes)
+    beside = None if path.is_file() else _beside(path, len(episodes))
     with Pictures(layout.cameras, source["quality"]) as drawn:
         for number, (about, there) in enumerate(zip(episodes, stored, strict=True)):
             where = f"{path}: episode {number}"
@@ -83,6 +89,9 @@ def check_export(
             for name, values in numbers.vectors.items():
                 if not np.array_equal(there.vectors[name], values):
                     raise InvalidInputError(where, f"its {name} is not what the record says", _CURE)
+            if beside is not None:
+                with _intact(where):
+                    beside.add(number, record, numbers, there.counters)
             rows = sorted({0, record.n_steps // 2, record.n_steps - 1})
             kept: dict[int, dict[str, np.ndarray]] = {}
             if layout.images:
@@ -99,6 +108,8 @@ def check_export(
                     worst, pictures = max(worst, error), pictures + 1
             if on_progress is not None:
                 on_progress(number + 1, len(episodes))
+    if beside is not None:
+        beside.finish()
     return ExportCheck(len(episodes), sum(int(about["rows"]) for about in episodes), pictures, worst)
 
 
@@ -168,12 +179,36 @@ def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mappin
         with _intact(f"{path}: episode {number}"):
             table = _table(path, number, place, layout)
             vectors = {c.name: _column(table, c.name, c.size) for c in (*layout.states, layout.action)}
-        yield _Stored(vectors, _pictures_of(path, number, place, table))
+            counters = {name: _column(table, name, 1) for name in COUNTERS}
+        yield _Stored(vectors, _pictures_of(path, number, place, table), counters)
+
+
+def _beside(path: Path, episodes: int) -> LeRobotCheck:
+    """Return what compares the rest of a LeRobot data set; InvalidInputError if a file in ``meta`` is damaged."""
+    meta = path / "meta"
+    with _intact(str(meta)):
+        info, stats = (parse_json(_read(meta / f"{name}.json")) for name in ("info", "stats"))
+        if info["codebase_version"] == "v3.0":
+            tasks, subtasks = (_parquet(meta / f"{name}.parquet").to_pylist() for name in ("tasks", "subtasks"))
+            about = _parquet(meta / "episodes/chunk-000/file-000.parquet", {"tasks", "length"}).to_pylist()
+        else:
+            tasks, subtasks, about = (_lines(meta / f"{name}.jsonl") for name in ("tasks", "subtasks", "episodes"))
+        texts = {
+            f"{kind}_index": {int(row[f"{kind}_index"]): str(row[kind]) for row in rows}
+            for kind, rows in (("task", tasks), ("subtask", subtasks))
+        }
+    if len(about) != episodes:
+        raise InvalidInputError(str(meta), f"lists {len(about)} episodes, and there are {episodes}", _CURE)
+    return LeRobotCheck(path, info, texts, stats, about)
+
+
+def _lines(file: Path) -> list[Any]:
+    return [parse_json(line) for line in _read(file).splitlines() if line.strip()]
 
 
 def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: DatasetLayout) -> pa.Table:
     """Return vectors, and images without loss, of an episode."""
-    needed = {"episode_index", layout.action.name, *layout.all_images, *(c.name for c in layout.states)}
+    needed = {*COUNTERS, layout.action.name, *layout.all_images, *(c.name for c in layout.states)}
     if place is None:
         name = f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
         return _parquet(path / name, needed)

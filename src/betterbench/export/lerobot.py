@@ -33,7 +33,7 @@ MOST_FILE_BYTES = 100 * 1024 * 1024
 
 SUBTASK = "subtask_index"
 
-_COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
+COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
 
 
 def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
@@ -59,7 +59,7 @@ def features(dataset: Dataset) -> dict[str, dict[str, Any]]:
             }
     for column in (*dataset.layout.states, dataset.layout.action):
         found[column.name] = {"dtype": column.dtype, "shape": [column.size], "names": list(column.components)}
-    for name in _COUNTERS:
+    for name in COUNTERS:
         found[name] = {"dtype": "float32" if name == "timestamp" else "int64", "shape": [1], "names": None}
     if dataset.language:
         found |= {name: {"dtype": "language", "shape": [1], "names": None} for name in (PERSISTENT, EVENTS)}
