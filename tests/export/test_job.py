@@ -166,7 +166,6 @@ def with_fields(out, name, change):
     file.write_text(json.dumps(form))
 
 
-@pytest.mark.usefixtures("whole")
 @each(
     "change, said",
     [
@@ -187,8 +186,8 @@ def with_fields(out, name, change):
     ],
     lambda _, said: said,
 )
-def test_a_check_names_whatever_else_is_not_so(demonstrations, tmp_path, tmp_path_factory, change, said):
-    out = shutil.copytree(tmp_path / "whole", tmp_path_factory.mktemp("changed") / "set")
+def test_a_check_names_whatever_else_is_not_so(demonstrations, whole, tmp_path, change, said):
+    out = shutil.copytree(tmp_path / "whole", tmp_path / f"changed{len([*tmp_path.iterdir()])}")
     change(out)
     with pytest.raises(InvalidInputError, match=said):
         check_export([demonstrations.run], out)
