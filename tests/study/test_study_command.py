@@ -12,8 +12,10 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from workshop import made_up_workshop
 
+from betterbench.cli import study
 from betterbench.cli.main import EXIT_BAD_INPUT, EXIT_INTERRUPTED, main
 from betterbench.study import work
+from betterbench.study.plan import PRESETS, preset_text
 
 PLAN = "tasks: [morning_coffee]\nseeds: [0]\ntrials: 2\nrecipe: {steps: 10}\n"
 
@@ -29,6 +31,13 @@ def let_work(monkeypatch, *arguments):
     workshop, calls = made_up_workshop(*arguments)
     monkeypatch.setattr(work, "usual_workshop", lambda **_: workshop)
     return calls
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_each_preset_is_a_plan_in_a_file_of_ones_own_too(tmp_path, name):
+    """A lever whose eyes have a window is nested deepest."""
+    (tmp_path / "plan.yaml").write_text(preset_text(name))
+    assert study._plan(tmp_path / "plan.yaml", None) == study._plan(None, name)
 
 
 def test_a_plan_becomes_a_page_and_the_same_command_resumes(plan, tmp_path, monkeypatch, capsys):

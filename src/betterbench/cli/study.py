@@ -68,7 +68,7 @@ def _plan(file: Path | None, preset: str | None) -> StudyPlan:
     if (file is None) == (preset is None):
         raise InvalidInputError("the plan", "a study needs one", "Give a YAML file, or --preset small, but not both")
     if file is not None:
-        return read_study_plan(read_yaml(file, cure=CURE), where=str(file))
+        return read_study_plan(read_yaml(file, cure=CURE, deepest=8), where=str(file))  # views have windows
     import yaml
 
     form: dict[str, Any] = yaml.safe_load(preset_text(str(preset)))
