@@ -135,8 +135,7 @@ def read_training_set(
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
     asked = read_questions(recipe, [(d.trial, d.digest) for d in chosen])
     data = _joined(episodes, held_out, digest, recipe, asked)
-    places = [Path(place).resolve() for place in recipe.data]
-    beside = [place.with_name(place.name + SUFFIX) if frames is None else frames for place in places]
+    beside = [_frames_beside(place) if frames is None else frames for place in recipe.data]
 
     def draw(rows_of: Sequence[np.ndarray]) -> FrameStore:
         wanted = [
@@ -146,8 +145,7 @@ def read_training_set(
         ]
         return drawn_frames(wanted, recipe.eyes, workers=workers, on_drawn=on_drawn)
 
-    seeing = recipe.family == "pixels"
-    if seeing:
+    if seeing := recipe.family == "pixels":
         data = _with(data, draw([episode.rows[:: recipe.every] for episode in episodes]))
     if asked is None:
         return data
@@ -185,6 +183,11 @@ def _with(data: TrainingSet, drawn: FrameStore) -> TrainingSet:
 def run_folder(place: Path) -> Path:
     """Return the run of a folder of ``better dataset``, or the folder itself."""
     return place / "demonstrations" if (place / "dataset.json").is_file() else place
+
+
+def _frames_beside(place: str) -> Path:
+    folder = Path(place).resolve()
+    return folder.with_name(folder.name + SUFFIX)
 
 
 def _opened(place: str) -> RunFolder:
