@@ -33,6 +33,9 @@ MOST_MEAN_ERROR = 4.0
 
 _CURE = "Export it again into another place"
 
+_Place = Mapping[str, Any] | None
+"""In which files an episode lies and where in them, as ``meta`` of version 3.0 says; None of 2.1: file names say it."""
+
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
@@ -79,8 +82,12 @@ def check_export(
     layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
     lossless = source["images"] == "png"
     pictures, worst, episodes = 0, 0.0, source["episodes"]
-    stored = _stored_robomimic(path, layout, episodes) if path.is_file() else _stored_lerobot(path, layout, episodes)
-    beside = None if path.is_file() else _beside(path, len(episodes))
+    beside: LeRobotCheck | None = None
+    if path.is_file():
+        stored = _stored_robomimic(path, layout, episodes)
+    else:
+        places, beside = _meta(path, len(episodes))
+        stored = _stored_lerobot(path, layout, places)
     with Pictures(layout.cameras, source["quality"]) as drawn:
         for number, (about, there) in enumerate(zip(episodes, stored, strict=True)):
             where = f"{path}: episode {number}"
@@ -165,16 +172,8 @@ def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
     return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())
 
 
-def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mapping[str, Any]]) -> Iterator[_Stored]:
+def _stored_lerobot(path: Path, layout: DatasetLayout, places: Sequence[_Place]) -> Iterator[_Stored]:
     """Yield the episodes of a folder of version 2.1 or 3.0."""
-    with _intact(str(path / "meta/info.json")):
-        version = parse_json(_read(path / "meta/info.json"))["codebase_version"]
-    places: list[Mapping[str, Any] | None] = [None] * len(episodes)
-    if version == "v3.0":
-        places = _parquet(path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
-    if len(places) != len(episodes):
-        where = str(path / "meta/episodes")
-        raise InvalidInputError(where, f"lists {len(places)} episodes, and there are {len(episodes)}", _CURE)
     for number, place in enumerate(places):
         with _intact(f"{path}: episode {number}"):
             table = _table(path, number, place, layout)
@@ -183,30 +182,35 @@ def _stored_lerobot(path: Path, layout: DatasetLayout, episodes: Sequence[Mappin
         yield _Stored(vectors, _pictures_of(path, number, place, table), counters)
 
 
-def _beside(path: Path, episodes: int) -> LeRobotCheck:
-    """Return what compares the rest of a LeRobot data set; InvalidInputError if a file in ``meta`` is damaged."""
+def _meta(path: Path, episodes: int) -> tuple[Sequence[_Place], LeRobotCheck]:
+    """Return where the episodes of a LeRobot data set lie, and what compares the rest of it.
+
+    Raises:
+        InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
+    """
     meta = path / "meta"
     with _intact(str(meta)):
         info, stats = (parse_json(_read(meta / f"{name}.json")) for name in ("info", "stats"))
         if info["codebase_version"] == "v3.0":
             tasks, subtasks = (_parquet(meta / f"{name}.parquet").to_pylist() for name in ("tasks", "subtasks"))
-            about = _parquet(meta / "episodes/chunk-000/file-000.parquet", {"tasks", "length"}).to_pylist()
+            listed = _parquet(meta / "episodes/chunk-000/file-000.parquet").to_pylist()
         else:
-            tasks, subtasks, about = (_lines(meta / f"{name}.jsonl") for name in ("tasks", "subtasks", "episodes"))
+            tasks, subtasks, listed = (_lines(meta / f"{name}.jsonl") for name in ("tasks", "subtasks", "episodes"))
         texts = {
             f"{kind}_index": {int(row[f"{kind}_index"]): str(row[kind]) for row in rows}
             for kind, rows in (("task", tasks), ("subtask", subtasks))
         }
-    if len(about) != episodes:
-        raise InvalidInputError(str(meta), f"lists {len(about)} episodes, and there are {episodes}", _CURE)
-    return LeRobotCheck(path, info, texts, stats, about)
+    if len(listed) != episodes:
+        raise InvalidInputError(str(meta), f"lists {len(listed)} episodes, and there are {episodes}", _CURE)
+    places = listed if info["codebase_version"] == "v3.0" else [None] * episodes
+    return places, LeRobotCheck(path, info, texts, stats, listed)
 
 
 def _lines(file: Path) -> list[Any]:
     return [parse_json(line) for line in _read(file).splitlines() if line.strip()]
 
 
-def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: DatasetLayout) -> pa.Table:
+def _table(path: Path, number: int, place: _Place, layout: DatasetLayout) -> pa.Table:
     """Return vectors, and images without loss, of an episode."""
     needed = {*COUNTERS, layout.action.name, *layout.all_images, *(c.name for c in layout.states)}
     if place is None:
@@ -218,7 +222,7 @@ def _table(path: Path, number: int, place: Mapping[str, Any] | None, layout: Dat
 
 
 def _pictures_of(
-    path: Path, number: int, place: Mapping[str, Any] | None, table: pa.Table
+    path: Path, number: int, place: _Place, table: pa.Table
 ) -> Callable[[str, Sequence[int]], dict[int, np.ndarray]]:
     """Return what reads some pictures of an episode."""
 
