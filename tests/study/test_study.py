@@ -367,6 +367,26 @@ def test_questions_that_cannot_be_read_stop_a_study_before_it_begins(tmp_path):
     assert calls == []
 
 
+def test_questions_about_other_demonstrations_stop_a_study_before_a_learner_is_trained(tmp_path, monkeypatch):
+    """Each choice of demonstrations and questions is looked at once, as soon as there are demonstrations."""
+    lever = {"name": "asked", "changes": {"co_training": {"sets": ["questions"]}}, "arms": ["balanced", "covered"]}
+    monkeypatch.setattr(stages, "read_set", lambda _: SimpleNamespace(sha256="first"))
+    workshop, calls = made_up_workshop()
+    looked_at = []
+
+    def require_questions(recipe):
+        looked_at.append((recipe.data, recipe.co_training.sets))
+        if "covered" in recipe.data[0]:
+            raise InvalidInputError("co_training: questions", "none of its 3 questions is about it", "Ask again")
+
+    with pytest.raises(InvalidInputError, match="none of its 3"):
+        run_study(small(levers=[lever]), tmp_path, replace(workshop, require_questions=require_questions))
+    folders = [str(tmp_path / "sets" / f"{TASK}-{regime}") for regime in ("balanced", "covered")]
+    assert looked_at == [((folder,), ("questions",)) for folder in folders]
+    assert calls
+    assert all(call.startswith("set ") for call in calls)
+
+
 def test_other_questions_of_a_co_training_make_another_learner(tmp_path, monkeypatch):
     lever = {"name": "asked", "changes": {"co_training": {"sets": ["questions"]}, "batch": 8}}
     plan, trained = small(seeds=[0], levers=[lever]), []

@@ -78,4 +78,4 @@ def made_up_workshop(
         tell(len(planned), len(planned), "trials")
         return tuple(played(policy.digest, task, t.variation, t.base_condition or t.condition, t.seed) for t in planned)
 
-    return Workshop(make_set, ask, train, evaluate, threads), calls
+    return Workshop(make_set, lambda _: None, ask, train, evaluate, threads), calls

@@ -19,7 +19,7 @@ from betterbench.learned.tokens import moment_of
 from betterbench.learned.vocabulary import ABSENT, Vocabulary, words_of
 from betterbench.tasks import TrialId
 from betterbench.training import frames as frames_module
-from betterbench.training.data import read_training_set
+from betterbench.training.data import read_training_set, require_questions
 from betterbench.training.questions import AnswerRate, answer_rates, question_text
 from betterbench.vqa import Form
 
@@ -61,6 +61,16 @@ def test_questions_about_another_record_of_a_trial_are_left_out(read):
     assert set(read(asked, told={str(TRIALS[0]): "0" * 64}).questions.episodes.tolist()) == {1}
     with pytest.raises(InvalidInputError, match="none of its 1 questions is about a demonstration"):
         read(asked[:1], told={str(TRIALS[0]): "0" * 64})
+
+
+def test_whether_questions_are_about_the_demonstrations_is_known_before_these_are_read(read, tmp_path):
+    read([about(0, 2)])
+    data = [str(tmp_path / "run")]
+    require_questions(tiny(data=data))
+    require_questions(tiny(data=data, co_training={"sets": [str(tmp_path / "questions")]}))
+    other = asked_set(tmp_path / "other", [question(TrialId("morning_coffee", "train1", 99), 2)])
+    with pytest.raises(InvalidInputError, match="none of its 1 questions is about a demonstration"):
+        require_questions(tiny(data=data, co_training={"sets": [str(other.path)]}))
 
 
 def test_a_question_is_asked_of_the_row_that_it_is_about(read, records):

@@ -25,6 +25,7 @@ from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
 from betterbench.interventions.regimes import Regime, conditions_of
 from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
@@ -179,6 +180,9 @@ class _Study:
     def _sets_of(self, learner: PlannedLearner) -> list[str]:
         return [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
 
+    def _folders_of(self, learner: PlannedLearner) -> tuple[str, ...]:
+        return tuple(str(self._out / "sets" / name) for name in self._sets_of(learner))
+
     def _set_name(self, task: str, regime: Regime, demos: int) -> str:
         return f"{task}-{regime}" + ("" if demos == self._plan.demos else f"-{demos}")
 
@@ -190,6 +194,8 @@ class _Study:
         """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
+        for recipe in self._asked_elsewhere():
+            self._workshop.require_questions(recipe)
         asked = {name: self._ask(name, *about, hashes) for name, about in self._questions.items()}
         found: list[LearnerOutcome] = []
         while len(found) < len(self._learners):
@@ -202,10 +208,19 @@ class _Study:
 
     def _require_questions(self) -> None:
         """Refuse a set of questions that a lever names and that cannot be read, before anything is begun."""
-        recipes = [self._plan.recipe_of(one, ("data",)) for one in self._learners if not self._plan.questions_of(one)]
-        asked = (recipe.co_training.sets for recipe in recipes if recipe.co_training is not None)
+        asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
         for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
             read_set(Path(place))
+
+    def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
+        """Yield a recipe for each choice of demonstrations and of sets of questions that a file of the plan names."""
+        seen = set()
+        for learner in (one for one in self._learners if not self._plan.questions_of(one)):
+            data = self._folders_of(learner)
+            recipe = self._plan.recipe_of(learner, data)
+            if recipe.co_training is not None and (pair := (data, recipe.co_training.sets)) not in seen:
+                seen.add(pair)
+                yield recipe
 
     def _make_set(self, name: str, recipe: SetRecipe) -> str:
         form = {**asdict(recipe), "conditions": _conditions(recipe)}
@@ -248,7 +263,7 @@ class _Study:
         questions = tuple(str(self._out / "questions" / name) for name in asked)
         start = self._plan.start_of(learner)
         place = str(self._out / "learners" / start.name) if start is not None else ""
-        data = tuple(str(self._out / "sets" / name) for name in names)
+        data = self._folders_of(learner)
         recipe = self._plan.recipe_of(learner, data, start=place, questions=questions)
         form = {**recipe.to_json(), "data": names}
         inputs: dict[str, Any] = {"recipe": form, "sets": [hashes[name] for name in names]}

@@ -12,9 +12,11 @@ from betterbench.diagnosis import diagnose_run, stored
 from betterbench.evaluation import Progress, evaluate, make_plan
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.learned.address import require_torch
+from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import RunFolder
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob, train_learners
 from betterbench.study.outcomes import TrialOutcome, outcomes_of
+from betterbench.training.data import require_questions
 from betterbench.vqa import SetOptions
 from betterbench.vqa import make_set as make_question_set
 
@@ -28,6 +30,7 @@ class Workshop:
 
     Attributes:
         make_set: Makes the set of a recipe in a folder and returns its hash.
+        require_questions: Refuses a recipe that names sets of questions about other demonstrations than its own.
         ask: Asks about so many questions about the demonstrations of a set, in a folder, and returns their hash.
         train: Trains some learners, side by side if there are several.
         evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it.
@@ -35,6 +38,7 @@ class Workshop:
     """
 
     make_set: Callable[[SetRecipe, Path, OnWork], str]
+    require_questions: Callable[[TrainingRecipe], None]
     ask: Callable[[Path, int, Path, OnWork], str]
     train: Callable[[Sequence[TrainingJob], OnWork], tuple[TrainedPolicy, ...]]
     evaluate: Callable[[TrainedPolicy, str, int, Path, OnWork], tuple[TrialOutcome, ...]]
@@ -80,4 +84,4 @@ def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
         return train_learners(jobs, device, tell, workers=workers)
 
     # On a card the learners would only take turns.
-    return Workshop(make_set, asked, trained, evaluated, threads=workers if device == "cpu" else 1)
+    return Workshop(make_set, require_questions, asked, trained, evaluated, threads=workers if device == "cpu" else 1)

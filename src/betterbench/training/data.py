@@ -124,16 +124,14 @@ def read_training_set(
         InvalidInputError: If nothing is left, a record is of another action space, or no question is about one.
         StorageError: If the disk has no room for the frames; those that were drawn stay.
     """
-    runs = [_opened(place) for place in recipe.data]
-    selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
-    chosen = _fewer(selection.demonstrations, recipe.demonstrations)
+    runs, chosen = _chosen(recipe)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
     _require_once(chosen, runs)
     episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
     digest = hashlib.sha256("".join(f"{d.trial} {d.digest}\n" for d in chosen).encode()).hexdigest()
-    asked = read_questions(recipe, [(d.trial, d.digest) for d in chosen])
+    asked = _asked(recipe, chosen)
     data = _joined(episodes, held_out, digest, recipe, asked)
     beside = [_frames_beside(place) if frames is None else frames for place in recipe.data]
 
@@ -160,6 +158,26 @@ def read_training_set(
     )
     digest = hashlib.sha256(" ".join([data.sha256, *asked.sha256]).encode()).hexdigest()
     return replace(data, sha256=digest, questions=questions)
+
+
+def require_questions(recipe: TrainingRecipe) -> None:
+    """Refuse a recipe whose sets of questions are not about its demonstrations; these are not read.
+
+    Raises:
+        BetterError: As :func:`read_training_set` does.
+    """
+    _asked(recipe, _chosen(recipe)[1])
+
+
+def _chosen(recipe: TrainingRecipe) -> tuple[list[RunFolder], list[ChosenTrial]]:
+    """Return the runs of a recipe and the demonstrations that are taken of them."""
+    runs = [_opened(place) for place in recipe.data]
+    selection = select_demonstrations(runs, tasks=recipe.tasks, variations=recipe.variations)
+    return runs, _fewer(selection.demonstrations, recipe.demonstrations)
+
+
+def _asked(recipe: TrainingRecipe, chosen: Sequence[ChosenTrial]) -> AskedQuestions | None:
+    return read_questions(recipe, [(d.trial, d.digest) for d in chosen])
 
 
 def _episodes(
