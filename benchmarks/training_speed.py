@@ -55,7 +55,7 @@ def training_figure(recipe: TrainingRecipe, data: TrainingSet, *, blocks: int) -
     """Return the figure of a family, from blocks of steps in turn; the first pair of blocks warms everything."""
     import torch  # noqa: PLC0415 - of the extra
 
-    from betterbench.learned.families import new_network  # noqa: PLC0415
+    from betterbench.learned.networks import new_network  # noqa: PLC0415
     from betterbench.training.batches import Batches  # noqa: PLC0415
     from betterbench.training.data import scales_of  # noqa: PLC0415
 

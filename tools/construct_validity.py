@@ -16,7 +16,7 @@ from betterbench.tasks import get_task
 STUDY = Path(__file__).resolve().parents[1] / "docs" / "study" / "study.json"
 LEAST = -1.0
 """Shares whose interval reaches below this say nothing: the gap that they are of is hardly apart from none."""
-LINK = "[study](../learned.md#the-study)"
+LINK = "[study](../learned.md#what-the-study-showed)"
 
 
 def validity_text(task: str, variation: str, study: Path = STUDY) -> str:

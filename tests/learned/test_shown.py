@@ -99,14 +99,14 @@ def test_a_wrong_recipe_is_one_line_that_names_the_field(form, named):
 
 
 def test_the_page_shows_each_field_with_its_default():
-    page = (Path(__file__).parents[2] / "docs/learned.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/training.md").read_text()
     shown = yaml.safe_load(page.split("```yaml\n")[1].split("```")[0])
     assert read_training_recipe(shown) == read_training_recipe({"data": shown["data"]})
     assert set(shown) == {f.name for f in dataclasses.fields(TrainingRecipe)} - {"version"}
 
 
 def test_each_lever_of_the_page_is_a_recipe():
-    page = (Path(__file__).parents[2] / "docs/learned.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/training.md").read_text()
     section = page.split("### Levers")[1].split("\n##")[0]
     levers = [yaml.safe_load(part.split("```")[0]) for part in section.split("```yaml\n")[1:]]
     assert len(levers) >= 5

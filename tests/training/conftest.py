@@ -11,5 +11,7 @@ sys.path[:0] = [str(TESTS / name) for name in ("training", "learned", "export")]
 
 NEEDED = ("torch", "safetensors")
 collect_ignore = (
-    [] if all(map(importlib.util.find_spec, NEEDED)) else ["test_acting.py", "test_loop.py", "test_row_in_torch.py"]
+    []
+    if all(map(importlib.util.find_spec, NEEDED))
+    else ["test_acting.py", "test_loop.py", "test_own_learner.py", "test_row_in_torch.py"]
 )

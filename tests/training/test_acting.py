@@ -22,8 +22,8 @@ from betterbench.interface import CameraSpec, EpisodeStart, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_seeing, learned_info, make_learned, make_seeing
 from betterbench.learned.checkpoint import Trained, write_checkpoint
-from betterbench.learned.families import new_network
 from betterbench.learned.network import ObjectsBatch, ObjectsNetwork, ShownBatch
+from betterbench.learned.networks import new_network
 from betterbench.learned.pixels import PicturesBatch
 from betterbench.learned.policy import Learner
 from betterbench.recording import RunFolder

@@ -16,8 +16,8 @@ from torch.nn import functional
 
 from betterbench.errors import BetterError, InvalidInputError, RunConflictError, StorageError, TrainingError
 from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
-from betterbench.learned.families import new_network
 from betterbench.learned.network import ObjectsNetwork
+from betterbench.learned.networks import new_network
 from betterbench.learned.pixels import channels_of, key_points
 from betterbench.recording import durable
 from betterbench.training.batches import Batches

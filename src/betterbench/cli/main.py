@@ -207,7 +207,7 @@ def _with_task_files(function: Callable[..., None]) -> Callable[..., None]:
         load_task_files(task_file)
         function(*args, **options)
 
-    text = "Python file that defines tasks or assets of your own; may be given several times."
+    text = "Python file that defines tasks, assets or learners of your own; may be given several times."
     return _with_options(verb, function, task_file=text)
 
 

@@ -11,6 +11,7 @@ from urllib.parse import parse_qsl
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.interface import PolicyInfo, episode_number
 from betterbench.json_form import parse_json
+from betterbench.learned.families import family_of
 from betterbench.state import PrivilegedPolicy
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ def is_learned(address: str) -> bool:
 def is_seeing(address: str) -> bool:
     """Return whether an address names a learner that sees observations, as those of the family ``pixels`` do.
 
-    False also for a checkpoint that is missing or damaged, which is refused where it is asked for what it is.
+    False also for a checkpoint that is missing, damaged or of an unknown family, which is refused where it is asked for
+    what it is.
     """
     if not is_learned(address):
         return False
@@ -39,7 +41,11 @@ def is_seeing(address: str) -> bool:
         found = path.stat()
     except OSError:
         return False
-    return _family(path.absolute(), found.st_mtime_ns, found.st_size) == "pixels"
+    family = _family(path.absolute(), found.st_mtime_ns, found.st_size)
+    try:
+        return family is not None and family_of(family).sees == "pixels"
+    except UnknownNameError:
+        return False
 
 
 def learned_info(address: str) -> PolicyInfo:

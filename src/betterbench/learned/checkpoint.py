@@ -17,11 +17,12 @@ from torch import Tensor
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import read_bounded, read_form
-from betterbench.learned.families import new_network
 from betterbench.learned.network import LearnerNetwork
+from betterbench.learned.networks import new_network
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
 from betterbench.learned.vocabulary import Vocabulary
 from betterbench.recording.durable import on_disk, write_durably
+from betterbench.tasks.user_files import COPIES, code_of
 
 FILE_NAME = "checkpoint.safetensors"
 ACTION_SPACE = "ee_delta"
@@ -42,6 +43,7 @@ class Trained:
         step: Steps of training.
         data: SHA-256 over the records that it was trained on.
         action_space: Action space in which it answers.
+        code: Which code defines its family, as :func:`~betterbench.tasks.user_files.code_of` says; None for our own.
     """
 
     recipe: TrainingRecipe
@@ -49,10 +51,14 @@ class Trained:
     step: int
     data: str
     action_space: str = ACTION_SPACE
+    code: str | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
+        """Return the JSON form; without the code if it is our own."""
+        form = {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
+        if self.code is None:
+            del form["code"]
+        return form
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
@@ -95,6 +101,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     """
     weights, about = read_tensors(path)
     trained = _trained(about, str(path))
+    _require_code(trained, str(path))
     if trained.action_space != ACTION_SPACE:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
@@ -143,7 +150,18 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
         raise InvalidInputError(where, f"its header says no {error}", _CURE) from error
     if type(step) is not int or step < 0:
         raise InvalidInputError(where, f"its header says {step!r} for the steps of training", _CURE)
-    return Trained(recipe, vocabulary, step, str(data), str(space))
+    code = about.get("code")
+    return Trained(recipe, vocabulary, step, str(data), str(space), None if code is None else str(code))
+
+
+def _require_code(trained: Trained, where: str) -> None:
+    """Refuse weights whose family is defined by other code than that with which they were trained."""
+    here = code_of("family", trained.recipe.family)
+    if here != trained.code:
+        was, now = (code or "betterbench" for code in (trained.code, here))
+        problem = f"its family {trained.recipe.family!r} was defined by {was}, and here by {now}"
+        cure = f"Pass the file that it was trained with; better train keeps a copy in {COPIES} beside the checkpoint"
+        raise InvalidInputError(where, problem, cure)
 
 
 def _digest(tensors: Mapping[str, Tensor]) -> str:

@@ -1,15 +1,128 @@
-"""The network of each family."""
+"""The families of learners: what each sees, its sizes, and what of it may be frozen. Users' files add their own.
+
+Nothing here needs torch: :mod:`networks` makes the network of a family.
+"""
 
 from __future__ import annotations
 
-from betterbench.learned.network import LearnerNetwork, ObjectsNetwork
-from betterbench.learned.pixels import PixelsNetwork
-from betterbench.learned.recipe import FamilyName, TrainingRecipe
-from betterbench.learned.vocabulary import Vocabulary
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, TypeVar
 
-_NETWORKS: dict[FamilyName, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": PixelsNetwork}
+from pydantic import Field
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import strict_form
+from betterbench.tasks.user_files import load_declared, registered
+
+Sees = Literal["objects", "pixels"]
+"""What a learner is shown: the state as a perfect detector would tell it, or pictures."""
+Option = bool | int | float | str
+MakerT = TypeVar("MakerT", bound=Callable[..., Any])
+
+_SIZES = ("small", "base", "large")
+_HEAD = "head"
 
 
-def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
-    """Return the network that a recipe asks for, with random weights drawn by torch's own generator."""
-    return _NETWORKS[recipe.family](recipe, vocabulary)
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """Size of a transformer: width of its tokens, layers, and heads of attention."""
+
+    width: Annotated[int, Field(ge=8, le=1024)]
+    layers: Annotated[int, Field(ge=1, le=24)]
+    heads: Annotated[int, Field(ge=1, le=32)]
+
+    def __post_init__(self) -> None:
+        """Refuse a width that the heads cannot share."""
+        if self.width % self.heads:
+            raise InvalidInputError(
+                "width", f"{self.width} cannot be shared by {self.heads} heads", "Give a multiple of the heads"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A family of learners.
+
+    Attributes:
+        name: What recipes call it.
+        sees: What it is shown.
+        capacities: Its sizes ``small``, ``base`` and ``large``.
+        parts: Parts of its network that recipes may freeze.
+        options: Numbers and words of its own that recipes may change, with their defaults.
+        make: Makes its network of recipe and vocabulary; None of a family that comes with betterbench.
+    """
+
+    name: str
+    sees: Sees
+    capacities: Mapping[str, Capacity]
+    parts: tuple[str, ...]
+    options: Mapping[str, Option] = field(default_factory=dict)
+    make: Callable[..., Any] | None = None
+
+
+_FAMILIES = {
+    "objects": Family(
+        "objects",
+        "objects",
+        # 0.2, 0.9 and 2.8 million parameters.
+        {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)},
+        ("words", "objects", "state", "trunk", _HEAD),
+    ),
+    "pixels": Family(
+        "pixels",
+        "pixels",
+        # 0.2, 0.6 and 1.5 million: the convolutions grow with the width.
+        {"small": Capacity(64, 2, 4), "base": Capacity(96, 3, 4), "large": Capacity(144, 4, 4)},
+        ("words", "eyes", "state", "trunk", _HEAD),
+    ),
+}
+
+
+def learner(
+    name: str,
+    *,
+    sees: Sees,
+    capacities: Mapping[str, Capacity] | None = None,
+    parts: tuple[str, ...] = (),
+    options: Mapping[str, Option] | None = None,
+) -> Callable[[MakerT], MakerT]:
+    """Register a network as a family of learners, from whatever file it is imported.
+
+    What is decorated is a subclass of :class:`~betterbench.learned.network.LearnerNetwork`.
+
+    Args:
+        name: What recipes write as their ``family``.
+        sees: ``objects`` to be shown the state, ``pixels`` to be shown the pictures of the recipe's ``eyes``.
+        capacities: Its ``small``, ``base`` and ``large``; those of the family of the same name as ``sees`` if left out.
+        parts: Names of modules of its own that recipes may freeze; the head can always be.
+        options: Fields that recipes may set in their ``options``, with the defaults, whose types are required.
+
+    Raises:
+        InvalidInputError: If a name is taken, or something is missing.
+    """
+
+    def register(make: MakerT) -> MakerT:
+        where = f"learner {name!r}"
+        if not name or sees not in _FAMILIES:
+            problem = f"it has no name, or sees {sees!r}"
+            raise InvalidInputError(where, problem, 'Write @learner("mine", sees="objects") or sees="pixels"')
+        sizes = _FAMILIES[sees].capacities if capacities is None else capacities
+        if set(sizes) != set(_SIZES):
+            raise InvalidInputError(where, f"its capacities are {sorted(sizes)}", f"Give {', '.join(_SIZES)}")
+        made = registered("family", name, make, _FAMILIES)
+        if name in _FAMILIES and _FAMILIES[name].make is None:
+            raise InvalidInputError(where, "betterbench has a family of this name", "Give it another one")
+        _FAMILIES[name] = Family(name, sees, dict(sizes), (*parts, _HEAD), dict(options or {}), made)
+        return make
+
+    return register
+
+
+def family_of(name: str) -> Family:
+    """Return a family; UnknownNameError if there is none of that name, in users' files neither."""
+    load_declared()
+    if name not in _FAMILIES:
+        raise UnknownNameError("family", name, _FAMILIES)
+    return _FAMILIES[name]

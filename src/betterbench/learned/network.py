@@ -1,18 +1,21 @@
-"""What the networks of all families share, and that of ``objects``: tokens that are read out as a chunk of actions."""
+"""What the networks of all families share, the transformer of two of them, and the network of ``objects``."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from betterbench.errors import InvalidInputError
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.learned.tokens import POSE_NUMBERS, TOOL_NUMBERS
 from betterbench.learned.vocabulary import ABSENT, MOST_WORDS, Vocabulary
+from betterbench.tasks.user_files import explaining
 
 ACTION_NUMBERS = 7
 NEAR_M, TOUCHING_M = 0.1, 0.02
@@ -122,27 +125,167 @@ class _Block(nn.Module):
 
 
 class LearnerNetwork(nn.Module):
-    """From words, states and what a family sees to a chunk of normalized actions, (B, chunk, 7).
+    """From what is shown to a chunk of normalized actions, (B, chunk, 7).
 
-    The families differ in their eyes alone: what they see becomes tokens that stand beside those of words and states.
-    The buffers hold the mean and scale of tools and actions in the training data.
+    A family makes its modules in :meth:`build` and gathers what is shown into one vector of each sample in
+    :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.
+
+    Attributes:
+        recipe: How it is trained; ``recipe.size`` is its capacity.
+        options: The options of its family.
+        tool_mean, tool_scale: (10,) of the tool in the training data; so are those of actions, (7,), and whatever
+            :meth:`keep_scale` was asked for.
+    """
+
+    tool_mean: Tensor
+    tool_scale: Tensor
+    action_mean: Tensor
+    action_scale: Tensor
+
+    def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
+        super().__init__()
+        self.recipe, self.chunk, self.options = recipe, recipe.chunk, recipe.all_options
+        self.build(vocabulary)
+        width = recipe.size.width
+        numbers = recipe.chunk * ACTION_NUMBERS
+        extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
+        self.head = nn.Sequential(
+            nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
+            nn.Linear(2 * width, numbers),
+        )  # fmt: skip
+        if vocabulary.answers:
+            self.answers = nn.Linear(width, len(vocabulary.answers))
+        self.keep_scale("tool", TOOL_NUMBERS)
+        self.keep_scale("action", ACTION_NUMBERS)
+
+    def build(self, vocabulary: Vocabulary) -> None:
+        """Make the modules of the family; their initial weights are drawn by torch's own generator."""
+        raise NotImplementedError(f"{type(self).__name__} has no method build")
+
+    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
+        """Return what is gathered of each sample, (B, width).
+
+        Args:
+            shown: What is shown.
+            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no method summary")
+
+    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
+        """Return what is made of instructions alone, (B, w) int64, which is kept through an episode; None for nothing.
+
+        It is given to :meth:`answer` again and again.
+        """
+        del words
+
+    def parts(self) -> dict[str, list[nn.Parameter]]:
+        """Return the parameters by the part of the network that recipes may freeze: here by module."""
+        found: dict[str, list[nn.Parameter]] = {}
+        for name, parameter in self.named_parameters():
+            first = name.partition(".")[0]
+            found.setdefault("head" if first == "answers" else first, []).append(parameter)
+        return found
+
+    def keep_scale(self, name: str, count: int) -> None:
+        """Keep mean and scale of numbers of the training data beside the weights.
+
+        These are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always kept.
+        """
+        self.register_buffer(f"{name}_mean", torch.zeros(count))
+        self.register_buffer(f"{name}_scale", torch.ones(count))
+
+    def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return the summary; InvalidInputError if a user's learner raises, or returns something else."""
+        with explaining("family", self.recipe.family):
+            found = self.summary(shown, heard)
+        wanted = (len(shown.words), self.recipe.size.width)
+        if not isinstance(found, Tensor) or found.shape != wanted:
+            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            problem = f"its summary returns {given} where (batch, width) is {wanted}"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
+        return found
+
+    def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
+        """Return the mean loss of a batch.
+
+        Args:
+            shown: What is shown.
+            actions: (B, chunk, 7) actions of the demonstrators.
+            counted: (B, chunk) bool: False after the end of a demonstration.
+        """
+        wanted = (actions - self.action_mean) / self.action_scale
+        summary = self._gathered(shown)
+        if self.recipe.loss == "flow":
+            # Times as GR00T N1 draws them: Beta(1.5, 1), most of them near the noise.
+            times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
+            noise = torch.randn_like(wanted)
+            between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
+            error = (self._velocity(summary, between, times) - (wanted - noise)).square()
+        else:
+            error = (self.head(summary).view_as(wanted) - wanted).abs()
+        weights = counted[:, :, None].to(error.dtype)
+        return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
+
+    def reply(self, shown: ShownBatch) -> Tensor:
+        """Return how much speaks for each answer to the questions that are shown, (B, answers)."""
+        found: Tensor = self.answers(self._gathered(shown))
+        return found
+
+    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
+        """Return the loss of a step, which is what several processes share their gradients of.
+
+        Each question that is asked counts as much as each frame with actions; its loss is the cross-entropy.
+        """
+        loss = self.loss(shown, actions, counted)
+        if asked is None:
+            return loss
+        share = len(asked.answers) / len(actions)
+        return loss + share * functional.cross_entropy(self.reply(asked.shown), asked.answers)
+
+    def answer(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return chunks of actions, (B, chunk, 7).
+
+        Args:
+            shown: What is shown.
+            noise: What a flow begins with, (B, chunk, 7).
+            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+        """
+        summary = self._gathered(shown, heard)
+        if self.recipe.loss == "flow":
+            if noise is None:
+                raise ValueError("a flow begins with noise")
+            found, count = noise, self.recipe.flow_steps
+            for step in range(count):
+                times = torch.full((len(noise),), step / count, device=noise.device)
+                found = found + self._velocity(summary, found, times) / count
+        else:
+            found = self.head(summary).view(len(summary), self.chunk, ACTION_NUMBERS)
+        return found * self.action_scale + self.action_mean
+
+    def _velocity(self, summary: Tensor, between: Tensor, times: Tensor) -> Tensor:
+        rates = torch.arange(_TIME_NUMBERS // 2, device=times.device) * (2.0 * math.log(_LONGEST_PERIOD))
+        angles = times[:, None] * torch.exp(rates / _TIME_NUMBERS)
+        numbers = torch.cat([summary, between.flatten(1), angles.sin(), angles.cos()], dim=1)
+        velocity: Tensor = self.head(numbers).view_as(between)
+        return velocity
+
+
+class TokenNetwork(LearnerNetwork):
+    """A transformer over words, states and what a family sees.
+
+    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states.
 
     Attributes:
         own_part: Name of the part that only this family has.
     """
 
     own_part: str
-    tool_mean: Tensor
-    tool_scale: Tensor
-    action_mean: Tensor
-    action_scale: Tensor
     state: nn.ModuleDict
 
-    def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
-        super().__init__()
-        size, words = recipe.size, vocabulary.sizes()[0]
+    def build(self, vocabulary: Vocabulary) -> None:
+        """Make embeddings, eyes and layers."""
+        recipe, size, words = self.recipe, self.recipe.size, vocabulary.sizes()[0]
         width = size.width
-        self.recipe, self.chunk = recipe, recipe.chunk
         self.given = recipe.proprioception.given
         self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
         self.open_eyes(width, vocabulary)
@@ -159,16 +302,6 @@ class LearnerNetwork(nn.Module):
                 nn.init.normal_(module.weight, std=0.1)
         self.trunk = nn.ModuleList(_Block(width, size.heads, recipe.dropout) for _ in range(size.layers))
         self.last = nn.LayerNorm(width)
-        numbers = recipe.chunk * ACTION_NUMBERS
-        extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
-        self.head = nn.Sequential(
-            nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
-            nn.Linear(2 * width, numbers),
-        )  # fmt: skip
-        if vocabulary.answers:
-            self.answers = nn.Linear(width, len(vocabulary.answers))
-        self.keep_scale("tool", TOOL_NUMBERS)
-        self.keep_scale("action", ACTION_NUMBERS)
 
     @abstractmethod
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
@@ -184,11 +317,6 @@ class LearnerNetwork(nn.Module):
             told: (U, w) bool: which of these are there.
             which: (B,) instruction of each sample.
         """
-
-    def keep_scale(self, name: str, count: int) -> None:
-        """Keep mean and scale of so many numbers beside the weights."""
-        self.register_buffer(f"{name}_mean", torch.zeros(count))
-        self.register_buffer(f"{name}_scale", torch.ones(count))
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
         """Return the parameters by the part of the network that recipes name."""
@@ -244,72 +372,8 @@ class LearnerNetwork(nn.Module):
         tokens = self.words["which"](different) + self.words["where"](places)
         return tokens, different != ABSENT, which
 
-    def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
-        """Return the mean loss of a batch.
 
-        Args:
-            shown: What is shown.
-            actions: (B, chunk, 7) actions of the demonstrators.
-            counted: (B, chunk) bool: False after the end of a demonstration.
-        """
-        wanted = (actions - self.action_mean) / self.action_scale
-        summary = self.summary(shown)
-        if self.recipe.loss == "flow":
-            # Times as GR00T N1 draws them: Beta(1.5, 1), most of them near the noise.
-            times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
-            noise = torch.randn_like(wanted)
-            between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
-            error = (self._velocity(summary, between, times) - (wanted - noise)).square()
-        else:
-            error = (self.head(summary).view_as(wanted) - wanted).abs()
-        weights = counted[:, :, None].to(error.dtype)
-        return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
-
-    def reply(self, shown: ShownBatch) -> Tensor:
-        """Return how much speaks for each answer to the questions that are shown, (B, answers)."""
-        found: Tensor = self.answers(self.summary(shown))
-        return found
-
-    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
-        """Return the loss of a step, which is what several processes share their gradients of.
-
-        Each question that is asked counts as much as each frame with actions; its loss is the cross-entropy.
-        """
-        loss = self.loss(shown, actions, counted)
-        if asked is None:
-            return loss
-        share = len(asked.answers) / len(actions)
-        return loss + share * functional.cross_entropy(self.reply(asked.shown), asked.answers)
-
-    def answer(self, shown: ShownBatch, noise: Tensor | None = None, heard: Heard | None = None) -> Tensor:
-        """Return chunks of actions, (B, chunk, 7).
-
-        Args:
-            shown: What is shown.
-            noise: What a flow begins with, (B, chunk, 7).
-            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
-        """
-        summary = self.summary(shown, heard)
-        if self.recipe.loss == "flow":
-            if noise is None:
-                raise ValueError("a flow begins with noise")
-            found, count = noise, self.recipe.flow_steps
-            for step in range(count):
-                times = torch.full((len(noise),), step / count, device=noise.device)
-                found = found + self._velocity(summary, found, times) / count
-        else:
-            found = self.head(summary).view(len(summary), self.chunk, ACTION_NUMBERS)
-        return found * self.action_scale + self.action_mean
-
-    def _velocity(self, summary: Tensor, between: Tensor, times: Tensor) -> Tensor:
-        rates = torch.arange(_TIME_NUMBERS // 2, device=times.device) * (2.0 * math.log(_LONGEST_PERIOD))
-        angles = times[:, None] * torch.exp(rates / _TIME_NUMBERS)
-        numbers = torch.cat([summary, between.flatten(1), angles.sin(), angles.cos()], dim=1)
-        velocity: Tensor = self.head(numbers).view_as(between)
-        return velocity
-
-
-class ObjectsNetwork(LearnerNetwork):
+class ObjectsNetwork(TokenNetwork):
     """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
 
     own_part = "objects"

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from betterbench.learned.network import LearnerNetwork, ShownBatch
+from betterbench.learned.network import ShownBatch, TokenNetwork
 from betterbench.learned.vocabulary import Vocabulary
 
 _GROUPS = 4
@@ -62,7 +62,7 @@ class _Convolutions(nn.Module):
         return tokens
 
 
-class PixelsNetwork(LearnerNetwork):
+class PixelsNetwork(TokenNetwork):
     """Sees one token per view: where the channels of a convolution net, which the words modulate, are strongest.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). A channel is read out as the mean place of its

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import OrderedDict
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.interface import EpisodeStart, Execution, Observation, ObservationSpec, PolicyInfo
 from betterbench.learned.checkpoint import Trained, read_checkpoint
 from betterbench.learned.eyes import looked_at
-from betterbench.learned.network import ACTION_NUMBERS, Heard, LearnerNetwork, ObjectsBatch, ShownBatch
+from betterbench.learned.network import ACTION_NUMBERS, LearnerNetwork, ObjectsBatch, ShownBatch
 from betterbench.learned.pixels import PicturesBatch
 from betterbench.learned.recipe import TrainingRecipe, require_asked
 from betterbench.learned.tokens import Things, moment_of, things_of, tool_numbers
@@ -37,8 +37,8 @@ class Learner:
 
     def __init__(self, network: LearnerNetwork, trained: Trained, fingerprint: str = "") -> None:
         self.network, self.trained, self.fingerprint = network, trained, fingerprint
-        self._device = network.readout.device
-        self._heard = OrderedDict[bytes, Heard]()
+        self._device = network.action_mean.device
+        self._heard = OrderedDict[bytes, Any]()
 
     @classmethod
     def load(cls, path: Path) -> Learner:
@@ -54,11 +54,12 @@ class Learner:
         about = {
             "checkpoint": f"sha256 {self.fingerprint}",
             "family": recipe.family,
+            **({} if self.trained.code is None else {"code of the family": self.trained.code}),
             "loss": recipe.loss,
             "training data": f"sha256 {self.trained.data}",
             "training steps": str(self.trained.step),
         }
-        if recipe.family == "objects":
+        if recipe.sees == "objects":
             return PolicyInfo(address, action_space=self.trained.action_space, needs_images=False, metadata=about)
         return PolicyInfo(
             address,
@@ -84,7 +85,7 @@ class Learner:
         limited: np.ndarray = np.clip(answer, -1.0, 1.0)
         return limited
 
-    def _hear(self, words: torch.Tensor) -> Heard:
+    def _hear(self, words: torch.Tensor) -> Any:  # noqa: ANN401 - a family's own
         """Return what the network makes of an instruction, which an episode asks for at each of its answers."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)

@@ -12,16 +12,14 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface import observation_spec
 from betterbench.json_form import read_form, strict_form
+from betterbench.learned.families import Capacity, Option, Sees, family_of
 
 RECIPE_VERSION: Literal[1] = 1
 """Version of how a recipe becomes weights."""
 
-CURE = "Correct the recipe; docs/learned.md shows one"
+CURE = "Correct the recipe; docs/training.md shows one"
 
-FamilyName = Literal["objects", "pixels"]
 _Loss = Literal["l1", "flow"]
-_Part = Literal["words", "objects", "eyes", "state", "trunk", "head"]
-"""Parts of the network that can be frozen: ``objects`` and ``eyes`` are those of one family."""
 
 _Positive = Annotated[int, Field(ge=1, le=10_000_000)]
 _Share = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -29,30 +27,6 @@ _Length = Annotated[float, Field(ge=0.0, le=0.1)]
 _Edge = Annotated[float, Field(ge=0.0, le=1.0)]
 _LEAST_WINDOW = 0.02
 
-
-@strict_form
-@dataclass(frozen=True, slots=True)
-class Capacity:
-    """Size of a transformer: width of its tokens, layers, and heads of attention."""
-
-    width: Annotated[int, Field(ge=8, le=1024)]
-    layers: Annotated[int, Field(ge=1, le=24)]
-    heads: Annotated[int, Field(ge=1, le=32)]
-
-    def __post_init__(self) -> None:
-        """Refuse a width that the heads cannot share."""
-        if self.width % self.heads:
-            raise InvalidInputError(
-                "width", f"{self.width} cannot be shared by {self.heads} heads", "Give a multiple of the heads"
-            )
-
-
-CAPACITIES: dict[FamilyName, dict[str, Capacity]] = {
-    "objects": {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)},
-    "pixels": {"small": Capacity(64, 2, 4), "base": Capacity(96, 3, 4), "large": Capacity(144, 4, 4)},
-}
-"""Sizes by family and name: 0.2, 0.9 and 2.8 million parameters; 0.2, 0.6 and 1.5 million of ``pixels``, whose
-convolutions grow with the width."""
 
 _WHOLE = (0.0, 0.0, 1.0, 1.0)
 
@@ -173,7 +147,8 @@ class TrainingRecipe:
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
         family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would,
-            ``pixels`` sees pictures.
+            ``pixels`` sees pictures; or the name of a family of one's own.
+        options: Fields of a family of one's own.
         tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
         variations: Take demonstrations of test variations too, as the covered regime holds.
         demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
@@ -204,7 +179,8 @@ class TrainingRecipe:
     """
 
     data: Annotated[tuple[str, ...], Field(min_length=1)]
-    family: FamilyName = "objects"
+    family: str = "objects"
+    options: Mapping[str, Option] = field(default_factory=dict)
     tasks: tuple[str, ...] = ()
     variations: bool = False
     demonstrations: _Positive | None = None
@@ -224,7 +200,7 @@ class TrainingRecipe:
     gripper_weight: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
     co_training: CoTraining | None = None
     start: str | None = None
-    frozen: tuple[_Part, ...] = ()
+    frozen: tuple[str, ...] = ()
     steps: _Positive = 12_000
     batch: Annotated[int, Field(ge=1, le=65_536)] = 128
     learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 1e-3
@@ -241,42 +217,75 @@ class TrainingRecipe:
     version: Literal[1] = RECIPE_VERSION
 
     def __post_init__(self) -> None:
-        """Refuse values that contradict each other."""
+        """Refuse values that contradict each other, or that the family does not have."""
+        self._require_family()
         if self.execute > self.chunk:
             problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
             raise InvalidInputError("execute", problem, "Give at most as many")
         if self.start is None and self.frozen:
             raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
-        parts = {"words", "trunk", "head", "eyes" if self.family == "pixels" else "objects"}
-        if parts | ({"state"} if self.proprioception.given else set()) <= set(self.frozen):
-            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
         if foreign is not None:
             problem = f"the family {self.family} has no such thing"
             raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+        parts = set(family_of(self.family).parts) - (set() if self.proprioception.given else {"state"})
+        if parts <= set(self.frozen) and self.built_in:
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
             problem = f"{self.co_training.weight} of a batch of {self.batch} is not one question"
             raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
-        if self.family == "pixels" and self.history > 1:
+        if self.sees == "pixels" and self.history > 1:
             require_asked(self.history_stride, self.execute, "history_stride")
+
+    def _require_family(self) -> None:
+        """Refuse a family that there is not, and options that it does not have."""
+        try:
+            family = family_of(self.family)
+        except UnknownNameError as error:
+            cure = "Pass the file that defines a learner of your own with --task-file"
+            raise InvalidInputError("family", str(error).rstrip("."), cure) from error
+        for name, value in self.options.items():
+            if name not in family.options:
+                problem = str(UnknownNameError(f"option of the family {self.family}", name, family.options)).rstrip(".")
+                raise InvalidInputError("options", problem, "Leave it out, or change the family")
+            wanted = type(family.options[name])
+            if type(value) is not wanted and (wanted, type(value)) != (float, int):
+                problem = f"{value!r} is no {wanted.__name__}, as its default is"
+                raise InvalidInputError(f"options.{name}", problem, "Correct it")
 
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
         """Return fields that mean something in one family alone, and whether they are set in another one."""
-        changed, pixels = self.augmentation, self.family == "pixels"
+        changed, pixels = self.augmentation, self.sees == "pixels"
+        parts = family_of(self.family).parts
         return (
             ("eyes", not pixels and self.eyes != Eyes()),
             ("augmentation.shift_px", not pixels and changed.shift_px != Augmentation().shift_px),
             ("augmentation.light", not pixels and changed.light > 0.0),
             ("augmentation.object_noise_m", pixels and changed.object_noise_m > 0.0),
             ("augmentation.shift_m", pixels and changed.shift_m > 0.0),
-            ("frozen: eyes", not pixels and "eyes" in self.frozen),
-            ("frozen: objects", pixels and "objects" in self.frozen),
+            *((f"frozen: {part}", part not in parts) for part in self.frozen),
         )
 
     @property
     def size(self) -> Capacity:
         """The capacity in numbers."""
-        return CAPACITIES[self.family][self.capacity] if isinstance(self.capacity, str) else self.capacity
+        named = family_of(self.family).capacities
+        return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
+
+    @property
+    def sees(self) -> Sees:
+        """What the learner is shown."""
+        return family_of(self.family).sees
+
+    @property
+    def built_in(self) -> bool:
+        """Whether the family is one of betterbench's own."""
+        return family_of(self.family).make is None
+
+    @property
+    def all_options(self) -> dict[str, Option]:
+        """The options of the family, with their defaults where the recipe sets none."""
+        return {**family_of(self.family).options, **self.options}
 
     @property
     def shape(self) -> dict[str, object]:
@@ -284,6 +293,7 @@ class TrainingRecipe:
         given = self.proprioception.given
         return {
             "family": self.family,
+            "options": self.all_options,
             "capacity": self.size,
             "eyes": len(self.eyes.windows),
             "proprioception": (given, given and self.proprioception.dropout > 0.0),
@@ -298,10 +308,12 @@ class TrainingRecipe:
         return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form, with every value that the file left out; without co_training if there is none."""
+        """Return the JSON form, with every value that the file left out; without co_training and options if unused."""
         form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         if self.co_training is None:
             del form["co_training"]  # so that trainings from before there was any go on
+        if not self.options:
+            del form["options"]
         return form
 
 

@@ -386,7 +386,13 @@ def _run_json(form: Mapping[str, Any]) -> bytes:
 
 def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
     """Keep a copy of each of the user's files that the tasks of a run come from."""
-    for file in loaded_files() if plan.get("task_files") else ():
+    if plan.get("task_files"):
+        keep_copies(path)
+
+
+def keep_copies(path: Path) -> None:
+    """Keep a copy of each of the user's files that are loaded, in the folder of what was made with them."""
+    for file in loaded_files():
         if not (path / COPIES / file.copy_name).exists():
             write_durably(path / COPIES / file.copy_name, file.source.encode())
         if file.demonstrations is not None:

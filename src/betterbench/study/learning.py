@@ -20,6 +20,7 @@ from betterbench.learned.recipe import TrainingRecipe
 from betterbench.policies.policy_process import exit_text
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.worker_process import prepare_process
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 _STOP_S = 5.0
 
@@ -47,7 +48,7 @@ class TrainedPolicy:
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
         """Return the policy of a recipe, which is evaluated with the eyes that it has been trained with."""
-        if recipe.family != "pixels":
+        if recipe.sees != "pixels":
             return cls(address, digest)
         return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
 
@@ -113,7 +114,7 @@ def train_learners(
 def _begin(job: TrainingJob, device: str) -> _Learner:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_learn, args=(job, device, theirs), name="betterbench-learner")
+    process = context.Process(target=_learn, args=(job, device, theirs, loaded_files()), name="betterbench-learner")
     with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
         process.start()
     theirs.close()
@@ -147,11 +148,12 @@ def _end(learner: _Learner) -> None:
     learner.link.close()
 
 
-def _learn(job: TrainingJob, device: str, link: Connection) -> None:
+def _learn(job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile]) -> None:
     """Train one learner and say how it goes; the main function of a process."""
     prepare_process()
     with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the study has ended
         try:
+            load_sources(files)
             link.send(_train(job, device, lambda *said: link.send(said)))
         except BetterError as problem:
             link.send(problem)
@@ -163,7 +165,7 @@ def _learn(job: TrainingJob, device: str, link: Connection) -> None:
 
 def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
     """Draw the frames of a learner of pixels that are missing; two processes would not draw into one folder."""
-    if job.recipe.family != "pixels":
+    if job.recipe.sees != "pixels":
         return
     from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
 

@@ -35,6 +35,7 @@ from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
 from betterbench.study.work import Workshop
 from betterbench.tasks import get_task
+from betterbench.tasks.user_files import code_of
 from betterbench.vqa import read_set
 
 STAGES = "stages"
@@ -267,6 +268,8 @@ class _Study:
         recipe = self._plan.recipe_of(learner, data, start=place, questions=questions)
         form = {**recipe.to_json(), "data": names}
         inputs: dict[str, Any] = {"recipe": form, "sets": [hashes[name] for name in names]}
+        if (code := code_of("family", recipe.family)) is not None:
+            inputs["learner"] = code
         if start is not None:
             form["start"], inputs["start"] = start.name, self._digests[start]
         if asked:

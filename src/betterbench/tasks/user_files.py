@@ -223,6 +223,32 @@ def origins_of(tasks: Iterable[str]) -> dict[str, list[dict[str, str]]]:
     return {name: listed for name, listed in (("task_files", files), ("plugins", plugins)) if listed}
 
 
+def code_of(kind: str, name: str) -> str | None:
+    """Return which code registers a name: "sha256 ..." of a user's file, or package and version; None if it is ours.
+
+    The ``kind`` is that of :func:`registered`.
+    """
+    origin = _origins.get((kind, name))
+    if origin is None:
+        return None
+    return " ".join(origin.package) if origin.package else f"sha256 {_files[origin.path].sha256}"
+
+
+@contextmanager
+def explaining(kind: str, name: str) -> Iterator[None]:
+    """Turn an error of the code that registers a name into one that names its file and line, if it is a user's.
+
+    Raises:
+        InvalidInputError: If there is an error.
+    """
+    origin = _origins.get((kind, name))
+    if origin is None:
+        yield
+        return
+    with _errors_explained(origin.path):
+        yield
+
+
 def companion_of(task: str) -> Companion | None:
     """Return the file beside the one that defines a task in which its demonstrations are measured.
 

@@ -143,7 +143,7 @@ def read_training_set(
         ]
         return drawn_frames(wanted, recipe.eyes, workers=workers, on_drawn=on_drawn)
 
-    if seeing := recipe.family == "pixels":
+    if seeing := recipe.sees == "pixels":
         data = _with(data, draw([episode.rows[:: recipe.every] for episode in episodes]))
     if asked is None:
         return data

@@ -29,8 +29,8 @@ from betterbench.learned.checkpoint import (
     write_checkpoint,
     write_tensors,
 )
-from betterbench.learned.families import new_network
 from betterbench.learned.network import LearnerNetwork
+from betterbench.learned.networks import new_network
 from betterbench.learned.policy import Learner
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import first_difference, write_durably
@@ -38,6 +38,8 @@ from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
 from betterbench.recording.parquet import file_digest
+from betterbench.recording.run import keep_copies
+from betterbench.tasks.user_files import code_of
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
@@ -145,11 +147,15 @@ def train(
         "device": device.partition(":")[0],
         "processes": world.size,
     }
+    if (code := code_of("family", recipe.family)) is not None:
+        form["learner"] = code
     with contextlib.ExitStack() as stack:
         if world.rank == 0:
             with on_disk(out):
                 stack.enter_context(RunLock(out / LOCK_NAME))
             _keep_recipe(form, out)
+            if code is not None:
+                keep_copies(out)
             remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
@@ -187,8 +193,9 @@ class _Training:
         torch.manual_seed(recipe.seed)
         self._network = new_network(recipe, data.vocabulary)
         scales = scales_of(data)
-        for name, buffer in self._network.named_buffers():
-            buffer.copy_(torch.from_numpy(scales[name]))
+        buffers = dict(self._network.named_buffers())
+        for name in buffers.keys() & scales.keys():
+            buffers[name].copy_(torch.from_numpy(scales[name]))
         if recipe.start is not None:
             _begin_with(self._network, checkpoint_file(recipe.start), data)
         for part, parameters in self._network.parts().items():
@@ -197,6 +204,7 @@ class _Training:
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
+        self._running = {n: b for n, b in self._network.named_buffers() if n not in scales and n in self._mean}
         self._optimizer = torch.optim.AdamW(
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
@@ -251,6 +259,10 @@ class _Training:
         loss = shared(shown, actions, counted, asked)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
+        unused = next((name for name, weight in self._trained.items() if weight.grad is None), None)
+        if unused is not None:
+            problem = f"no action depends on its weights {unused}"
+            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Use them in summary, or leave them out")
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
         found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
@@ -274,16 +286,22 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Move the mean of the weights toward them; at first faster, because it began at random weights."""
+        """Move the mean of the weights toward them; at first faster, because it began at random weights.
+
+        What a learner of one's own keeps beside them, as a batch norm does, is taken over as it is.
+        """
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():
             names = list(self._trained)
             torch._foreach_lerp_(
                 [self._mean[name] for name in names], [self._trained[name].detach() for name in names], 1.0 - decay
             )
+            for name, buffer in self._running.items():
+                self._mean[name].copy_(buffer)
 
     def _about(self) -> Trained:
-        return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256)
+        code = code_of("family", self._recipe.family)
+        return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
 
     def _validate(self) -> None:
         """Add the errors per phase and a few rollouts of the mean weights to the log."""

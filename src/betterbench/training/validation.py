@@ -136,10 +136,10 @@ def rollout_trials(data: TrainingSet, count: int) -> list[TrialId]:
 def roll_out(learner: Learner, trial: TrialId, step: int) -> Rollout:
     """Let a learner act in a trial of a training condition; nothing is recorded."""
     found, recipe = resolve_condition(trial.task, trial.condition), learner.trained.recipe
-    quality = quality_preset("fast" if recipe.family == "objects" else recipe.eyes.quality)
+    quality = quality_preset("fast" if recipe.sees == "objects" else recipe.eyes.quality)
     scene = Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality)
     context = TrialContext(policy="learned")
-    if recipe.family == "objects":
+    if recipe.sees == "objects":
         text, episode = found.condition.instruction.text, episode_number(trial.seed)
         acting = LearnedPolicy("learned", learner, text, episode, execute=recipe.execute)
         record = run_episode(scene, acting, context=context).record

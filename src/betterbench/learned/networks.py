@@ -1,0 +1,28 @@
+"""The network that a recipe asks for, of whichever family."""
+
+from __future__ import annotations
+
+from betterbench.errors import InvalidInputError
+from betterbench.learned.families import family_of
+from betterbench.learned.network import LearnerNetwork, ObjectsNetwork
+from betterbench.learned.pixels import PixelsNetwork
+from betterbench.learned.recipe import TrainingRecipe
+from betterbench.learned.vocabulary import Vocabulary
+
+_OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": PixelsNetwork}
+
+
+def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
+    """Return the network that a recipe asks for, with random weights drawn by torch's own generator.
+
+    Raises:
+        InvalidInputError: If a user's file cannot make it.
+    """
+    network = (family_of(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
+    where = f"learner {recipe.family!r}"
+    if not isinstance(network, LearnerNetwork):
+        raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")
+    missing = next((part for part in recipe.frozen if part not in network.parts()), None)
+    if missing is not None:
+        raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")
+    return network
