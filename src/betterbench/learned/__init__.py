@@ -1,7 +1,7 @@
 """Learned policies: what they are shown, their networks, their checkpoints, and how a checkpoint acts.
 
-Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`address` imports
-them when they are used.
+Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`address`
+imports them when they are used.
 """
 
 from betterbench.learned.address import is_learned, is_seeing, learned_info, make_learned, make_seeing
