@@ -1,0 +1,40 @@
+"""The page about learned policies says what the studies beside it say."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+from learned_page import PAGE, STUDIES, filled, points, share
+
+
+def test_the_tables_are_those_of_the_studies():
+    text = PAGE.read_text(encoding="utf-8")
+    assert filled(text) == text
+
+
+def test_another_number_makes_another_table(tmp_path):
+    shutil.copytree(STUDIES, tmp_path, dirs_exist_ok=True)
+    study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
+    study["variations"][0]["verdict"] = "something else"
+    (tmp_path / "study.json").write_text(json.dumps(study), encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    assert "| something else |" in filled(text, tmp_path)
+
+
+def test_a_page_without_a_table_is_refused():
+    with pytest.raises(ValueError, match="doses:end"):
+        filled(PAGE.read_text(encoding="utf-8").replace("<!-- doses:end -->", ""))
+
+
+def test_figures_are_written_as_in_the_text():
+    figure = {"value": -0.004, "low": -0.421, "high": 0.124, "k": 33, "n": 40}
+    assert share({**figure, "low": 0.681, "high": 0.9054}) == "33/40 = 83 % (68 to 91)"
+    assert points(figure) == "0 (−42 to +12)"
+    assert points(None) == ""

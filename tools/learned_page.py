@@ -1,0 +1,146 @@
+"""The tables of ``docs/learned.md``, from the numbers of the studies in ``docs/study``.
+
+Run with ``python tools/learned_page.py``, after a study was copied there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from betterbench.statistics import percent
+from betterbench.tasks import Axis
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, STUDIES = DOCS / "learned.md", DOCS / "study"
+MANY = {2: "both", 3: "all three", 4: "all four", 5: "all five"}
+
+Figure = Mapping[str, Any]
+
+
+def filled(text: str, studies: Path = STUDIES) -> str:
+    """Return the text of the page with all its tables made again."""
+    study, levers, doses = (_read(studies / f"{name}.json") for name in ("study", "levers", "doses"))
+    tables = {
+        "study-arms": _arms(study),
+        "study-variations": _variations(study),
+        **{f"levers-{table['arm']}": _levers(table) for table in levers["levers"]},
+        "doses": _doses(doses),
+    }
+    for name, rows in tables.items():
+        begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
+        if text.count(begin) != 1 or text.count(end) != 1:
+            raise ValueError(f"the page needs {begin} and {end} once each")
+        pattern = re.escape(begin) + ".*?" + re.escape(end)
+        table = f"{begin}\n\n{chr(10).join(rows)}\n\n{end}"
+        text = re.sub(pattern, lambda _, table=table: table, text, flags=re.DOTALL)
+    return text
+
+
+def share(figure: Figure) -> str:
+    """Return successes of trials with their share and its interval."""
+    low, high = (_whole(figure[end]) for end in ("low", "high"))
+    return f"{_count(figure)} = {percent(figure['k'], figure['n'], digits=0)} % ({low} to {high})"
+
+
+def points(figure: Figure | None) -> str:
+    """Return a difference in points with its interval."""
+    if figure is None:
+        return ""
+    value, low, high = (_signed(figure[name]) for name in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
+
+
+def _arms(study: Mapping[str, Any]) -> list[str]:
+    tasks, arms = study["plan"]["tasks"], list(study["plan"]["arms"])
+    found = {(row["task"], row["arm"]): row for row in study["arms"] if not row["lever"]}
+    rows = []
+    for task in ("", *tasks):
+        for arm in arms:
+            row = found[task, arm]
+            name = f"`{task}`" if task else MANY.get(len(tasks), f"all {len(tasks)}")
+            rows.append([name, arm, share(row["training"]), share(row["variations"]), points(row["gap"])])
+    return _table(["task", "trained on", "training conditions", "variations", "illusion gap, points"], rows)
+
+
+def _variations(study: Mapping[str, Any]) -> list[str]:
+    arms = list(study["plan"]["arms"])
+    rows = [
+        [
+            f"`{row['task']}` {row['variation']}",
+            row["predicted"] or "no risk",
+            *(_count(row["success"][arm]) for arm in arms),
+            row["verdict"],
+        ]
+        for row in study["variations"]
+    ]
+    return _table(["variation", "predicted", *arms, "what it turned out to measure"], rows)
+
+
+def _levers(table: Mapping[str, Any]) -> list[str]:
+    axes = [axis.value for axis in Axis if any(axis.value in row["axes"] for row in table["rows"])]
+    rows = []
+    for row in table["rows"]:
+        found, against = row["found"], row["against"] or {}
+        name = found["lever"] or "as it is"
+        name += f", begins with {row['start']}" if row["start"] else ""
+        name += f", against {row['compared']}" if row["compared"] else ""
+        counted = [found["training"], *(row["axes"][axis] for axis in axes), found["variations"], found["intention"]]
+        rows.append([name, *map(_count, counted), points(against.get("success")), points(against.get("gap"))])
+    head = ["recipe", "training", *(axis.replace("_", " ") for axis in axes), "all variations", "right first target"]
+    return _table([*head, "difference, points", "of the gap"], rows)
+
+
+def _doses(study: Mapping[str, Any]) -> list[str]:
+    trained = {row["arm"]: row["training"] for row in study["arms"] if not row["task"]}
+    rows = [
+        [
+            f"{_whole(row['dose'])} %",
+            share(trained[row["arm"]]),
+            *(share(row[name]) for name in ("failure", "predicted", "exposed")),
+        ]
+        for row in study["doses"]
+        if not row["task"]
+    ]
+    head = ["demonstrations with the confounds", "training conditions", "variations that break one: failed"]
+    return _table(
+        [*head, "failures of reasoning with the predicted label", "with one that the card names"],
+        rows,
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    lines = [f"| {' | '.join(row)} |" for row in (head, *rows)]
+    return [lines[0], "|" + "---|" * len(head), *lines[1:]]
+
+
+def _count(figure: Figure) -> str:
+    return f"{figure['k']}/{figure['n']}"
+
+
+def _whole(value: float) -> str:
+    return f"{100.0 * value:.0f}"
+
+
+def _signed(value: float) -> str:
+    rounded = round(100.0 * value)
+    return f"{rounded:+d}".replace("-", "−") if rounded else "0"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    form: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return form
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    sys.stdout.write(f"wrote the tables of {PAGE}\n")
+
+
+if __name__ == "__main__":
+    main()
