@@ -6,7 +6,6 @@ Run with ``python tools/learned_page.py``, after a study was copied there.
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -35,9 +34,9 @@ def filled(text: str, studies: Path = STUDIES) -> str:
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
         if text.count(begin) != 1 or text.count(end) != 1:
             raise ValueError(f"the page needs {begin} and {end} once each")
-        pattern = re.escape(begin) + ".*?" + re.escape(end)
-        table = f"{begin}\n\n{chr(10).join(rows)}\n\n{end}"
-        text = re.sub(pattern, lambda _, table=table: table, text, flags=re.DOTALL)
+        before, _, rest = text.partition(begin)
+        lines = "\n".join(rows)
+        text = f"{before}{begin}\n\n{lines}\n\n{end}{rest.partition(end)[2]}"
     return text
 
 
