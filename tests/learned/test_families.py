@@ -7,7 +7,7 @@ from small_recipes import TINY, tiny
 
 from betterbench.errors import InvalidInputError
 from betterbench.learned import families
-from betterbench.learned.families import Capacity, family_of, learner
+from betterbench.learned.families import Capacity, learner, learner_family
 from betterbench.tasks import user_files
 from betterbench.tasks.user_files import load_task_files
 
@@ -38,7 +38,7 @@ def load(tmp_path, monkeypatch):
 def test_a_family_of_ones_own_brings_what_recipes_may_ask_for(load):
     load(MINE)
     recipe = tiny(family="mine", capacity="small", options={"depth": 3, "share": 1}, eyes={"size": 32})
-    assert (recipe.sees, recipe.size) == ("pixels", family_of("pixels").capacities["small"])
+    assert (recipe.sees, recipe.size) == ("pixels", learner_family("pixels").capacities["small"])
     assert recipe.all_options == {"pool": "max", "depth": 3, "share": 1}
     assert recipe.to_json()["options"] == {"depth": 3, "share": 1}
     assert tiny(family="mine", start="before", frozen=["trunk", "head"]).frozen == ("trunk", "head")

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.interface import PolicyInfo, episode_number
 from betterbench.json_form import parse_json
-from betterbench.learned.families import family_of
+from betterbench.learned.families import learner_family
 from betterbench.state import PrivilegedPolicy
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def is_seeing(address: str) -> bool:
         return False
     family = _family(path.absolute(), found.st_mtime_ns, found.st_size)
     try:
-        return family is not None and family_of(family).sees == "pixels"
+        return family is not None and learner_family(family).sees == "pixels"
     except UnknownNameError:
         return False
 

@@ -120,7 +120,7 @@ def learner(
     return register
 
 
-def family_of(name: str) -> Family:
+def learner_family(name: str) -> Family:
     """Return a family; UnknownNameError if there is none of that name, in users' files neither."""
     load_declared()
     if name not in _FAMILIES:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from betterbench.errors import InvalidInputError
-from betterbench.learned.families import family_of
+from betterbench.learned.families import learner_family
 from betterbench.learned.network import LearnerNetwork, ObjectsNetwork
 from betterbench.learned.pixels import PixelsNetwork
 from betterbench.learned.recipe import TrainingRecipe
@@ -18,7 +18,7 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     Raises:
         InvalidInputError: If a user's file cannot make it.
     """
-    network = (family_of(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
+    network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
         raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")

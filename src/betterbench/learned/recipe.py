@@ -12,7 +12,7 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface import observation_spec
 from betterbench.json_form import read_form, strict_form
-from betterbench.learned.families import Capacity, Option, Sees, family_of
+from betterbench.learned.families import Capacity, Option, Sees, learner_family
 
 RECIPE_VERSION: Literal[1] = 1
 """Version of how a recipe becomes weights."""
@@ -228,7 +228,7 @@ class TrainingRecipe:
         if foreign is not None:
             problem = f"the family {self.family} has no such thing"
             raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
-        parts = set(family_of(self.family).parts) - (set() if self.proprioception.given else {"state"})
+        parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
         if parts <= set(self.frozen) and self.built_in:
             raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         if self.co_training is not None and self.questions == 0:
@@ -240,7 +240,7 @@ class TrainingRecipe:
     def _require_family(self) -> None:
         """Refuse a family that there is not, and options that it does not have."""
         try:
-            family = family_of(self.family)
+            family = learner_family(self.family)
         except UnknownNameError as error:
             cure = "Pass the file that defines a learner of your own with --task-file"
             raise InvalidInputError("family", str(error).rstrip("."), cure) from error
@@ -256,7 +256,7 @@ class TrainingRecipe:
     def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
         """Return fields that mean something in one family alone, and whether they are set in another one."""
         changed, pixels = self.augmentation, self.sees == "pixels"
-        parts = family_of(self.family).parts
+        parts = learner_family(self.family).parts
         return (
             ("eyes", not pixels and self.eyes != Eyes()),
             ("augmentation.shift_px", not pixels and changed.shift_px != Augmentation().shift_px),
@@ -269,23 +269,23 @@ class TrainingRecipe:
     @property
     def size(self) -> Capacity:
         """The capacity in numbers."""
-        named = family_of(self.family).capacities
+        named = learner_family(self.family).capacities
         return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
 
     @property
     def sees(self) -> Sees:
         """What the learner is shown."""
-        return family_of(self.family).sees
+        return learner_family(self.family).sees
 
     @property
     def built_in(self) -> bool:
         """Whether the family is one of betterbench's own."""
-        return family_of(self.family).make is None
+        return learner_family(self.family).make is None
 
     @property
     def all_options(self) -> dict[str, Option]:
         """The options of the family, with their defaults where the recipe sets none."""
-        return {**family_of(self.family).options, **self.options}
+        return {**learner_family(self.family).options, **self.options}
 
     @property
     def shape(self) -> dict[str, object]:
