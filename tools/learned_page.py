@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from betterbench.statistics import percent
+from betterbench.statistics import percent, round_half_up
 from betterbench.tasks import Axis
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -122,11 +122,11 @@ def _count(figure: Figure) -> str:
 
 
 def _whole(value: float) -> str:
-    return f"{100.0 * value:.0f}"
+    return str(round_half_up(100.0 * value, 0))
 
 
 def _signed(value: float) -> str:
-    rounded = round(100.0 * value)
+    rounded = int(round_half_up(100.0 * value, 0))
     return f"{rounded:+d}".replace("-", "−") if rounded else "0"
 
 
