@@ -16,6 +16,8 @@ from betterbench.cli.main import main
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.learned import families, is_seeing
 from betterbench.learned.checkpoint import read_checkpoint
+from betterbench.learned.networks import new_network
+from betterbench.learned.policy import Learner
 from betterbench.recording import RunFolder
 from betterbench.study.learning import TrainingJob, train_learners
 from betterbench.tasks import user_files
@@ -153,6 +155,65 @@ def test_frozen_parts_of_its_own_stay_as_they_were(load, tmp_path):
     assert result.parameters == sum(p.numel() for n, p in second.named_parameters() if not n.startswith("each."))
 
 
+COUNTING = """
+import math
+
+import torch
+from torch import nn
+
+from betterbench.learned.families import learner
+from betterbench.learned.network import LearnerNetwork
+
+@learner("counting", sees="objects", parts=("normed", "word"))
+class Counting(LearnerNetwork):
+    def build(self, vocabulary):
+        width = self.recipe.size.width
+        self.word = nn.EmbeddingBag(vocabulary.sizes()[0], width)
+        self.normed = nn.Sequential(nn.Linear(10, width), nn.BatchNorm1d(width))
+        self.fixed = nn.Linear(width, width).requires_grad_(False)
+        self.register_buffer("mask", torch.full((2, 2), -math.inf))
+        self.register_buffer("count", torch.zeros(()))
+
+    def summary(self, shown, heard=None):
+        if self.training:
+            self.count = self.count + 1
+        found = self.normed(shown.tools[:, 0]) + self.word(shown.words)
+        return found + self.fixed(found) + 0.1 * torch.rand_like(found)
+"""
+
+
+def test_what_its_author_keeps_beside_the_weights_is_kept(load, tmp_path):
+    """An infinite mask, a buffer that is assigned anew, a module that build has frozen, random numbers of its own."""
+    load(COUNTING)
+    result = train(tiny(family="counting"), made_up(), tmp_path / "out")
+    network, trained = read_checkpoint(result.checkpoint)
+    assert network.count == 12
+    torch.manual_seed(0)
+    start = new_network(trained.recipe, trained.vocabulary)
+    assert torch.equal(network.fixed.weight, start.fixed.weight)
+    learner, other = Learner(network, trained), Learner(read_checkpoint(result.checkpoint)[0], trained)
+    shown, _, _ = Batches(made_up(), trained.recipe, "cpu").sample(np.array([3]), training=False)
+    assert np.array_equal(learner.chunk(shown, 5), other.chunk(shown, 5))
+    assert not np.array_equal(learner.chunk(shown, 5), learner.chunk(shown, 6))
+
+
+def test_a_frozen_batch_norm_of_its_own_stays_as_it_was(load, tmp_path):
+    load(COUNTING)
+    train(tiny(family="counting"), made_up(), tmp_path / "first")
+    recipe = tiny(family="counting", start=str(tmp_path / "first"), frozen=["normed"])
+    train(recipe, made_up(), tmp_path / "second")
+    one, other = (read_checkpoint(tmp_path / n / "checkpoint.safetensors")[0].normed for n in ("first", "second"))
+    assert all(torch.equal(a, b) for a, b in zip(one.state_dict().values(), other.state_dict().values(), strict=True))
+
+
+def test_a_start_of_other_code_is_refused(load, tmp_path):
+    load(DEEP)
+    train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "first")
+    load(DEEP.replace("amax(1)", "amin(1)"))
+    with pytest.raises(InvalidInputError, match=r"start: .*was defined by"):
+        train(tiny(**DEEP_RECIPE, start=str(tmp_path / "first")), made_up(), tmp_path / "second")
+
+
 LAST = "        return self.last(pooled)\n"
 WRONG = {
     "shape": (LAST, "        return self.last(pooled)[:, :3]\n", r"summary returns \(8, 3\) where .*\(8, 16\)"),
@@ -162,6 +223,34 @@ WRONG = {
     "no summary": ("def summary", "def sumary", "mine.py: NotImplementedError: DeepSets has no method summary"),
     "no build": ("def build", "def bild", "mine.py: NotImplementedError: DeepSets has no method build"),
     "no network": ("(LearnerNetwork)", "", "TypeError|it makes a DeepSets"),
+    "twice": (
+        "DeepSets(",
+        "DeepSets(LearnerNetwork): pass\n\n@learner('deep_sets', sees='objects')\nclass Again(",
+        "twice",
+    ),
+    "late": (LAST, "        self.late = torch.nn.Linear(16, 16)\n" + LAST, "late.bias was not there after build"),
+    "tied": (
+        "self.keep_scale(",
+        "self.tied = self.word\n        self.keep_scale(",
+        "word.weight and tied.weight are the same",
+    ),
+    "taken": ("self.last = ", "self.head = self.last = ", "'head' has a name that every learner uses"),
+    "double": (LAST, "        return self.last(pooled).double()\n", "returns torch.float64 where torch.float32"),
+    "loss": (
+        LAST,
+        LAST + "\n    def loss(self, shown, actions, counted):\n        return 1.0\n",
+        "its loss is no number",
+    ),
+    "in loss": (
+        LAST,
+        LAST + "\n    def loss(self, shown, actions, counted):\n        return 1 / 0\n",
+        r"line \d+: ZeroDiv",
+    ),
+    "answer": (
+        LAST,
+        LAST + "\n    def answer(self, *given):\n        return super().answer(*given)[:, :1]\n",
+        r"\(batch, chunk, 7\)",
+    ),
     "in build": ("self.word = ", "self.word = 1 / 0 or ", r"mine.py, line \d+: ZeroDivisionError"),
 }
 
@@ -170,9 +259,13 @@ WRONG = {
 def test_a_learner_that_is_wrong_is_one_line_that_says_where(load, tmp_path, name):
     old, new, said = WRONG[name]
     assert old in DEEP
-    load(DEEP.replace(old, new, 1))
-    with pytest.raises(InvalidInputError, match=said) as error:
+
+    def trained():
+        load(DEEP.replace(old, new, 1))
         train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "out")
+
+    with pytest.raises(InvalidInputError, match=said) as error:
+        trained()
     assert "\n" not in str(error.value)
 
 

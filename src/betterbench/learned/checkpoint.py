@@ -100,15 +100,16 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
     """
     weights, about = read_tensors(path)
+    require_code(about, str(path))
     trained = _trained(about, str(path))
-    _require_code(trained, str(path))
     if trained.action_space != ACTION_SPACE:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
-    broken = next((name for name, tensor in weights.items() if not bool(tensor.isfinite().all())), None)
+    # Buffers of one's own may be infinite, as a mask of attention is.
+    broken = next((name for name, weight in network.named_parameters() if not bool(weight.isfinite().all())), None)
     if broken is not None:
         raise InvalidInputError(str(path), f"its weights are not finite ({broken})", _CURE)
     return network.eval(), trained
@@ -154,12 +155,16 @@ def _trained(about: Mapping[str, Any], where: str) -> Trained:
     return Trained(recipe, vocabulary, step, str(data), str(space), None if code is None else str(code))
 
 
-def _require_code(trained: Trained, where: str) -> None:
-    """Refuse weights whose family is defined by other code than that with which they were trained."""
-    here = code_of("family", trained.recipe.family)
-    if here != trained.code:
-        was, now = (code or "betterbench" for code in (trained.code, here))
-        problem = f"its family {trained.recipe.family!r} was defined by {was}, and here by {now}"
+def require_code(about: Mapping[str, Any], where: str) -> None:
+    """Refuse weights whose family is defined by other code than that with which they were trained.
+
+    A family that is not there at all is refused by its name, where the recipe is read.
+    """
+    recipe, code = about.get("recipe"), about.get("code")
+    family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
+    here = code_of("family", family)
+    if here is not None and here != code:
+        problem = f"its family {family!r} was defined by {code or 'no file that was named'}, and here by {here}"
         cure = f"Pass the file that it was trained with; better train keeps a copy in {COPIES} beside the checkpoint"
         raise InvalidInputError(where, problem, cure)
 

@@ -112,6 +112,8 @@ def learner(
         if set(sizes) != set(_SIZES):
             raise InvalidInputError(where, f"its capacities are {sorted(sizes)}", f"Give {', '.join(_SIZES)}")
         made = registered("family", name, make, _FAMILIES)
+        if name in _FAMILIES and made is not make:
+            raise InvalidInputError(where, "the file defines it twice", "Rename one of the two")
         if name in _FAMILIES and _FAMILIES[name].make is None:
             raise InvalidInputError(where, "betterbench has a family of this name", "Give it another one")
         _FAMILIES[name] = Family(name, sees, dict(sizes), (*parts, _HEAD), dict(options or {}), made)

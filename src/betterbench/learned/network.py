@@ -124,6 +124,9 @@ class _Block(nn.Module):
         return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
 
 
+_TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"})
+
+
 class LearnerNetwork(nn.Module):
     """From what is shown to a chunk of normalized actions, (B, chunk, 7).
 
@@ -146,6 +149,10 @@ class LearnerNetwork(nn.Module):
         super().__init__()
         self.recipe, self.chunk, self.options = recipe, recipe.chunk, recipe.all_options
         self.build(vocabulary)
+        taken = sorted(_TAKEN & self._modules.keys())
+        if taken:
+            problem = f"its module {taken[0]!r} has a name that every learner uses"
+            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Rename it")
         width = recipe.size.width
         numbers = recipe.chunk * ACTION_NUMBERS
         extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
@@ -203,6 +210,20 @@ class LearnerNetwork(nn.Module):
             given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
             problem = f"its summary returns {given} where (batch, width) is {wanted}"
             raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
+        if found.dtype != self.action_mean.dtype:
+            problem = f"its summary returns {found.dtype} where {self.action_mean.dtype} is wanted"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert it")
+        return found
+
+    def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return what :meth:`answer` does; InvalidInputError if a user's learner raises, or returns something else."""
+        with explaining("family", self.recipe.family):
+            found = self.answer(shown, noise, heard)
+        wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)
+        if not isinstance(found, Tensor) or found.shape != wanted:
+            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            problem = f"its answer returns {given} where (batch, chunk, 7) is {wanted}"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct answer")
         return found
 
     def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
@@ -273,13 +294,10 @@ class LearnerNetwork(nn.Module):
 class TokenNetwork(LearnerNetwork):
     """A transformer over words, states and what a family sees.
 
-    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states.
-
-    Attributes:
-        own_part: Name of the part that only this family has.
+    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states. Modules
+    that :meth:`open_eyes` makes are parts of their own.
     """
 
-    own_part: str
     state: nn.ModuleDict
 
     def build(self, vocabulary: Vocabulary) -> None:
@@ -320,11 +338,11 @@ class TokenNetwork(LearnerNetwork):
 
     def parts(self) -> dict[str, list[nn.Parameter]]:
         """Return the parameters by the part of the network that recipes name."""
-        found: dict[str, list[nn.Parameter]] = {"words": [], self.own_part: [], "state": [], "trunk": [], "head": []}
+        found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
         home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
         for name, parameter in self.named_parameters():
             first = name.partition(".")[0]
-            found[home.get(first, first)].append(parameter)
+            found.setdefault(home.get(first, first), []).append(parameter)
         return found
 
     def hear(self, words: Tensor) -> Heard:
@@ -376,7 +394,6 @@ class TokenNetwork(LearnerNetwork):
 class ObjectsNetwork(TokenNetwork):
     """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
 
-    own_part = "objects"
     position_mean: Tensor
     position_scale: Tensor
 

@@ -22,6 +22,11 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
         raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")
+    held = [(name, tensor) for name, tensor in network.state_dict().items() if tensor.numel()]
+    first: dict[int, str] = {}
+    for name, tensor in held:
+        if (other := first.setdefault(tensor.data_ptr(), name)) != name:
+            raise InvalidInputError(where, f"its weights {other} and {name} are the same", "Keep them under one name")
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)
     if missing is not None:
         raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")

@@ -70,8 +70,6 @@ class PixelsNetwork(TokenNetwork):
     Deep Visuomotor Policies"). All views share the net.
     """
 
-    own_part = "eyes"
-
     def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
         """Make the convolution net and what turns its key points into a token."""
         del vocabulary

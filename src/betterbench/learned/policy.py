@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections import OrderedDict
 from pathlib import Path
@@ -20,6 +21,7 @@ from betterbench.learned.recipe import TrainingRecipe, require_asked
 from betterbench.learned.tokens import Things, moment_of, things_of, tool_numbers
 from betterbench.recording.parquet import file_digest
 from betterbench.state import WorldState
+from betterbench.tasks.user_files import explaining
 
 SeenT = TypeVar("SeenT")
 
@@ -80,8 +82,11 @@ class Learner:
         if self.trained.recipe.loss == "flow":
             drawn = np.random.default_rng(seed).standard_normal((self.network.chunk, ACTION_NUMBERS), dtype=np.float32)
             noise = self.batch(drawn)
-        with torch.inference_mode():
-            answer = self.network.answer(shown, noise, self._hear(shown.words))[0].cpu().numpy().astype(np.float64)
+        with torch.inference_mode(), contextlib.ExitStack() as stack:
+            if not self.trained.recipe.built_in:  # which may draw random numbers
+                stack.enter_context(torch.random.fork_rng(devices=[]))
+                torch.manual_seed(seed >> 1)
+            answer = self.network.act(shown, noise, self._hear(shown.words))[0].cpu().numpy().astype(np.float64)
         limited: np.ndarray = np.clip(answer, -1.0, 1.0)
         return limited
 
@@ -89,7 +94,10 @@ class Learner:
         """Return what the network makes of an instruction, which an episode asks for at each of its answers."""
         key = words.cpu().numpy().tobytes()
         heard = self._heard.pop(key, None)
-        self._heard[key] = heard = self.network.hear(words) if heard is None else heard
+        if heard is None:
+            with explaining("family", self.trained.recipe.family):
+                heard = self.network.hear(words)
+        self._heard[key] = heard
         while len(self._heard) > KEPT_INSTRUCTIONS:
             self._heard.popitem(last=False)
         return heard

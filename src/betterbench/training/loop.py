@@ -26,6 +26,7 @@ from betterbench.learned.checkpoint import (
     checkpoint_file,
     load_weights,
     read_tensors,
+    require_code,
     write_checkpoint,
     write_tensors,
 )
@@ -39,7 +40,7 @@ from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.run import keep_copies
-from betterbench.tasks.user_files import code_of
+from betterbench.tasks.user_files import code_of, explaining
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
@@ -200,11 +201,14 @@ class _Training:
             _begin_with(self._network, checkpoint_file(recipe.start), data)
         for part, parameters in self._network.parts().items():
             for parameter in parameters:
-                parameter.requires_grad_(part not in recipe.frozen)
+                if part in recipe.frozen:
+                    parameter.requires_grad_(False)
         self._network.to(device)
         self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
+        if not self._trained:
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
         self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
-        self._running = {n: b for n, b in self._network.named_buffers() if n not in scales and n in self._mean}
+        self._running = {name for name in buffers if name not in scales and name in self._mean}
         self._optimizer = torch.optim.AdamW(
             self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
         )
@@ -249,6 +253,9 @@ class _Training:
         recipe, world = self._recipe, self._world
         torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
         self._network.train()
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm stays as it is too
+            if isinstance(module := getattr(self._network, part, None), nn.Module):
+                module.eval()
         shown, actions, counted = self._batches.sample(
             self._batches.drawn(self._step, world.rank, world.size), training=True
         )
@@ -256,7 +263,10 @@ class _Training:
         if recipe.questions:
             chosen = self._batches.drawn_questions(self._step, world.rank, world.size)
             asked = self._batches.questions(chosen, training=True)
-        loss = shared(shown, actions, counted, asked)
+        with explaining("family", recipe.family):
+            loss = shared(shown, actions, counted, asked)
+        if not recipe.built_in:
+            self._require_sound(loss)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
         unused = next((name for name, weight in self._trained.items() if weight.grad is None), None)
@@ -277,6 +287,15 @@ class _Training:
         self._follow()
         return found
 
+    def _require_sound(self, loss: object) -> None:
+        """Refuse a learner of one's own whose loss is none, or that has made weights since it was built."""
+        where = f"learner {self._recipe.family!r}"
+        if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
+            raise InvalidInputError(where, "its loss is no number that its weights can be led by", "Correct loss")
+        new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
+        if new:
+            raise InvalidInputError(where, f"{new[0]} was not there after build", "Make all modules in build")
+
     def _rate(self, step: int) -> float:
         """Return the learning rate of a step, counted from 0."""
         recipe = self._recipe
@@ -296,8 +315,9 @@ class _Training:
             torch._foreach_lerp_(
                 [self._mean[name] for name in names], [self._trained[name].detach() for name in names], 1.0 - decay
             )
-            for name, buffer in self._running.items():
-                self._mean[name].copy_(buffer)
+            for name, buffer in self._network.named_buffers() if self._running else ():
+                if name in self._running:
+                    self._mean[name].copy_(buffer)
 
     def _about(self) -> Trained:
         code = code_of("family", self._recipe.family)
@@ -354,6 +374,7 @@ class _Training:
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
     """Take over the weights of a checkpoint, which has to know the same words and things."""
     weights, about = read_tensors(start)
+    require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
     if known is not None:
         problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"

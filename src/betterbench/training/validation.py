@@ -75,7 +75,7 @@ def phase_errors(
         shown, wanted, counted = batches.sample(some, training=False)
         drawn = noise_of.standard_normal((len(some), recipe.chunk, ACTION_NUMBERS), dtype=np.float32)
         with torch.inference_mode():
-            given = network.answer(shown, torch.from_numpy(drawn).to(wanted.device))
+            given = network.act(shown, torch.from_numpy(drawn).to(wanted.device))
         parts = (given.clamp(-1.0, 1.0), wanted, counted)
         apart.append(_apart(*(part[:, : recipe.execute].cpu().numpy() for part in parts)))
     errors = np.concatenate(apart)
