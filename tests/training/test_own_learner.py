@@ -301,3 +301,13 @@ def test_the_tables_name_each_field_that_is_shown():
     for name in ("words", "tools", "blind", "poses", "sizes", "categories", "colors", "pictures", "light"):
         assert f"`{name}`" in text
     assert np.all([f"`{name}`" in text for name in ("sees", "capacities", "parts", "options")])
+
+
+def test_the_command_ends_with_how_it_is_evaluated(load, tmp_path, monkeypatch, capsys):
+    load(DEEP)
+    monkeypatch.setattr("betterbench.training.data.read_training_set", lambda *_, **__: made_up())
+    words = ["capacity: {width: 16, layers: 1, heads: 1}", "family: deep_sets", "data: [x]", "steps: 2", "rollouts: 0"]
+    (tmp_path / "recipe.yaml").write_text("\n".join(words), encoding="utf-8")
+    file = str(tmp_path / "mine.py")
+    assert main(["train", str(tmp_path / "recipe.yaml"), "--task-file", file, "--out", str(tmp_path / "out")]) == 0
+    assert f"learned:{tmp_path / 'out'} --task-file {file}" in capsys.readouterr().out

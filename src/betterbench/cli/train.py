@@ -71,7 +71,7 @@ def train_command(
 
         result = train(chosen, found, out, device=device, on_progress=on_progress)
     if first:
-        _print(result, out, json=json)
+        _print(result, chosen, out, json=json)
 
 
 def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
@@ -109,8 +109,10 @@ def _about(data: TrainingSet, epochs: float) -> str:
     )
 
 
-def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
+def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: bool) -> None:
     """Print the last validation, and how the learner is evaluated."""
+    from betterbench.tasks.user_files import loaded_files
+
     log = result.log
     errors = [row for row in log.errors if row.step == log.losses[-1].step]
     rollouts = [row for row in log.rollouts if row.step == log.losses[-1].step]
@@ -148,4 +150,5 @@ def _print(result: TrainingResult, out: Path, *, json: bool) -> None:
         markup=False,
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
-    OUT.print(f"evaluate    better eval --policy learned:{out}", markup=False, soft_wrap=True)
+    files = "" if recipe.built_in else "".join(f" --task-file {file.path}" for file in loaded_files())
+    OUT.print(f"evaluate    better eval --policy learned:{out}{files}", markup=False, soft_wrap=True)
