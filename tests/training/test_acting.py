@@ -114,6 +114,15 @@ def test_a_wrong_option_is_refused(checkpoint, options, error):
         learned_info(f"learned:{checkpoint}{options}")
 
 
+def test_a_scale_that_is_not_finite_is_refused(tmp_path):
+    recipe, known = tiny(), made_up().vocabulary
+    weights = ObjectsNetwork(recipe, known).state_dict()
+    weights["tool_mean"][0] = float("nan")
+    write_checkpoint(tmp_path / "checkpoint.safetensors", weights, Trained(recipe, known, 12, "none"))
+    with pytest.raises(InvalidInputError, match=r"not finite \(tool_mean\)"):
+        learned_info(f"learned:{tmp_path}")
+
+
 @pytest.mark.parametrize("address", ["learned:", "learned:/nowhere/at/all"])
 def test_a_checkpoint_that_is_not_there_is_one_line(address, capsys):
     assert main(["eval", "--policy", address, "--out", "/nowhere/run"]) == 2

@@ -111,7 +111,7 @@ def _about(data: TrainingSet, epochs: float) -> str:
 
 def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: bool) -> None:
     """Print the last validation, and how the learner is evaluated."""
-    from betterbench.tasks.user_files import loaded_files
+    from betterbench.tasks.user_files import loading_options
 
     log = result.log
     errors = [row for row in log.errors if row.step == log.losses[-1].step]
@@ -150,5 +150,5 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: b
         markup=False,
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
-    files = "" if recipe.built_in else "".join(f" --task-file {file.path}" for file in loaded_files())
+    files = "" if recipe.built_in else loading_options()
     OUT.print(f"evaluate    better eval --policy learned:{out}{files}", markup=False, soft_wrap=True)

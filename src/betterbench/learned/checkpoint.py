@@ -109,7 +109,8 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
     # Buffers of one's own may be infinite, as a mask of attention is.
-    broken = next((name for name, weight in network.named_parameters() if not bool(weight.isfinite().all())), None)
+    finite = weights if trained.recipe.built_in else dict(network.named_parameters())
+    broken = next((name for name, tensor in finite.items() if not bool(tensor.isfinite().all())), None)
     if broken is not None:
         raise InvalidInputError(str(path), f"its weights are not finite ({broken})", _CURE)
     return network.eval(), trained

@@ -279,8 +279,12 @@ def _companion_text(path: Path) -> str | None:
 
 def options_for(tasks: Iterable[str]) -> str:
     """Return the options that load the files of tasks again, with a leading space; empty if all are built in."""
-    needed = origins_of(tasks).get("task_files")
-    return "".join(f" --task-file {path}" for path in _files) if needed else ""
+    return loading_options() if origins_of(tasks).get("task_files") else ""
+
+
+def loading_options() -> str:
+    """Return the options that load all files again that are loaded in this process, with a leading space."""
+    return "".join(f" --task-file {path}" for path in _files)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:
