@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import pytest
 from small_recipes import TINY, tiny
+from users_files import loader
 
 from betterbench.errors import InvalidInputError
-from betterbench.learned import families
 from betterbench.learned.families import Capacity, learner, learner_family
-from betterbench.tasks import user_files
-from betterbench.tasks.user_files import load_task_files
 
 MINE = """
 from betterbench.learned.families import learner
@@ -22,17 +20,7 @@ def mine(recipe, vocabulary):
 
 @pytest.fixture
 def load(tmp_path, monkeypatch):
-    """Loads a text as a user's file; what it registers is forgotten after the test."""
-    for module, name in [(families, "_FAMILIES"), *((user_files, n) for n in ("_files", "_origins", "_makers"))]:
-        monkeypatch.setattr(module, name, dict(getattr(module, name)))
-    monkeypatch.setenv(user_files.VARIABLE, "")
-
-    def load(text, name="mine.py"):
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        load_task_files([tmp_path / name])
-        return tmp_path / name
-
-    return load
+    return loader(tmp_path, monkeypatch)
 
 
 def test_a_family_of_ones_own_brings_what_recipes_may_ask_for(load):
@@ -76,7 +64,19 @@ def test_a_recipe_that_asks_for_what_a_family_does_not_have_is_one_line(load, ch
         ('"mine", sees', '"objects", sees', "betterbench itself both define it"),
         ('sees="pixels"', 'sees="sound"', "line 4.*sees 'sound'"),
         ('"mine", sees', '"", sees', "line 4.*no name"),
-        ('sees="pixels"', 'sees="pixels", capacities={"small": None}', "line 4.*capacities"),
+        ('sees="pixels"', 'sees="pixels", capacities={"small": None}', "line 4.*capacities are .'small'.*small, base"),
+        ('sees="pixels"', 'sees="pixels", capacities=["small"]', "line 4.*capacities are .'small'.*small, base"),
+        ('sees="pixels"', 'sees="pixels", capacities=3', "line 4.*capacities are 3.*small, base, large"),
+        ('sees="pixels"', 'sees="pixels", capacities=dict.fromkeys(("small", "base", "large"))', "Give a Capacity"),
+        ('parts=("eyes", "trunk")', 'parts="trunk"', "line 4.*parts are 'trunk'.*names of modules"),
+        ('parts=("eyes", "trunk")', "parts=(1,)", "line 4.*parts are .1,"),
+        ('parts=("eyes", "trunk")', "parts=None", "line 4.*parts are None"),
+        ('"depth": 2', '"depth": None', "line 4.*option 'depth' is None by default.*Give a number"),
+        ('"depth": 2', '"depth": [2]', "line 4.*option 'depth' is .2. by default"),
+        ('"depth": 2', '"depth": float("nan")', "line 4.*option 'depth' is nan by default"),
+        ('"depth": 2', "2: 2", "line 4.*options are .*Give names with defaults"),
+        ('"mine", sees', "7, sees", "line 4.*it has no name"),
+        ('"mine", sees="pixels"', '"mine", sees=["pixels"]', "line 4.*sees .'pixels'"),
     ],
 )
 def test_a_wrong_registration_names_file_and_cure(load, old, new, said):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from hypothesis import strategies as st
 from short_records import TRIALS, short_records
 from small_recipes import PIXELS, tiny
 
-from betterbench.errors import RecordError, StorageError
+from betterbench.errors import RecordError, RunConflictError, StorageError
 from betterbench.learned.eyes import looked_at
 from betterbench.recording import durable
+from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.lock import RunLock
 from betterbench.training import frames as frames_module
 from betterbench.training.data import read_training_set
 from betterbench.training.frames import FrameStore, frames_bytes, shift
@@ -96,6 +99,25 @@ def test_resumed_is_undisturbed(read, tmp_path, monkeypatch, workers):
     read(frames=tmp_path / "parts", workers=workers, on_drawn=lambda done, of: told.append((done, of)))
     assert told == [(2, 2)]
     assert files_of(tmp_path / "parts") == files_of(tmp_path / "whole")
+
+
+def test_processes_that_train_together_wait_for_who_draws_and_others_are_refused(read, tmp_path, monkeypatch):
+    frames = tmp_path / "frames"
+    with ThreadPoolExecutor() as pool, RunLock(frames / LOCK_NAME):
+        with pytest.raises(RunConflictError, match="another run"):
+            read(frames=frames)
+        monkeypatch.setenv("WORLD_SIZE", "2")
+        told = []
+        waiting = pool.submit(read, frames=frames, on_drawn=lambda done, of: told.append((done, of)))
+        read(frames=tmp_path / "elsewhere")
+        assert not waiting.done()
+        for name, data in list(files_of(tmp_path / "elsewhere").items())[:1]:
+            (frames / name).write_bytes(data)  # as the process that held the lock would
+        kept = (frames / name).stat().st_mtime_ns
+    assert waiting.result().sha256 == read(frames=frames).sha256
+    assert told == [(1, 2), (2, 2)]
+    assert (frames / name).stat().st_mtime_ns == kept
+    assert files_of(frames) == files_of(tmp_path / "elsewhere")
 
 
 @pytest.mark.parametrize("harm", ["cut", "flipped", "empty", "text", "deep"])

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -240,15 +243,57 @@ def test_a_damaged_table_is_no_reason_to_remove_the_weights(tmp_path, harm):
     assert "remove" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("rank", "size"), [("1", None), ("abc", "2"), ("-1", "2"), ("2", "2"), ("0", "0"), ("0", "many")]
-)
-def test_an_environment_without_sense_is_one_line(tmp_path, monkeypatch, rank, size):
-    monkeypatch.setenv("RANK", rank)
-    if size is not None:
-        monkeypatch.setenv("WORLD_SIZE", size)
-    with pytest.raises(InvalidInputError, match=f"RANK={rank} and WORLD_SIZE={size or 1}.*torchrun"):
-        train(tiny(), made_up(), tmp_path / "out")
+TOGETHER = """
+import dataclasses, sys
+from pathlib import Path
+from made_up import made_up
+from small_recipes import tiny
+from betterbench.training.batches import Batches
+from betterbench.training.loop import train
+
+out, stop, changes = Path(sys.argv[1]), int(sys.argv[2]), eval(sys.argv[3])
+before = Batches.drawn
+
+def drawn(self, step, *rest):
+    if step == stop:
+        raise SystemExit(3)
+    return before(self, step, *rest)
+
+Batches.drawn = drawn
+train(tiny(**changes), made_up(), out)
+"""
+
+
+def together(tmp_path, out, *, stop=-1, **changes):
+    """Trains in two processes that torch's launcher starts."""
+    script = tmp_path / "together.py"
+    script.write_text(TOGETHER)
+    launcher = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    path = os.pathsep.join(dict.fromkeys(p for p in sys.path if p))
+    return subprocess.run(
+        [*launcher, script, out, str(stop), repr(changes)],
+        check=False, capture_output=True, text=True, timeout=300, env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+
+
+def weights(out):
+    return read_checkpoint(out / "checkpoint.safetensors")[0].state_dict()
+
+
+def test_two_processes_train_as_one_and_resume(tmp_path):
+    changes = {"augmentation": {}, "proprioception": {}}
+    assert together(tmp_path, tmp_path / "whole", **changes).returncode == 0
+    assert together(tmp_path, tmp_path / "parts", stop=9, **changes).returncode != 0
+    assert together(tmp_path, tmp_path / "parts", **changes).returncode == 0
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    train(tiny(**changes), made_up(), tmp_path / "alone")
+    torch.manual_seed(tiny().seed)
+    start = new_network(tiny(**changes), made_up().vocabulary).state_dict()
+    both, alone = (weights(tmp_path / name) for name in ("whole", "alone"))
+    way = max(float((start[name] - alone[name]).abs().max()) for name in alone)
+    assert max(float((both[name] - alone[name]).abs().max()) for name in alone) < 0.05 * way
+    with pytest.raises(RunConflictError, match=r"processes is 2 there and 1 here. Go on with as many processes,"):
+        train(tiny(**changes), made_up(), tmp_path / "whole")
 
 
 @pytest.mark.parametrize("step", [-1, 1.5, "x", float("inf"), True])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 
@@ -11,17 +12,17 @@ import torch
 from asked import with_questions
 from made_up import made_up, pictured
 from small_recipes import tiny
+from users_files import loader
 
 from betterbench.cli.main import main
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.learned import families, is_seeing
+from betterbench.learned import is_seeing
 from betterbench.learned.checkpoint import read_checkpoint
 from betterbench.learned.networks import new_network
 from betterbench.learned.policy import Learner
 from betterbench.recording import RunFolder
 from betterbench.study.learning import TrainingJob, train_learners
 from betterbench.tasks import user_files
-from betterbench.tasks.user_files import load_task_files
 from betterbench.training.batches import Batches
 from betterbench.training.loop import train
 
@@ -56,18 +57,8 @@ class StoppedError(Exception):
 
 @pytest.fixture
 def load(tmp_path, monkeypatch):
-    """Loads a text as a user's file, in place of what this loaded before; all is forgotten after the test."""
-    names = [(families, "_FAMILIES"), *((user_files, name) for name in ("_files", "_origins", "_makers"))]
-    before = [(module, name, dict(getattr(module, name))) for module, name in names]
-    monkeypatch.setenv(user_files.VARIABLE, "")
-
-    def load(text, name="mine.py"):
-        for module, held, values in before:
-            monkeypatch.setattr(module, held, dict(values))
-        (tmp_path / name).write_text(text, encoding="utf-8")
-        load_task_files([tmp_path / name])
-
-    return load
+    """Loads a text as a user's file, in place of what this loaded before."""
+    return functools.partial(loader(tmp_path, monkeypatch), anew=True)
 
 
 def files(out: Path) -> dict[str, bytes]:
@@ -131,7 +122,7 @@ def test_weights_are_used_with_the_code_that_they_were_trained_with(load, tmp_pa
     load(DEEP.replace("amax(1)", "amin(1)"))
     with pytest.raises(InvalidInputError, match=r"was defined by sha256 .*task_files"):
         read_checkpoint(result.checkpoint)
-    with pytest.raises(BetterError, match=r"another training: .*learner"):
+    with pytest.raises(BetterError, match=r"another training: .*learner.*Go on with the learner.s file as it was"):
         train(tiny(**DEEP_RECIPE), made_up(), tmp_path / "out")
     load("")
     with pytest.raises(InvalidInputError, match=r"Unknown family 'deep_sets'.*--task-file"):
@@ -251,6 +242,11 @@ WRONG = {
         LAST + "\n    def answer(self, *given):\n        return super().answer(*given)[:, :1]\n",
         r"\(batch, chunk, 7\)",
     ),
+    "sparse": ("nn.Embedding(words, width)", "nn.Embedding(words, width, sparse=True)", "of word.weight is sparse"),
+    "lazy": ("self.last = ", "self.lazy = torch.nn.LazyLinear(3)\n        self.last = ", "lazy.weight is not known"),
+    "extra": (LAST, LAST + "\n    def get_extra_state(self):\n        return {}\n", "is no tensor"),
+    "scale": ('"position", 3', '"position", 4', r"no scale 'position' of 4 numbers .*\(\"position\", 3\)"),
+    "name of scale": ('"position", 3', '"tools", 3', "no scale 'tools' of 3"),
     "in build": ("self.word = ", "self.word = 1 / 0 or ", r"mine.py, line \d+: ZeroDivisionError"),
 }
 

@@ -5,9 +5,10 @@ Nothing here needs torch: :mod:`networks` makes the network of a family.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, TypeVar
+from math import isfinite
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 from pydantic import Field
 
@@ -20,6 +21,7 @@ Sees = Literal["objects", "pixels"]
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 
+_SEES = get_args(Sees)
 _SIZES = ("small", "base", "large")
 _HEAD = "head"
 
@@ -105,21 +107,41 @@ def learner(
 
     def register(make: MakerT) -> MakerT:
         where = f"learner {name!r}"
-        if not name or sees not in _FAMILIES:
-            problem = f"it has no name, or sees {sees!r}"
-            raise InvalidInputError(where, problem, 'Write @learner("mine", sees="objects") or sees="pixels"')
-        sizes = _FAMILIES[sees].capacities if capacities is None else capacities
-        if set(sizes) != set(_SIZES):
-            raise InvalidInputError(where, f"its capacities are {sorted(sizes)}", f"Give {', '.join(_SIZES)}")
+        sizes = _FAMILIES[sees].capacities if capacities is None and sees in _SEES else capacities
+        wrong = next(_wrong(name, sees, sizes, parts, {} if options is None else options), None)
+        if wrong is not None:
+            raise InvalidInputError(where, *wrong)
         made = registered("family", name, make, _FAMILIES)
         if name in _FAMILIES and made is not make:
             raise InvalidInputError(where, "the file defines it twice", "Rename one of the two")
         if name in _FAMILIES and _FAMILIES[name].make is None:
             raise InvalidInputError(where, "betterbench has a family of this name", "Give it another one")
-        _FAMILIES[name] = Family(name, sees, dict(sizes), (*parts, _HEAD), dict(options or {}), made)
+        _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)
         return make
 
     return register
+
+
+def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong about a registration in a user's file, with its cure."""
+    if not isinstance(name, str) or not name or sees not in _SEES:
+        yield f"it has no name, or sees {sees!r}", 'Write @learner("mine", sees="objects") or sees="pixels"'
+    if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
+        yield f"its capacities are {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
+    elif not all(isinstance(size, Capacity) for size in capacities.values()):
+        yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity for each"
+    if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):
+        yield f"its parts are {parts!r}", 'Give the names of modules: parts=("trunk",)'
+    if not isinstance(options, Mapping) or not all(isinstance(option, str) for option in options):
+        yield f"its options are {options!r}", 'Give names with defaults: options={"depth": 2}'
+        return
+    for option, default in options.items():
+        if not isinstance(default, bool | int | float | str) or (isinstance(default, float) and not isfinite(default)):
+            yield f"its option {option!r} is {default!r} by default", "Give a number, a word, True or False"
+
+
+def _listed(given: object) -> str:
+    return repr(list(given) if isinstance(given, Iterable) else given)
 
 
 def learner_family(name: str) -> Family:

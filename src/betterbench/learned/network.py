@@ -124,6 +124,7 @@ class _Block(nn.Module):
         return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
 
 
+_SCALES = {"tool": TOOL_NUMBERS, "position": 3, "action": ACTION_NUMBERS}
 _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"})
 
 
@@ -196,8 +197,13 @@ class LearnerNetwork(nn.Module):
     def keep_scale(self, name: str, count: int) -> None:
         """Keep mean and scale of numbers of the training data beside the weights.
 
-        These are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always kept.
+        These are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always kept. Raises
+        InvalidInputError for others, of which the training data tell none.
         """
+        if _SCALES.get(name) != count:
+            known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
+            problem = f"no scale {name!r} of {count} numbers is known of the training data"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, f"Keep one of {known}")
         self.register_buffer(f"{name}_mean", torch.zeros(count))
         self.register_buffer(f"{name}_scale", torch.ones(count))
 

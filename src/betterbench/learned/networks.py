@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from torch import Tensor
+from torch.nn.parameter import UninitializedTensorMixin
+
 from betterbench.errors import InvalidInputError
 from betterbench.learned.families import learner_family
 from betterbench.learned.network import LearnerNetwork, ObjectsNetwork
@@ -22,9 +25,14 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
     where = f"learner {recipe.family!r}"
     if not isinstance(network, LearnerNetwork):
         raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")
-    held = [(name, tensor) for name, tensor in network.state_dict().items() if tensor.numel()]
     first: dict[int, str] = {}
-    for name, tensor in held:
+    for name, tensor in network.state_dict().items():
+        if not isinstance(tensor, Tensor):
+            raise InvalidInputError(where, f"it keeps {name}, which is no tensor", "Keep it as a buffer or an option")
+        if isinstance(tensor, UninitializedTensorMixin):
+            raise InvalidInputError(where, f"the shape of its {name} is not known", "Use modules that are not lazy")
+        if not tensor.numel():
+            continue
         if (other := first.setdefault(tensor.data_ptr(), name)) != name:
             raise InvalidInputError(where, f"its weights {other} and {name} are the same", "Keep them under one name")
     missing = next((part for part in recipe.frozen if part not in network.parts()), None)

@@ -40,14 +40,17 @@ class RunLock:
     """An exclusive lock on a run folder that dies with the process that took it.
 
     The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
-    the lock is held do not keep it alive. Raises RunConflictError if somebody else holds the lock.
+    the lock is held do not keep it alive. Raises RunConflictError if somebody else holds the lock, unless it ``waits``.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, waits: bool = False) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._handle: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         try:
-            _lock_exclusively(self._handle)
+            if waits:
+                fcntl.flock(self._handle, fcntl.LOCK_EX)
+            else:
+                _lock_exclusively(self._handle)
         except OSError as error:
             holder = os.pread(self._handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
             self._close()

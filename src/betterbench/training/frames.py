@@ -29,6 +29,7 @@ from betterbench.recording.item_threads import in_threads
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
 from betterbench.recording.metadata import dump_json
+from betterbench.training.processes import TrainingProcesses
 
 FRAMES_VERSION = 1
 """Version of how a record becomes frames, and of the files that hold them."""
@@ -112,10 +113,17 @@ def _draw(
         with on_disk(file):
             write_durably(file, frames_bytes(frames))
 
-    with on_disk(folder), RunLock(folder / LOCK_NAME):
+    with on_disk(folder), RunLock(folder / LOCK_NAME, waits=TrainingProcesses.here().size > 1):
         remove_parts(folder)
+        # A process that trains together with this one may have drawn them while this one waited.
+        there = {file for file in missing if _EpisodeFrames.open(file) is not None}
+        for file in there:
+            on_done((file, missing[file]))
         # Neighbors share a scene, which takes longer to open than a picture to draw.
-        waiting = sorted(missing.items(), key=lambda item: (item[1].record.metadata.scene_hash, item[0]))
+        waiting = sorted(
+            ((file, item) for file, item in missing.items() if file not in there),
+            key=lambda item: (item[1].record.metadata.scene_hash, item[0]),
+        )
         in_threads(
             waiting, work, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality), on_done=on_done
         )

@@ -6,10 +6,10 @@ import contextlib
 import hashlib
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,7 @@ from betterbench.tasks.user_files import code_of, explaining
 from betterbench.training.batches import Batches
 from betterbench.training.curves import Log, LossRow
 from betterbench.training.data import TrainingSet, scales_of
+from betterbench.training.processes import TrainingProcesses
 from betterbench.training.validation import phase_errors, right_answers, roll_out, rollout_trials
 
 STATE_NAME = "state.safetensors"
@@ -53,6 +54,15 @@ _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
 _BETAS = (0.9, 0.95)
 _STATE_CURE = "Train into another folder, or put the file back"
+_SAME = {
+    "torch": "that version of torch",
+    "device": "that --device",
+    "processes": "as many processes",
+    "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
+}
+"""What another training differs in beside recipe and data, as what one has to go on with."""
+_PATIENCE = timedelta(hours=6)
+"""How long processes wait for the first one, which alone validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,27 +83,6 @@ class TrainingProgress:
 
 
 OnTraining = Callable[[TrainingProgress], None]
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingProcesses:
-    """The processes that train together, and which of them this is, as ``torchrun`` says in the environment."""
-
-    rank: int = 0
-    size: int = 1
-
-    @classmethod
-    def here(cls) -> TrainingProcesses:
-        """Return what the environment says; one process alone if it says nothing.
-
-        Raises InvalidInputError if what it says makes no sense.
-        """
-        said = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
-        rank, size = (int(text) if text.isascii() and text.isdecimal() and len(text) < 7 else -1 for text in said)
-        if not 0 <= rank < size:
-            problem = f"RANK={said[0]} and WORLD_SIZE={said[1]} are no process and number of processes"
-            raise InvalidInputError("the environment", problem, "Start it under torchrun, or unset both")
-        return cls(rank, size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +149,7 @@ def train(
             remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
-        return _Training(recipe, data, out, device, world, identity=_identity(form)).run(on_progress)
+        return _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
 
 
 def require_place(out: Path, device: str) -> None:
@@ -168,8 +157,7 @@ def require_place(out: Path, device: str) -> None:
 
     Raises RunConflictError or InvalidInputError.
     """
-    TrainingProcesses.here()
-    _require_device(device)
+    _require_device(TrainingProcesses.here().device(device))
     others = [p for p in out.iterdir() if not p.name.endswith(PART_SUFFIX)] if out.is_dir() else []
     if not (out / _RECIPE_NAME).exists() and any(p.name != LOCK_NAME for p in others):
         raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
@@ -269,10 +257,12 @@ class _Training:
             self._require_sound(loss)
         self._optimizer.zero_grad(set_to_none=True)
         loss.backward()
-        unused = next((name for name, weight in self._trained.items() if weight.grad is None), None)
-        if unused is not None:
-            problem = f"no action depends on its weights {unused}"
-            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Use them in summary, or leave them out")
+        for name, weight in self._trained.items():
+            where = f"learner {recipe.family!r}"
+            if weight.grad is None:
+                raise InvalidInputError(where, f"no action depends on its weights {name}", "Use or remove them")
+            if weight.grad.is_sparse:
+                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Make it dense")
         norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
         found = [float(loss.detach()), float(norm)]
         if not all(math.isfinite(value) for value in found):
@@ -390,9 +380,10 @@ def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
         there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
         found = first_difference(_wherever(there), _wherever(form), "training")
         if found is not None:
+            same = _SAME.get(found[0].split(".")[1], "the same recipe and data")
             raise RunConflictError(
                 f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
-                "Give the same recipe and data to resume it, or choose another folder."
+                f"Go on with {same}, or choose another folder."
             )
         if there == form:
             return
@@ -442,7 +433,9 @@ def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
     if world.size == 1:
         yield
         return
-    torch.distributed.init_process_group("nccl" if device.startswith("cuda") else "gloo")
+    if device.startswith("cuda"):
+        torch.cuda.set_device(world.device(device))
+    torch.distributed.init_process_group("nccl" if device.startswith("cuda") else "gloo", timeout=_PATIENCE)
     try:
         yield
     finally:
