@@ -141,6 +141,11 @@ def seeing(tmp_path_factory) -> Path:
     return out
 
 
+def test_a_checkpoint_that_is_not_there_is_said_before_a_client_comes(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"checkpoint.safetensors: cannot be read"):
+        open_server(f"learned:{tmp_path}", port=0)
+
+
 def test_a_learner_of_pixels_sees_observations_of_its_cameras(seeing, checkpoint):
     address = f"learned:{seeing}"
     assert is_seeing(address)

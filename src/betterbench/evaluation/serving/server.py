@@ -19,6 +19,7 @@ from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
 from betterbench.interventions import resolve_condition
+from betterbench.learned import is_learned, learned_info
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
@@ -74,7 +75,8 @@ def open_server(
             for all other clients.
 
     Raises:
-        InvalidInputError: If an option is out of range, the policy cannot be served, or the port cannot be had.
+        InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
+            damaged, or the port cannot be had.
         UnknownNameError: If there is no such policy, task, condition or preset.
     """
     if not 1 <= chunk <= MAX_CHUNK:
@@ -93,6 +95,8 @@ def open_server(
         raise InvalidInputError(
             "--layout", f"{policy} is no expert, and is asked in the layouts native and openpi_libero", "Leave it out"
         )
+    if is_learned(policy):
+        learned_info(policy)  # a checkpoint that is missing or damaged is said now, and not to the first client
     if is_privileged(policy):
         shadows = ShadowSimulations(policy)
         adapter = None if layout in (None, NATIVE.name) else preset(layout)
