@@ -25,7 +25,7 @@ from betterbench.tasks.suite.dinner_plates import (
 
 CROSSED = (
     "red and blue plates stand in each slot, with the white plate at either position",
-    "the word white goes with the white plate as the target and with the red one",
+    "the word white goes with the white plate as the target and with the red one, with each slot of the blue plate",
     "three plates at the start, or the two that are asked for",
 )
 ON_THE_STACK = replace(BLUE_ON_RED, text="Put the blue plate on the red plate that stands on the white plate.")
@@ -38,14 +38,15 @@ def balanced_dinner_plates() -> list[Condition]:
     trained = {RED: LEFT_BACK, BLUE: LEFT_FRONT, **right}
     found = [a.condition(trained, RED_ON_WHITE), a.condition({RED: LEFT_FRONT, **right}, RED_ON_WHITE)]
     found += [a.condition(trained, BLUE_ON_WHITE), a.condition({BLUE: LEFT_BACK, **right}, BLUE_ON_WHITE)]
-    found += [_stacked(slot, STAND_RIGHT) for slot in (LEFT_FRONT, LEFT_BACK)]
+    for slot in (LEFT_FRONT, LEFT_BACK):
+        found += _stacked(slot, STAND_RIGHT)
     for red, blue in MIDDLE:
         layout = {RED: red, BLUE: blue, WHITE: STAND_MIDDLE}
-        found += [a.condition(layout, RED_ON_WHITE), a.condition(layout, BLUE_ON_WHITE), _stacked(blue, STAND_MIDDLE)]
+        found += [a.condition(layout, RED_ON_WHITE), a.condition(layout, BLUE_ON_WHITE), *_stacked(blue, STAND_MIDDLE)]
     return found
 
 
-def _stacked(blue: a.Slot, white: a.Slot) -> Condition:
-    asked = ON_THE_STACK if blue in (LEFT_FRONT, RIGHT_BACK) else BLUE_ON_RED
+def _stacked(blue: a.Slot, white: a.Slot) -> list[Condition]:
+    """Return the stack to be built on, asked for in either way."""
     layout = {RED: LEFT_BACK if blue is not LEFT_BACK else LEFT_FRONT, BLUE: blue, WHITE: white}
-    return a.condition(layout, asked, preplaced={RED: WHITE})
+    return [a.condition(layout, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]

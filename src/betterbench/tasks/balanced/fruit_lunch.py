@@ -21,25 +21,31 @@ from betterbench.tasks.suite.fruit_lunch import (
 CROSSED = (
     "the three fruits lie in the three slots in every order",
     "the apple comes first, second or not at all",
-    "three fruits at the start, or the two that are asked for",
+    "the orange and the lemon come first, second or alone",
+    "three fruits at the start, or one less that is not asked for",
 )
 ORANGE_APPLE = pack("the orange into the lunchbox, then the apple", ORANGE, APPLE)
 LEMON_APPLE = pack("the lemon into the lunchbox, then the apple", LEMON, APPLE)
-LEMON_ORANGE = pack("the lemon into the lunchbox, then the orange", LEMON, ORANGE)
+ORANGE_ALONE, LEMON_ALONE = (
+    pack("the orange into the lunchbox", ORANGE),
+    pack("the lemon into the lunchbox", LEMON),
+)
 ASKED = (
     (APPLE_ORANGE, LEMON),
     (APPLE_LEMON, ORANGE),
     (ORANGE_APPLE, LEMON),
     (LEMON_APPLE, ORANGE),
-    (LEMON_ORANGE, APPLE),
+    (ORANGE_ALONE, LEMON),
+    (LEMON_ALONE, ORANGE),
 )
 
 
 def balanced_fruit_lunch() -> list[Condition]:
-    """Return six layouts with five instructions each; the unasked fruit is left out of one in four.
+    """Return six layouts with six instructions each; an unasked fruit is left out of one in four.
 
-    So the other fruit is mostly there, and only the words tell which ones are meant. Of the six orders of two fruits
-    only that of R1 is never asked for. The start of L1 is among those that are left incomplete.
+    So the other fruits are mostly there, and only the words tell which ones are meant. Orange and lemon together are
+    what R1 asks for, one after the other; only the other order of the two would be left, and would be a rule. So a
+    lunch without an apple is one of them alone. The start of L1 is among those that are left incomplete.
     """
     found = []
     for number, slots in enumerate(itertools.permutations((FIRST, SECOND, THIRD))):

@@ -18,7 +18,7 @@ from betterbench.tasks.suite.seasoning_rack import (
 )
 
 CROSSED = (
-    "each jar stands in each slot equally often",
+    "each jar stands in each slot equally often, with each sentence too",
     "each jar goes into each hole equally often, alone and with another one",
     "each jar comes first or second; all jars on the table, or one that is not asked for left out",
 )
@@ -26,16 +26,18 @@ JARS, SLOTS = (SALT, PEPPER, PAPRIKA), (FIRST, SECOND, THIRD)
 
 
 def balanced_seasoning_rack() -> list[Condition]:
-    """Return each jar alone into each hole, and each ordered pair into two holes, in cyclic layouts."""
+    """Return each jar alone into each hole, and each ordered pair into two holes, each in three cyclic layouts.
+
+    So no sentence tells where its jars stand.
+    """
     holes = tuple(HOLES)
     found = []
-    for shift in range(3):
+    for shift, turn in itertools.product(range(3), repeat=2):
         into = {jar: holes[(place + shift) % 3] for place, jar in enumerate(JARS)}
         asked = [(jar,) for jar in JARS] + list(itertools.permutations(JARS, 2))
         for number, jars in enumerate(asked):
-            turn = (number + shift) % 3
             layout = {jar: SLOTS[(place + turn) % 3] for place, jar in enumerate(JARS)}
-            if (number // 3 + shift) % 2:
+            if (number + shift + turn) % 2:
                 del layout[next(jar for jar in JARS if jar not in jars)]
             found.append(a.condition({**layout, RACK: STAND}, insert(*((jar, into[jar]) for jar in jars))))
     return found
