@@ -10,10 +10,10 @@ from tests.vqa.small import SIZE, small_run
 
 from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.llm import ScriptedChat
-from betterbench.vqa.asking import ask_set
+from betterbench.vqa.asking import ask_set, read_answers
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.freeform import ModelText, StateClaim, describe_images, facts_of, parsed_texts, why_dropped
@@ -97,11 +97,70 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
     assert known["model"] == "wise"
     assert sum(x["counts"]["knows_and_does_not"] for x in known["labels"]) >= 1
     assert main(line) == 0
-    assert "it knew the right decision in 1 (somebody" in " ".join(capsys.readouterr().out.split())
+    assert "it knew the right decision in 1 (somebody who sees no image" in " ".join(capsys.readouterr().out.split())
     assert main(["report", str(failing.path), "--films", "0", "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "index.html").read_text()
     assert "Does it know what it fails to do?" in page
     assert "wise" in page
+
+
+def test_what_was_not_answered_yet_is_not_asked_and_not_kept(failing, decisive, tmp_path, capsys):
+    diagnosis, whole = diagnose_run(failing), answered(decisive, tmp_path, lambda q: q.reply, "wise")
+    known = knowledge_of(diagnosis, decisive, whole)
+    assert known.is_complete
+    file = tmp_path / "wise.jsonl"
+    line = ["diagnose", str(failing.path), "--answers", str(file), "--questions", str(decisive.path)]
+    assert main(line) == 0
+    kept = (failing.path / "knowledge.json").read_bytes()
+    lines = file.read_text().splitlines()
+    failed = next(t for t in diagnosis.trials if not t.success).trial_id
+    some = [x for x, q in zip(lines[1:], decisive.questions, strict=True) if q.source.trial != failed]
+    file.write_text("\n".join(["\ufeff" + lines[0], *some]) + "\n", encoding="utf-8")
+    part = knowledge_of(diagnosis, decisive, read_answers(file, decisive))
+    assert (part.asked, part.answered) == (known.asked, len(some))
+    assert not part.is_complete
+    assert {t.standing for t in part.trials if not t.success} == {KnowledgeStanding.NOT_ASKED}
+    assert all(t.standing is KnowledgeStanding.KNOWS_AND_DOES for t in part.trials if t.success)
+    capsys.readouterr()
+    assert main(line) == 0
+    told = capsys.readouterr()
+    missing = known.asked - len(some)
+    assert f"{missing} of {known.asked} questions about this run have no answer" in " ".join(told.out.split())
+    assert "Not stored for the report" in told.err
+    assert (failing.path / "knowledge.json").read_bytes() == kept
+    file.write_text(lines[0] + "\n")
+    with pytest.raises(InvalidInputError, match="'wise': none is to a question"):
+        knowledge_of(diagnosis, decisive, read_answers(file, decisive))
+
+
+def test_chance_is_what_the_words_alone_give_away(failing, decisive, tmp_path, monkeypatch):
+    diagnosis, whole = diagnose_run(failing), answered(decisive, tmp_path, lambda q: q.reply, "wise")
+    guessed = {t.key: t.chance for t in knowledge_of(diagnosis, decisive, whole).trials}
+    monkeypatch.setattr("betterbench.vqa.knowing.blind_right", lambda questions, _: [True] * len(questions))
+    assert {t.chance for t in knowledge_of(diagnosis, decisive, whole).trials} == {1.0}
+    monkeypatch.setattr("betterbench.vqa.knowing.blind_right", lambda questions, _: [False] * len(questions))
+    least = {t.key: t.chance for t in knowledge_of(diagnosis, decisive, whole).trials}
+    assert all(0.0 < least[key] <= guessed[key] <= 1.0 for key in guessed)
+
+
+@pytest.mark.parametrize("model", ["", " ", "a\nb", "x" * 201, "a\x1b[2J"])
+def test_a_name_that_no_table_can_show_is_refused(decisive, tmp_path, model):
+    file = tmp_path / "answers.jsonl"
+    file.write_text(json.dumps({"model": model, "set_sha256": decisive.sha256}) + "\n")
+    with pytest.raises(RecordError, match=r"line 1: model: .*printable") as error:
+        read_answers(file, decisive)
+    assert "\n" not in str(error.value)
+
+
+def test_more_answers_than_questions_and_a_missing_set_are_one_line(failing, decisive, tmp_path, capsys):
+    file = tmp_path / "answers.jsonl"
+    head = json.dumps({"model": "x", "set_sha256": decisive.sha256})
+    many = (json.dumps({"id": str(i), "text": "Yes"}) for i in range(len(decisive.questions) + 1))
+    file.write_text("\n".join([head, *many]))
+    with pytest.raises(InvalidInputError, match=r"answers to the [\d,]+ questions of"):
+        read_answers(file, decisive)
+    assert main(["diagnose", str(failing.path), "--answers", str(file)]) == 2
+    assert "--questions: there is no set of questions beside" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_set_of_another_kind_is_refused(failing, made, tmp_path):

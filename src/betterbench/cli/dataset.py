@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -49,7 +50,8 @@ def dataset_command(
         suite: Suite to take the tasks from.
         regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
-        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0 if all.
+        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0 if all. Of pairs
+            the expert gives all.
         seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; the label has none.
         validation: Share of the seeds whose demonstrations are for validation.
@@ -64,6 +66,8 @@ def dataset_command(
     from betterbench.tasks import suite_tasks
 
     chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
+    if expect is not None and not re.fullmatch("[0-9a-f]{64}", expect):
+        raise InvalidInputError("--expect", f"{expect!r} is no hash of a set", "Give the 64 digits that were printed")
     recipe = SetRecipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
     began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
+from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -104,13 +105,18 @@ def _knowledge(
 ) -> Knowledge:
     """Return what the model that answered knows of the run, and store it for the report."""
     from betterbench.vqa.asking import read_answers
-    from betterbench.vqa.dataset import read_set
+    from betterbench.vqa.dataset import SET_NAME, read_set
     from betterbench.vqa.knowing import knowledge_of, store_knowledge
 
+    if questions is None and not (answers.absolute().parent / SET_NAME).exists():
+        problem = f"there is no set of questions beside {answers}"
+        raise InvalidInputError("--questions", problem, "Give the folder of the set that was answered")
     asked = read_set(answers.absolute().parent if questions is None else questions)
     asked.require_about(folder)
     known = knowledge_of(result, asked, read_answers(answers, asked))
-    if not keep:
+    if not known.is_complete:
+        say("Not stored for the report: not every question has an answer yet. Ask the rest with better vqa SET --ask.")
+    elif not keep:
         try:
             store_knowledge(folder, known)
         except OSError as error:

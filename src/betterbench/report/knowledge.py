@@ -52,7 +52,7 @@ def knowledge_view(known: Knowledge) -> KnowledgeView:
         known.model,
         known.policy,
         known.sentence,
-        ("trials", "knows", "by guessing", *COLUMNS.values()),
+        ("trials", "knows", "without image", *COLUMNS.values()),
         tuple(_row(entry) for entry in known.labels),
         tuple(f"{role} {counted(rate)}" for role, rate in known.roles.items()),
         failures,

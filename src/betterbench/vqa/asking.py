@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,6 +21,7 @@ from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
 
+_LONGEST_NAME = 200
 MOST_AT_ONCE = 256
 """Most requests at the same time."""
 
@@ -62,6 +64,12 @@ class AnswersHead:
     set_sha256: str
     coordinates: Coordinates = "pixels"
 
+    def __post_init__(self) -> None:
+        """Refuse a name that tables and sentences cannot show."""
+        if not self.model.strip() or not self.model.isprintable() or len(self.model) > _LONGEST_NAME:
+            problem = f"{one_line(self.model, most=60)!r} is no name of up to {_LONGEST_NAME} printable characters"
+            raise InvalidInputError("model", problem, "Give the name of the model in one line")
+
 
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
 _CURE = "Correct the line, or delete the file and ask again"
@@ -73,6 +81,10 @@ class Answers:
 
     head: AnswersHead
     answers: dict[str, ModelAnswer]
+
+    def has(self, question: Question) -> bool:
+        """Tell whether the model was asked a question, even if it said nothing."""
+        return question.id in self.answers
 
     def right(self, question: Question) -> bool:
         """Tell whether a question was answered right."""
@@ -198,15 +210,18 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
     """
     cure = _CURE if file.exists() else "Name the file that better vqa SET --ask wrote"
     raw = read_bounded(file, max_bytes=MAX_BYTES, cure=cure, raises=RecordError)
-    lines = [line for line in raw.split(b"\n") if line.strip()]
+    lines = [line for line in raw.removeprefix(codecs.BOM_UTF8).split(b"\n") if line.strip()]
     if not lines:
         raise RecordError(f"{file}: is empty. {_CURE}.")
+    if len(lines) > len(asked.questions) + 1:
+        problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
+        raise InvalidInputError(str(file), problem, "Name the answers to that set, one to a question")
     found = _parsed(lines, file)
     if found.head.set_sha256 != asked.sha256:
         raise InvalidInputError(str(file), f"its answers are to another set than {asked.path}", "Name that set")
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
-        raise RecordError(f"{file}: answers {one_line(min(unknown))}, which the set does not ask. {_CURE}.")
+        raise RecordError(f"{file}: answers {one_line(min(unknown), most=80)}, which the set does not ask. {_CURE}.")
     return found
 
 
@@ -217,7 +232,7 @@ def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
     for number, line in enumerate(lines[1:], start=2):
         answer = read_form(_ANSWER, line, where=f"{where} {number}", cure=_CURE, raises=RecordError)
         if answer.id in answers:
-            raise RecordError(f"{where} {number}: {one_line(answer.id)} was answered before. {_CURE}.")
+            raise RecordError(f"{where} {number}: {one_line(answer.id, most=80)} was answered before. {_CURE}.")
         answers[answer.id] = answer
     return Answers(head, answers)
 

@@ -69,7 +69,7 @@ def baselines(questions: Sequence[Question], turns: Sequence[int]) -> list[Basel
         questions: The set.
         turns: Per question its turn within group and answer; see :class:`~betterbench.vqa.balance.Chosen`.
     """
-    right = _blind_right(questions, turns)
+    right = blind_right(questions, turns)
     constant = _constant_right(questions)
     found = []
     for name, members in _parts(questions):
@@ -103,8 +103,11 @@ def _constant_right(questions: Sequence[Question]) -> list[bool]:
     return right
 
 
-def _blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
-    """Tell for each question whether the classifier, trained on the other folds, answers it right."""
+def blind_right(questions: Sequence[Question], turns: Sequence[int]) -> list[bool]:
+    """Tell for each question whether the classifier, trained on the other folds, answers it right.
+
+    A question is in the fold of its turn modulo :data:`FOLDS`.
+    """
     right = [False] * len(questions)
     fold = np.array(turns) % FOLDS
     for members in _by_form(questions):

@@ -19,7 +19,7 @@ from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
 from betterbench.json_form import read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
@@ -56,6 +56,8 @@ CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Most questions of a set, and most frames of a trial that are asked about."""
+SET_NAME = "set.json"
+"""File of a folder that says what set of questions it holds."""
 SIZES_PX = 32, 4096
 """Least and largest side of the images [pixel]."""
 
@@ -217,12 +219,16 @@ def trials_of(run: RunFolder, tasks: Sequence[str] = ()) -> list[TrialId]:
 
     Raises:
         InvalidInputError: If there is none.
+        UnknownNameError: If there is none of one of the tasks.
     """
-    found = sorted(e.key for e in run.entries() if e.status == "done" and (not tasks or e.task in tasks))
-    if not found:
-        of = f" of {', '.join(tasks)}" if tasks else ""
-        raise InvalidInputError(str(run.path), f"it has no finished trial{of}", "Name a run with finished trials")
-    return found
+    done = sorted(e.key for e in run.entries() if e.status == "done")
+    if not done:
+        raise InvalidInputError(str(run.path), "it has no finished trial", "Name a run with finished trials")
+    known = {trial.task for trial in done}
+    for task in tasks:
+        if task not in known:
+            raise UnknownNameError("task of the run's finished trials", task, known)
+    return [trial for trial in done if not tasks or trial.task in tasks]
 
 
 def purpose_of(trials: Sequence[TrialId]) -> str:
@@ -259,7 +265,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
     def __enter__(self) -> bool:
         """Lock, compare, and write the plan; raises what :func:`make_set` raises."""
-        out, file = self._out, self._out / "set.json"
+        out, file = self._out, self._out / SET_NAME
         if out.exists() and not out.is_dir():
             raise RunConflictError(f"{out}: this is a file. Choose another folder for the set.")
         there = out.iterdir() if out.is_dir() else ()
@@ -498,7 +504,7 @@ def read_set(folder: Path) -> QuestionSet:
     )
     names = ("name", "n", "blind", "majority", "chance")
     found = tuple(Baseline(**{name: b[name] for name in names}) for b in summary.baselines)
-    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, _records(folder / "set.json"))
+    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, _records(folder / SET_NAME))
 
 
 def _records(file: Path) -> dict[str, str]:

@@ -130,8 +130,14 @@ def make_decisive_set(
                 if on_progress is not None:
                     on_progress(number, len(chosen))
         ordered = sorted(questions, key=lambda q: q.id)
-        turns = [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in ordered]
-        return replace(write_set(out, ordered, baselines(ordered, turns), purpose_of(trials)), records=records)
+        return replace(
+            write_set(out, ordered, baselines(ordered, folds_of(ordered)), purpose_of(trials)), records=records
+        )
+
+
+def folds_of(questions: Sequence[Question]) -> list[int]:
+    """Return the turn of each question by which the blind classifier is tested: those of one trial belong together."""
+    return [hash_number("fold", q.source.task, q.source.condition, q.source.seed) % 1000 for q in questions]
 
 
 def _kept(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import prod
@@ -19,8 +19,9 @@ from betterbench.recording import RunFolder, write_durably
 from betterbench.statistics import Rate
 from betterbench.tasks import Kind, Label, TrialId, all_labels
 from betterbench.vqa.asking import Answers
+from betterbench.vqa.blind import blind_right
 from betterbench.vqa.dataset import QuestionSet
-from betterbench.vqa.decisive import DECIDING, ROLES
+from betterbench.vqa.decisive import DECIDING, ROLES, folds_of
 from betterbench.vqa.question import Question
 
 _MAX_BYTES = 1 << 26
@@ -35,7 +36,8 @@ class KnowledgeStanding(StrEnum):
     """It does not know, and does not do it."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No question that would tell was asked: what it needs was not seen well enough, or the set is of other trials."""
+    """No question that would tell was asked and answered: what it needs was not seen well enough, the set is of other
+    trials, or the model was not asked all of it yet."""
 
 
 @open_form
@@ -44,9 +46,10 @@ class TrialKnowledge:
     """One trial.
 
     Attributes:
-        roles: Per role that was asked whether every question of it was answered right.
+        roles: Per role that was asked and answered whether every question of it was answered right.
         deciding: The roles that tell for this label whether the decision was known better.
-        chance: Probability that somebody who guesses answers all deciding questions right.
+        chance: Probability that somebody who sees no image answers all deciding questions right: by guessing, or by the
+            words alone, whichever is more.
     """
 
     key: str
@@ -91,7 +94,9 @@ class Knowledge:
         model: Name of the model that answered.
         policy: Name of the policy.
         labels: One entry per label that occurs, in the order of labels.
-        roles: Per role, how many questions were answered right.
+        roles: Per role, how many questions were answered right, of those that have an answer.
+        asked: Questions that the set asks about moments of the run.
+        answered: Those of them that have an answer.
     """
 
     model: str
@@ -99,6 +104,13 @@ class Knowledge:
     labels: tuple[LabelKnowledge, ...]
     trials: tuple[TrialKnowledge, ...]
     roles: dict[str, Rate]
+    asked: int = 0
+    answered: int = 0
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the model was asked every question."""
+        return self.answered == self.asked
 
     def count(self, standing: KnowledgeStanding, *, failed: bool | None = None) -> int:
         """Return the number of trials of a standing; of the failed or the solved ones only, if told."""
@@ -114,7 +126,7 @@ class Knowledge:
         guessed = sum(t.chance for t in failed)
         return (
             f"Of {len(failed)} failed trials that {self.model} was asked about, it knew the right decision in {known} "
-            f"(somebody who guesses: {guessed:.1f})."
+            f"(somebody who sees no image: {guessed:.1f})."
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -123,6 +135,8 @@ class Knowledge:
             "model": self.model,
             "policy": self.policy,
             "sentence": self.sentence,
+            "asked": self.asked,
+            "answered": self.answered,
             "labels": [x.to_json() for x in self.labels],
             "roles": {name: rate.to_json() for name, rate in self.roles.items()},
             "trials": [asdict(t) for t in self.trials],
@@ -141,7 +155,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
         answers: The model's answers to that set.
 
     Raises:
-        InvalidInputError: If the set asks about no trial of the run.
+        InvalidInputError: If the set asks about no trial of the run, or none of its questions has an answer.
     """
     by_trial: dict[TrialId, list[Question]] = {}
     for q in asked.questions:
@@ -151,16 +165,33 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     if not any(t.trial_id in by_trial for t in trials):
         cure = "Make one with better vqa --run RUN --out SET and ask it"
         raise InvalidInputError(str(asked.path), "asks about no decisive moment of this run", cure)
+    mine = [q for t in trials for q in by_trial.get(t.trial_id, [])]
+    answered = [q for q in mine if answers.has(q)]
+    if not answered:
+        cure = "Ask the set with better vqa SET --ask, or name its answers"
+        raise InvalidInputError(f"answers of {answers.head.model!r}", f"none is to a question of {asked.path}", cure)
+    blind = _blind_by_role(asked.questions)
     found = tuple(
-        _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, success=t.kind is Kind.NONE) for t in trials
+        _trial(t.key, t.label, by_trial.get(t.trial_id, []), answers, blind, success=t.kind is Kind.NONE)
+        for t in trials
     )
     roles = {
         role: Rate(sum(answers.right(q) for q in members), len(members))
         for role in ROLES
-        if (members := [q for qs in by_trial.values() for q in qs if q.role == role])
+        if (members := [q for q in answered if q.role == role])
     }
     labels = tuple(_label(label.value, of) for label in all_labels() if (of := _of(label, found)))
-    return Knowledge(answers.head.model, diagnosis.policy, labels, found, roles)
+    return Knowledge(answers.head.model, diagnosis.policy, labels, found, roles, len(mine), len(answered))
+
+
+def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
+    """Return per role the share of trials of which the words alone give away all questions of that role."""
+    decisive = [q for q in questions if q.role is not None]
+    given_away: dict[str, dict[TrialId, bool]] = {}
+    for q, right in zip(decisive, blind_right(decisive, folds_of(decisive)), strict=True):
+        trials = given_away.setdefault(str(q.role), {})
+        trials[q.source.trial] = trials.get(q.source.trial, True) and right
+    return {role: sum(trials.values()) / len(trials) for role, trials in given_away.items()}
 
 
 def knowledge_path(run: RunFolder) -> Path:
@@ -197,14 +228,23 @@ def _of(label: Label, trials: Sequence[TrialKnowledge]) -> list[TrialKnowledge]:
     return [t for t in trials if t.label == label.value]
 
 
-def _trial(key: str, label: Label, questions: Sequence[Question], answers: Answers, *, success: bool) -> TrialKnowledge:
+def _trial(
+    key: str,
+    label: Label,
+    questions: Sequence[Question],
+    answers: Answers,
+    blind: Mapping[str, float],
+    *,
+    success: bool,
+) -> TrialKnowledge:
     of_role: dict[str, list[Question]] = {}
     for q in questions:
         of_role.setdefault(str(q.role), []).append(q)
-    roles = {role: all(answers.right(q) for q in members) for role, members in of_role.items()}
-    deciding = tuple(role for role in DECIDING.get(label, ROLES) if role in roles)
-    chance = prod(q.chance or 0.0 for role in deciding for q in of_role[role])
-    if not deciding:
+    told = {role: members for role, members in of_role.items() if all(answers.has(q) for q in members)}
+    roles = {role: all(answers.right(q) for q in members) for role, members in told.items()}
+    deciding = tuple(role for role in DECIDING.get(label, ROLES) if role in of_role)
+    chance = prod(max(blind[role], prod(q.chance or 0.0 for q in of_role[role])) for role in deciding)
+    if not deciding or not all(role in told for role in deciding):
         return TrialKnowledge(key, label.value, success, KnowledgeStanding.NOT_ASKED, roles, (), 0.0)
     if all(roles[role] for role in deciding):
         standing = KnowledgeStanding.KNOWS_AND_DOES if success else KnowledgeStanding.KNOWS_AND_DOES_NOT

@@ -49,7 +49,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Count what lies inside {target}.",
         "How many things does {target} hold?",
         "What is the number of objects in {target}?",
-        "How many objects have been put into {target} so far?",
+        "How many objects are there inside {target} at this moment?",
     ),
     "side in image": (
         "In the image, is {a} to the {side} of {b}?",
@@ -117,7 +117,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
     "what is on": (
         "What lies directly on {base}?",
         "Which object rests right on top of {base}?",
-        "Name what was put directly on {base}.",
+        "Name the thing that rests directly on {base}.",
         "What touches {base} from above?",
         "What is the next thing up from {base}?",
     ),
@@ -126,7 +126,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Is {a} right on top of {base}, with nothing in between?",
         "Does {base} carry {a} directly?",
         "Is {a} the next thing up from {base}?",
-        "Was {a} put right onto {base}?",
+        "Does {a} rest right on {base}?",
     ),
     "order": (
         "In which order do {things} lie on {base}, from below?",
@@ -167,7 +167,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Is the gripper holding {a}?",
         "Is {a} in the gripper?",
         "Does the robot carry {a} at this moment?",
-        "Has the robot lifted {a} with its fingers?",
+        "Does the robot have {a} between its fingers now?",
         "Is {a} what the robot holds now?",
     ),
     "fallen over": (

@@ -54,7 +54,7 @@ def print_scores(scores: Sequence[Score]) -> None:
 
 def print_knowledge(known: Knowledge) -> None:
     """Print what a model knows of what a policy did, by label."""
-    columns = ["label", "trials", "knows", "by guessing", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
+    columns = ["label", "trials", "knows", "without image", *(s.value.replace("_", " ") for s in KnowledgeStanding)]
     rows = [
         [
             x.label,
@@ -67,6 +67,13 @@ def print_knowledge(known: Knowledge) -> None:
     ]
     print_table(columns, rows, title=f"what {known.model} knows of what {known.policy} does")
     OUT.print(known.sentence, markup=False)
+    if not known.is_complete:
+        missing = known.asked - known.answered
+        OUT.print(
+            f"{missing} of {known.asked} questions about this run have no answer. Trials that they decide count as not "
+            "asked.",
+            markup=False,
+        )
 
 
 def percent_of(k: int, n: int) -> str:
