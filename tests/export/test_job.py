@@ -397,3 +397,40 @@ def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path)
 def test_validation_leaves_a_seed_for_training():
     assert len(job.validation_seeds({1, 2, 3, 4}, 0.9)) == 3
     assert job.validation_seeds({1}, 0.9) == set()
+
+
+def test_a_record_that_is_given_twice_is_refused(demonstrations, tmp_path):
+    run = demonstrations.run
+    shutil.copytree(run.path, tmp_path / "copy")
+    for runs in ([run, run], [run, RunFolder.open(tmp_path / "copy")]):
+        with pytest.raises(InvalidInputError, match=r"record of morning_coffee/\S+: the same one .*Give each run once"):
+            select_demonstrations(runs)
+
+
+def test_records_of_two_versions_of_a_task_are_no_data_set(demonstrations, tmp_path):
+    run = start_run(tmp_path / "run", TRIALS)
+    for number, entry in enumerate(demonstrations.run.entries()):
+        record = demonstrations.run.read_record(entry.task, entry.condition, entry.seed)
+        newer = replace(record.metadata, task_version=record.metadata.task_version + number)
+        add_record(run, replace(record, metadata=newer))
+    with pytest.raises(InvalidInputError, match=r"recorded with version \d+ of the task .* with version .*one version"):
+        select_demonstrations([run])
+
+
+def test_a_link_to_nothing_is_refused_before_anything_is_drawn(demonstrations, tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(RunConflictError, match="is a link to nothing"):
+        export_dataset(plan_of(demonstrations.run, tmp_path / "link"))
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+
+
+def test_it_is_said_that_no_seed_is_held_out(demonstrations, tmp_path, capsys):
+    words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--validation", "0.01"]
+    assert main([*words, "--out", str(tmp_path / "set")]) == 0
+    assert "no seed is held out: 0.01 of" in " ".join(capsys.readouterr().err.split())
+
+
+def test_an_empty_preset_is_no_preset(demonstrations, tmp_path, capsys):
+    words = ["export", str(demonstrations.run.path), "--to", "lerobot", "--preset", "", "--out", str(tmp_path / "set")]
+    assert main(words) == 2
+    assert "preset" in capsys.readouterr().err

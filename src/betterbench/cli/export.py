@@ -73,7 +73,7 @@ def export_command(
         _check_dataset(runs, check, as_json=json)
         return
     if to in _PRESETS:
-        options = _DatasetOptions(preset or _PRESETS[to], tasks, variations, observation, workers)
+        options = _DatasetOptions(_PRESETS[to] if preset is None else preset, tasks, variations, observation, workers)
         written = {
             "form": images,
             "quality": quality,
@@ -121,6 +121,7 @@ def _export_dataset(
 ) -> None:
     from betterbench.cli.progress import took
     from betterbench.export import ExportPlan, export_dataset, layout_of, select_demonstrations
+    from betterbench.export.job import validation_seeds
     from betterbench.recording import RunFolder
 
     if out is None:
@@ -140,6 +141,9 @@ def _export_dataset(
         bar.update(task, completed=len(selection.demonstrations))
     seconds = time.monotonic() - began
     left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
+    seeds = {chosen.trial.seed for chosen in selection.demonstrations}
+    if plan.validation and not validation_seeds(seeds, plan.validation):
+        say(f"no seed is held out: {plan.validation:g} of {len(seeds)} seeds is less than one")
     if left_out:
         say(f"left out: {', '.join(left_out)}")
     if options.variations:

@@ -102,6 +102,8 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     out, quality = plan.out.absolute(), _quality(plan)
     identity = _identity(plan, quality)
     staging = out.with_name(f".{out.name}.parts")
+    if out.is_symlink() and not out.exists():
+        raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
     with on_disk(out):
         if out.exists():
             return _finished(plan, out, identity, staging, quality)

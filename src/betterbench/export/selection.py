@@ -45,11 +45,12 @@ def select_demonstrations(
     Raises:
         RecordError: If a record is missing, damaged or another one than its journal lists.
         UnknownNameError: If no run has a task that is asked for.
-        InvalidInputError: If nothing is left.
+        InvalidInputError: If nothing is left, a record is there twice, or records of a task are of several versions.
     """
     found: list[ChosenTrial] = []
     left_out: Counter[str] = Counter()
     present: set[str] = set()
+    versions: dict[str, tuple[str, JournalEntry]] = {}
     for number, run in enumerate(runs):
         for entry in run.entries():
             present.add(entry.task)
@@ -57,6 +58,8 @@ def select_demonstrations(
             if not reason:
                 brief = run.read_brief(entry.key, entry=entry)
                 if brief.outcome.success:
+                    told = brief.metadata
+                    _require_one_version(versions, entry, told.task_version, told.suite_version)
                     found.append(ChosenTrial(entry.key, number, run.record_digest(entry), brief.metadata.scene_hash))
                     continue
                 reason = "not successful"
@@ -73,7 +76,28 @@ def select_demonstrations(
             "Give a run with successful trials of training conditions, or ask for those of test variations too "
             "(--variations of better export, variations: true in a recipe of better train)",
         )
+    _require_once(found, runs)
     return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
+
+
+def _require_one_version(
+    versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
+) -> None:
+    """Note the versions under which a task was demonstrated; refuse other ones than before."""
+    version = f"version {of_task} of the task and {of_suite} of the suite"
+    before, first = versions.setdefault(entry.task, (version, entry))
+    if version != before:
+        problem = f"it was recorded with {version}, {first.key} with {before}"
+        raise InvalidInputError(f"record of {entry.key}", problem, "Make data sets of one version alone")
+
+
+def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
+    first: dict[str, ChosenTrial] = {}
+    for one in found:
+        other = first.setdefault(one.digest, one)
+        if other is not one:
+            where = f"{runs[one.run].path}: record of {one.trial}"
+            raise InvalidInputError(where, f"the same one is in {runs[other.run].path}", "Give each run once")
 
 
 def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:

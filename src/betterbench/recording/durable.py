@@ -71,6 +71,10 @@ def remove_parts(folder: Path) -> None:
 
 
 _LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})
+_CURES = {
+    errno.EROFS: "choose a place that can be written to",
+    errno.EIO: "see to the disk, then run the same command again",
+}
 
 
 @contextlib.contextmanager
@@ -81,9 +85,8 @@ def on_disk(path: Path) -> Iterator[None]:
     except OSError as problem:
         if problem.errno not in _LASTING:
             raise
-        raise StorageError(
-            f"{path}: {problem.strerror}. Nothing finished is lost: make room, then run the same command again."
-        ) from problem
+        cure = _CURES.get(problem.errno or 0, "make room, then run the same command again")
+        raise StorageError(f"{path}: {problem.strerror}. Nothing finished is lost: {cure}.") from problem
 
 
 def sync_folder(folder: Path) -> None:

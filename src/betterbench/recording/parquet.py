@@ -92,6 +92,8 @@ class _TrialOnly(BaseModel, strict=True):
     policy: str
     action_space: str
     scene_hash: str
+    task_version: int
+    suite_version: str
 
 
 class RecordBrief(BaseModel):
