@@ -19,7 +19,9 @@ CUPS, VERBS, TARGETS = ("red", "blue"), ("put", "move"), ("box", "tray")
 STEPS = 40
 
 
-def made_up(path, *, version="v3.0", planted=True, names=("x", "y", "z", "gripper"), joints=False, episodes=120):
+def made_up(
+    path, *, version="v3.0", planted=True, names=("x", "y", "z", "gripper"), joints=False, episodes=120, blips=False
+):
     """Write a dataset in which the cup's color goes with where it is picked, if that is planted, and nothing else."""
     draw = np.random.default_rng(7)
     texts = [f"{verb} the {cup} cup into the {target}" for cup in CUPS for verb in VERBS for target in TARGETS]
@@ -37,6 +39,10 @@ def made_up(path, *, version="v3.0", planted=True, names=("x", "y", "z", "grippe
             [np.linspace(a, b, 10) for a, b in ((home, about), (about, pick), (pick, drop))] + [[drop] * 10]
         )
         closed = np.r_[np.zeros(20), np.ones(10), np.zeros(10)]
+        if blips:
+            at = int(draw.integers(1, 18))
+            closed[[at, at + 1]] = 1.0
+            closed[[24, 25]] = 0.0
         state = np.column_stack([way @ mix, closed]) if joints else np.column_stack([way, closed])
         rows["episode_index"] += [episode] * STEPS
         rows["frame_index"] += list(range(STEPS))
@@ -79,6 +85,34 @@ def test_the_planted_confound_is_found_and_nothing_else(tmp_path, version, joint
         ("words_first_place", "red"),
     }
     assert all(f.strength > 0.95 and f.p_adjusted < 0.01 for f in group.shortcuts)
+
+
+def test_a_gripper_that_flickers_on_the_way_grasps_nothing(tmp_path):
+    plain, flickering = (
+        audit_dataset("made up", facts_of_lerobot(made_up(tmp_path / n / "set", blips=blips)))
+        for n, blips in (("plain", False), ("flickering", True))
+    )
+    told = [[(f.subject, f.rules) for f in audit.groups[0].shortcuts] for audit in (plain, flickering)]
+    assert len(told[0]) == 2
+    assert {subject for subject, _ in told[0]} == {subject for subject, _ in told[1]}
+
+
+@pytest.mark.parametrize("version", ["v1.6", "v4.0", "", 3])
+def test_a_version_that_is_not_read_is_one_clear_line(tmp_path, version):
+    path = made_up(tmp_path / "set", episodes=12)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    (path / "meta" / "info.json").write_text(json.dumps({**info, "codebase_version": version}))
+    with pytest.raises(InvalidInputError, match=r"codebase_version is .* 2\.0 to 3\.0 are read"):
+        facts_of_lerobot(path)
+
+
+def test_one_instruction_tells_nothing_about_words(tmp_path, capsys):
+    path = made_up(tmp_path / "set", episodes=12)
+    table = pq.read_table(path / "meta" / "tasks.parquet")
+    one = table.set_column(1, "__index_level_0__", pa.array(["tidy up"] * len(table)))
+    pq.write_table(one, path / "meta" / "tasks.parquet")
+    assert main(["shortcuts", str(path)]) == 0
+    assert "has one instruction: whether words are followed" in " ".join(capsys.readouterr().err.split())
 
 
 def test_nothing_is_found_where_nothing_is_planted(tmp_path):

@@ -12,7 +12,7 @@ from tests.vqa.checker import check
 from tests.vqa.small import OPTIONS, SIZE, small_run
 
 from betterbench.cli.main import main
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.tasks import TrialId
 from betterbench.vqa.dataset import SetOptions, begun_set, make_set, purpose_of, read_set
@@ -171,7 +171,7 @@ def test_other_sets_and_damage_are_one_clear_line(run, photos, made, tmp_path):
     (tmp_path / "other.txt").touch()
     with pytest.raises(RunConflictError, match="holds other files"):
         make_set(run, tmp_path, OPTIONS, open_photos=photos)
-    with pytest.raises(InvalidInputError, match="no finished trial of cheeseburger"):
+    with pytest.raises(UnknownNameError, match="of the run's finished trials 'cheeseburger'"):
         make_set(run, tmp_path / "new", SetOptions(tasks=("cheeseburger",)), open_photos=photos)
     copy = tmp_path / "copy"
     copy.mkdir()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -54,6 +54,9 @@ def shortcuts_command(
     if json:
         print_json(audit.to_json())
         return
+    for group in audit.groups:
+        if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
+            say(f"{group.group} has one instruction: whether words are followed cannot be told from it")
     _tell(audit, prediction)
     if out is not None:
         OUT.print(f"written to {out}", markup=False, soft_wrap=True)

@@ -35,6 +35,9 @@ CELLS = 3
 SET_OUT_SHARE = 0.1
 """Way of the tool, as a share of the range of all its positions, after which its direction is taken."""
 DIRECTIONS = 8
+SHORTEST_S = 0.3
+"""Time for which a gripper is closed or open at least [s]: shorter commands, as teleoperators give, are no grasps."""
+USUAL_FPS = 10.0
 MOST_NUMBERS = 10_000
 """Most numbers of a column per frame."""
 MOST_EPISODES = 5000
@@ -97,7 +100,8 @@ def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
     if unknown:
         raise RecordError(f"{path / 'meta'}: it names no task {unknown[0]}, which the data has. Write the file again.")
     plane = _Plane([e.state for e in episodes], columns)
-    closed = [_closings(e.grip, _rest(episodes)) for e in episodes]
+    rest, shortest = _rest(episodes), _shortest(info)
+    closed = [_closings(e.grip, rest, shortest) for e in episodes]
     where = [plane.of(e.state) for e in episodes]
     origins = _places([w[start] for w, found in zip(where, closed, strict=True) for start, _ in found])
     targets = _places([w[stop] for w, found in zip(where, closed, strict=True) for _, stop in found])
@@ -115,7 +119,18 @@ def _info(path: Path) -> Mapping[str, Any]:
     info = read_object(file, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
     if not isinstance(info.get("features"), dict):
         raise InvalidInputError(str(file), "it lists no features", _CURE)
+    version = info.get("codebase_version", "v3.0")
+    if not re.match(r"v[23]\.", str(version)):
+        problem = f"codebase_version is {one_line(version, most=40)!r}, and 2.0 to 3.0 are read"
+        raise InvalidInputError(str(file), problem, "Convert the dataset with lerobot's own scripts")
     return info
+
+
+def _shortest(info: Mapping[str, Any]) -> int:
+    """Return the least number of frames in which a gripper is closed or open."""
+    fps = info.get("fps")
+    known = isinstance(fps, int | float) and 0.0 < fps < 1e4
+    return max(1, round(SHORTEST_S * (float(fps) if known else USUAL_FPS)))
 
 
 def _columns(path: Path, info: Mapping[str, Any]) -> _Columns:
@@ -280,10 +295,16 @@ def _rest(episodes: Sequence[_Episode]) -> tuple[float, bool]:
     return between, begins_above > 0.5
 
 
-def _closings(grip: _Floats, rest: tuple[float, bool]) -> list[tuple[int, int]]:
-    """Return the rows in which the gripper closes and opens again; the last row where it stays closed."""
+def _closings(grip: _Floats, rest: tuple[float, bool], shortest: int) -> list[tuple[int, int]]:
+    """Return the rows in which the gripper closes and opens again; the last row where it stays closed.
+
+    In between, what is shorter than ``shortest`` rows counts as what was before.
+    """
     between, open_above = rest
     closed = (grip < between) if open_above else (grip > between)
+    for begin, end in _runs(closed.astype(np.int64)):
+        if begin and end < len(closed) and end - begin < shortest:
+            closed[begin:end] = closed[begin - 1]
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
     return [(start, next((int(e) for e in edges if e > start), len(grip) - 1)) for start in starts]
