@@ -29,6 +29,7 @@ from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.json_form import parse_json
+from betterbench.policies.presets import NATIVE
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
@@ -338,7 +339,8 @@ def evaluation_command(layout: DatasetLayout, quality: str) -> str:
     """Return the command that evaluates a policy that was trained on a layout, with its address left open."""
     name = layout.adapter.name
     words = ["better eval --policy"]
-    words.append("lerobot:CHECKPOINT" if name == "lerobot" else f'"PROTOCOL://HOST:PORT?preset={name}"')
+    own = {"lerobot": "lerobot:CHECKPOINT", NATIVE.name: "python:FILE.py:CLASS"}
+    words.append(own.get(name, f'"PROTOCOL://HOST:PORT?preset={name}"'))
     if layout.observation.name != "default":
         words.append(f"--observation {layout.observation.name}")
     if layout.adapter.answer.space != "ee_delta":
