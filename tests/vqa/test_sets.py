@@ -209,7 +209,7 @@ def test_the_verb_prints_the_baselines(made, capsys):
         (["--size", "0"], "--size: 0 is out of range"),
         (["--frames", "-1"], "--frames: -1 is out of range"),
         (["--questions", "-1"], "--questions: -1 is out of range"),
-        (["--tasks", "cofee"], "no finished trial of cofee"),
+        (["--tasks", "cofee"], "Unknown task of the run's finished trials 'cofee'"),
     ],
 )
 def test_bad_options_leave_no_folder_behind(run, tmp_path, capsys, words, said):
