@@ -23,11 +23,11 @@ Figure = Mapping[str, Any]
 
 def filled(text: str, studies: Path = STUDIES) -> str:
     """Return the text of the page with all its tables made again."""
-    study, levers, doses = (_read(studies / f"{name}.json") for name in ("study", "levers", "doses"))
+    study, levers, base, doses = (_read(studies / f"{name}.json") for name in ("study", "levers", "base", "doses"))
     tables = {
         "study-arms": _arms(study),
         "study-variations": _variations(study),
-        **{f"levers-{table['arm']}": _levers(table) for table in levers["levers"]},
+        **{f"levers-{table['arm']}": _levers(table) for table in _joined(levers["levers"], base["levers"])},
         "doses": _doses(doses),
     }
     for name, rows in tables.items():
@@ -78,6 +78,18 @@ def _variations(study: Mapping[str, Any]) -> list[str]:
         for row in study["variations"]
     ]
     return _table(["variation", "predicted", *arms, "what it turned out to measure"], rows)
+
+
+def _joined(tables: Sequence[Mapping[str, Any]], later: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return tables of levers with those that were trained later, beside the very same learners without a lever."""
+    more = {table["arm"]: table["rows"] for table in later}
+    found = []
+    for table in tables:
+        plain, *added = more.get(table["arm"], [table["rows"][0]])
+        if plain != table["rows"][0]:
+            raise ValueError(f"the learners without a lever differ between the studies: {table['arm']}")
+        found.append({**table, "rows": [*table["rows"], *added]})
+    return found
 
 
 def _levers(table: Mapping[str, Any]) -> list[str]:

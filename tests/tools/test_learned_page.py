@@ -28,6 +28,15 @@ def test_another_number_makes_another_table(tmp_path):
     assert "| something else |" in filled(text, tmp_path)
 
 
+def test_levers_of_two_studies_are_joined_only_beside_the_same_learners(tmp_path):
+    shutil.copytree(STUDIES, tmp_path, dirs_exist_ok=True)
+    base = json.loads((tmp_path / "base.json").read_text(encoding="utf-8"))
+    base["levers"][0]["rows"][0]["found"]["training"]["k"] -= 1
+    (tmp_path / "base.json").write_text(json.dumps(base), encoding="utf-8")
+    with pytest.raises(ValueError, match="differ between the studies: confounded"):
+        filled(PAGE.read_text(encoding="utf-8"), tmp_path)
+
+
 def test_a_page_without_a_table_is_refused():
     with pytest.raises(ValueError, match="doses:end"):
         filled(PAGE.read_text(encoding="utf-8").replace("<!-- doses:end -->", ""))
