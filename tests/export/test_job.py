@@ -10,15 +10,13 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich import filesize
-from tests.looping import each
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
-from betterbench.export import ExportPlan, check_export, export_dataset, job, layout_of, part, select_demonstrations
+from betterbench.export import ExportPlan, export_dataset, job, layout_of, part, select_demonstrations
 from betterbench.recording import RunFolder
 from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes, read_pairs
 from betterbench.shortcuts.lerobot import facts_of_lerobot
@@ -125,72 +123,6 @@ def test_a_missing_scene_is_one_line_that_names_it(demonstrations, tmp_path, mon
         add_record(run, record)
     with pytest.raises(RecordError, match="the scene is not stored"):
         export_dataset(plan_of(run, tmp_path / "set"))
-
-
-def test_an_unreadable_video_is_one_line_that_names_it(demonstrations, whole, tmp_path):
-    out = tmp_path / "whole"
-    assert check_export([demonstrations.run], out).episodes == 2
-    video = next(out.rglob("*.mp4"))
-    video.write_bytes(video.read_bytes()[:300])
-    with pytest.raises(InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export it again"):
-        check_export([demonstrations.run], out)
-
-
-def test_a_check_names_what_is_not_what_the_records_say(demonstrations, whole, tmp_path):
-    out = tmp_path / "whole"
-    file = out / "data/chunk-000/file-000.parquet"
-    table = pq.read_table(file)
-    actions = table["action"].combine_chunks().flatten().to_numpy().copy()
-    actions[3] += 0.01
-    changed = pa.FixedSizeListArray.from_arrays(pa.array(actions), 7)
-    pq.write_table(table.set_column(table.column_names.index("action"), "action", changed), file)
-    with pytest.raises(InvalidInputError, match="episode 0: its action is not what the record says"):
-        check_export([demonstrations.run], out)
-    with pytest.raises(RecordError, match="no run that is named has the record"):
-        check_export([], out)
-
-
-def with_values(out, name, values):
-    """Writes another column of numbers into the first file of frames."""
-    file = out / "data/chunk-000/file-000.parquet"
-    table = pq.read_table(file)
-    place = table.column_names.index(name)
-    new = pa.array(values(table[name].to_numpy().copy()), table.schema.field(name).type)
-    pq.write_table(table.set_column(place, name, new), file)
-
-
-def with_fields(out, name, change):
-    file = out / "meta" / name
-    form = json.loads(file.read_text())
-    change(form)
-    file.write_text(json.dumps(form))
-
-
-@each(
-    "change, said",
-    [
-        (lambda out: with_values(out, "task_index", lambda v: 1 - v), "episode 0: its task_index says .* the record"),
-        (lambda out: with_values(out, "subtask_index", lambda v: 0 * v + 99), "its subtask_index says '' at frame 0"),
-        (lambda out: with_values(out, "timestamp", lambda v: 0 * v), "its timestamp is not what the record says"),
-        (lambda out: with_values(out, "frame_index", lambda v: 0 * v + 7), "its frame_index is not"),
-        (lambda out: with_values(out, "index", lambda v: v + 1), "episode 0: its index is not"),
-        (lambda out: with_fields(out, "stats.json", lambda f: f["action"]["mean"].insert(0, 99.0)), "mean of action"),
-        (lambda out: with_fields(out, "stats.json", lambda f: f["action"].update(std=[1e-6] * 7)), "std of action"),
-        (lambda out: with_fields(out, "stats.json", lambda f: f["action"].pop("max")), "its max of action is not"),
-        (lambda out: with_fields(out, "info.json", lambda f: f.update(fps=5)), "its fps is 5, and the records have 20"),
-        (lambda out: with_fields(out, "info.json", lambda f: f.update(total_frames=1)), "its total_frames is 1, and"),
-        (lambda out: with_fields(out, "info.json", lambda f: f.update(splits={})), "its splits are {}, of 2"),
-        (lambda out: with_fields(out, "info.json", lambda f: f.update(splits={"train": "0:3"})), "its splits are"),
-        (lambda out: with_fields(out, "info.json", lambda f: f.pop("codebase_version")), "is damaged"),
-        (lambda out: (out / "meta/tasks.parquet").unlink(), r"tasks\.parquet: cannot be read"),
-    ],
-    lambda _, said: said,
-)
-def test_a_check_names_whatever_else_is_not_so(demonstrations, whole, tmp_path, change, said):
-    out = shutil.copytree(tmp_path / "whole", tmp_path / f"changed{len([*tmp_path.iterdir()])}")
-    change(out)
-    with pytest.raises(InvalidInputError, match=said):
-        check_export([demonstrations.run], out)
 
 
 def test_seeds_are_held_out_whole_and_come_last(demonstrations, tmp_path):
@@ -335,47 +267,6 @@ def test_a_data_set_that_lost_a_file_is_not_called_finished(demonstrations, whol
     (tmp_path / "whole" / name).unlink()
     with pytest.raises(RunConflictError, match=rf"{name}: is missing"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "whole"))
-
-
-def column_lost(name):
-    def lose(path):
-        table = pq.read_table(path)
-        pq.write_table(table.drop_columns([name]), path)
-
-    return lose
-
-
-def key_lost(name):
-    return lambda path: path.write_text(json.dumps({**json.loads(path.read_bytes()), name: None}))
-
-
-DATA, EPISODES = "data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet"
-VIDEO = "videos/observation.images.front"
-DAMAGE = (
-    (DATA, column_lost("action")),
-    (DATA, column_lost("episode_index")),
-    (DATA, lambda path: pq.write_table(pq.read_table(path).slice(0, 5), path)),
-    (EPISODES, column_lost("data/file_index")),
-    (EPISODES, column_lost(f"{VIDEO}/from_timestamp")),
-    (EPISODES, lambda path: pq.write_table(pq.read_table(path).slice(0, 1), path)),
-    ("meta/info.json", lambda path: path.write_text("[]")),
-    ("meta/info.json", lambda path: path.write_bytes(b"{")),
-    ("meta/betterbench.json", lambda path: path.write_text("{}")),
-    ("meta/betterbench.json", key_lost("episodes")),
-    ("meta/betterbench.json", key_lost("layout")),
-    (f"{VIDEO}/chunk-000/file-000.mp4", lambda path: path.unlink()),
-)
-
-
-def test_whatever_a_data_set_has_lost_a_check_is_one_line(demonstrations, whole, tmp_path):
-    for name, damage in DAMAGE:
-        file = tmp_path / "whole" / name
-        damage(file)
-        with pytest.raises(InvalidInputError) as told:
-            check_export([demonstrations.run], tmp_path / "whole")
-        assert "\n" not in str(told.value), name
-        file.write_bytes(whole[name])
-    check_export([demonstrations.run], tmp_path / "whole")
 
 
 def test_a_file_larger_than_the_disk_takes_is_one_line(demonstrations, tmp_path):

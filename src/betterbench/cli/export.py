@@ -69,7 +69,7 @@ def export_command(
     """
     if not runs:
         raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
-    if check is not None and (check.is_dir() or check.suffix in (".hdf5", ".h5")):
+    if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
         return
     if to in _PRESETS:
@@ -93,6 +93,13 @@ def export_command(
             cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
             raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
     _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
+
+
+def _is_dataset(path: Path) -> bool:
+    """Return whether a data set is meant, and no submission."""
+    from betterbench.export.robomimic import is_hdf5
+
+    return path.is_dir() or path.suffix in (".hdf5", ".h5") or is_hdf5(path)
 
 
 _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robomimic": "native"}

@@ -162,13 +162,19 @@ def _identity(plan: ExportPlan, quality: str) -> str:
 
 
 def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
+    return pairs_of(plan.runs, [(d.run, d.trial) for d in plan.selection.demonstrations])
+
+
+def pairs_of(
+    runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
+) -> dict[tuple[int, TrialId], list[str]]:
     """Return the ids of the pairs of twins that each demonstration belongs to, by the number of its run and its trial.
 
     There are none for runs without twins.
     """
     found: dict[tuple[int, TrialId], list[str]] = {}
-    for number, run in enumerate(plan.runs):
-        chosen = {d.trial for d in plan.selection.demonstrations if d.run == number}
+    for number, run in enumerate(runs):
+        chosen = {trial for of, trial in demonstrations if of == number}
         for pair in read_pairs(run):
             if chosen.issuperset(pair.trials):
                 for trial in pair.trials:
@@ -304,7 +310,9 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
     held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
     train = [e for e in episodes if e.about["seed"] not in held_out]
     ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])
-    source = _source(plan, ordered, identity, quality)
+    source = origin_of(
+        ordered, plan.layout, plan.form, quality, identity=identity, left_out=dict(plan.selection.left_out)
+    )
     return Dataset(ordered, plan.layout, plan.form, rates.pop(), len(train), plan.language, source)
 
 
@@ -317,7 +325,16 @@ def validation_seeds(seeds: set[int], share: float) -> set[int]:
     return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
 
 
-def _source(plan: ExportPlan, episodes: Sequence[DatasetEpisode], identity: str, quality: str) -> dict[str, Any]:
+def origin_of(
+    episodes: Sequence[DatasetEpisode],
+    layout: DatasetLayout,
+    form: ImageForm,
+    quality: str,
+    *,
+    identity: object,
+    left_out: object,
+) -> dict[str, Any]:
+    """Return what a data set says about its origin, without the lengths of its files."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
@@ -326,13 +343,25 @@ def _source(plan: ExportPlan, episodes: Sequence[DatasetEpisode], identity: str,
         "policies": sorted({str(e.about["policy"]) for e in episodes}),
         "looks": sorted({str(e.about["looks"]) for e in episodes}),
         "quality": quality,
-        "images": plan.form,
-        "video": VIDEO_SETTINGS if plan.form == "video" else None,
-        "evaluate": evaluation_command(plan.layout, quality),
-        "left_out": dict(plan.selection.left_out),
-        "layout": plan.layout.to_json(),
+        "images": form,
+        "video": VIDEO_SETTINGS if form == "video" else None,
+        "evaluate": evaluation_command(layout, quality),
+        "left_out": left_out,
+        "layout": layout.to_json(),
         "episodes": [{**e.about, "record": e.record} for e in episodes],
     }
+
+
+def is_split(trials: Sequence[TrialId], train: int) -> bool:
+    """Return whether the first ``train`` of some trials are for training and the others for validation in an export.
+
+    That is so for some share of validation, which is not stored: its seeds are held out whole and come last.
+    """
+    held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
+    first = sorted(trial for trial in trials if trial.seed not in held_out)
+    last = sorted(trial for trial in trials if trial.seed in held_out)
+    chosen = validation_seeds(seeds, len(held_out) / len(seeds)) if seeds else None
+    return len(first) == train > 0 and held_out == chosen and list(trials) == first + last
 
 
 def evaluation_command(layout: DatasetLayout, quality: str) -> str:

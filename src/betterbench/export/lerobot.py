@@ -33,6 +33,9 @@ MOST_FILE_BYTES = 100 * 1024 * 1024
 
 SUBTASK = "subtask_index"
 
+EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
+"""Where version 3.0 lists the episodes."""
+
 COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
 
 
@@ -136,24 +139,25 @@ def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     for number, part in enumerate(dataset.parts()):
         counted = counters(dataset, number, part, first=first[number])
         totals.add(part, counted)
-        row = _episode_row(dataset, number, first[number])
+        row = episode_row(dataset, number, first[number])
         row |= frames.add(frame_table(dataset, number, part, first=first[number]))
         for name, video in part.videos.items():
             row |= videos[name].add(video, len(part))
-        stats = episode_stats(dataset, part, counted)
-        row |= {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
+        row |= stats_fields(episode_stats(dataset, part, counted))
         rows.append(row)
     frames.close()
     for files in videos.values() if dataset.form == "video" else ():
         files.close()
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_pylist(rows), buffer, compression="snappy")
-    write_durably(folder / "meta/episodes/chunk-000/file-000.parquet", buffer.getvalue())
-    write_durably(folder / "meta/tasks.parquet", _indexed("task", dataset.instructions))
-    write_durably(folder / "meta/subtasks.parquet", _indexed("subtask", dataset.subgoals))
+    write_durably(folder / EPISODES_FILE, buffer.getvalue())
+    for file, table in index_tables(dataset).items():
+        buffer = io.BytesIO()
+        pq.write_table(table, buffer)
+        write_durably(folder / file, buffer.getvalue())
     whole = totals.stats()
     write_durably(folder / "meta/stats.json", json_bytes(whole))
-    write_durably(folder / "meta/info.json", json_bytes(_info(dataset)))
+    write_durably(folder / "meta/info.json", json_bytes(info_v30(dataset)))
     return whole
 
 
@@ -162,7 +166,8 @@ def json_bytes(form: object) -> bytes:
     return (json.dumps(form, indent=4, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def _info(dataset: Dataset) -> dict[str, Any]:
+def info_v30(dataset: Dataset) -> dict[str, Any]:
+    """Return ``meta/info.json``."""
     return {
         "codebase_version": "v3.0",
         "robot_type": ROBOT_TYPE,
@@ -182,7 +187,7 @@ def _info(dataset: Dataset) -> dict[str, Any]:
     }
 
 
-def _episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
+def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
     """Return what ``meta/episodes`` says of an episode, without places and statistics; ``better/`` is ours."""
     episode = dataset.episodes[number]
     about = episode.about
@@ -200,23 +205,44 @@ def _episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
     }
 
 
+def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
+    """Return what ``meta/episodes`` says of the statistics of an episode."""
+    return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
+
+
+def file_fields(kind: str, number: int) -> dict[str, int]:
+    """Return what ``meta/episodes`` says of the file in which an episode lies, by its number.
+
+    ``kind`` is "data" or "videos/COLUMN".
+    """
+    return {f"{kind}/chunk_index": number // CHUNK_FILES, f"{kind}/file_index": number % CHUNK_FILES}
+
+
+def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
+    """Return what ``meta/episodes`` says of the times [s] in a video between which an episode lies."""
+    return {f"{kind}/from_timestamp": begun / rate_hz, f"{kind}/to_timestamp": ended / rate_hz}
+
+
+def file_name(kind: str, number: int) -> str:
+    """Return the name of a file of frames or pictures."""
+    ending = "parquet" if kind == "data" else "mp4"
+    return f"{kind}/chunk-{number // CHUNK_FILES:03d}/file-{number % CHUNK_FILES:03d}.{ending}"
+
+
 class _Files:
     """Counts through the files of a kind."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
         self._number = 0
         self._bytes = 0
-
-    @property
-    def _place(self) -> tuple[int, int]:
-        return self._number // CHUNK_FILES, self._number % CHUNK_FILES
 
 
 class _FrameFiles(_Files):
     """The files of frames, each with a group of rows per episode."""
 
     def __init__(self, folder: Path) -> None:
-        super().__init__()
+        super().__init__("data")
         self._folder = folder
         self._tables: list[pa.Table] = []
 
@@ -227,17 +253,15 @@ class _FrameFiles(_Files):
             self._number += 1
         self._tables.append(table)
         self._bytes += table.nbytes
-        chunk, file = self._place
-        return {"data/chunk_index": chunk, "data/file_index": file}
+        return file_fields(self._kind, self._number)
 
     def close(self) -> None:
         """Write what is collected."""
-        chunk, file = self._place
         buffer = io.BytesIO()
         with pq.ParquetWriter(buffer, self._tables[0].schema, compression="snappy") as writer:
             for table in self._tables:
                 writer.write_table(table, row_group_size=max(1, table.num_rows))
-        write_durably(self._folder / f"data/chunk-{chunk:03d}/file-{file:03d}.parquet", buffer.getvalue())
+        write_durably(self._folder / file_name(self._kind, self._number), buffer.getvalue())
         self._tables, self._bytes = [], 0
 
 
@@ -245,8 +269,8 @@ class _VideoFiles(_Files):
     """The videos of one column, each of several episodes."""
 
     def __init__(self, folder: Path, column: str, rate_hz: int) -> None:
-        super().__init__()
-        self._folder, self._column, self._rate_hz = folder, column, rate_hz
+        super().__init__(f"videos/{column}")
+        self._folder, self._rate_hz = folder, rate_hz
         self._videos: list[bytes] = []
         self._pictures = 0
 
@@ -259,18 +283,12 @@ class _VideoFiles(_Files):
         self._videos.append(video)
         self._bytes += len(video)
         self._pictures += pictures
-        chunk, file = self._place
-        return {
-            f"videos/{self._column}/chunk_index": chunk,
-            f"videos/{self._column}/file_index": file,
-            f"videos/{self._column}/from_timestamp": begun / self._rate_hz,
-            f"videos/{self._column}/to_timestamp": self._pictures / self._rate_hz,
-        }
+        times = time_fields(self._kind, begun, self._pictures, self._rate_hz)
+        return file_fields(self._kind, self._number) | times
 
     def close(self) -> None:
         """Write what is collected."""
-        chunk, file = self._place
-        place = self._folder / f"videos/{self._column}/chunk-{chunk:03d}/file-{file:03d}.mp4"
+        place = self._folder / file_name(self._kind, self._number)
         write_durably(place, join(self._videos, rate_hz=self._rate_hz))
         self._videos, self._bytes, self._pictures = [], 0, 0
 
@@ -296,8 +314,14 @@ def _hub_features(dataset: Dataset) -> dict[str, Any]:
     return {"info": {"features": found}} if not dataset.language else {}
 
 
-def _indexed(name: str, words: Sequence[str]) -> bytes:
-    """Return a Parquet file with numbers of words, whose index, as pandas reads it, are the words."""
+def index_tables(dataset: Dataset) -> dict[str, pa.Table]:
+    """Return the files of ``meta`` that number the instructions and the subgoals."""
+    words = {"task": dataset.instructions, "subtask": dataset.subgoals}
+    return {f"meta/{name}s.parquet": _indexed(name, said) for name, said in words.items()}
+
+
+def _indexed(name: str, words: Sequence[str]) -> pa.Table:
+    """Return a table with numbers of words, whose index, as pandas reads it, are the words."""
     table = pa.table({f"{name}_index": pa.array(range(len(words)), pa.int64()), name: pa.array(words, pa.string())})
     kinds = {f"{name}_index": ("int64", "int64"), name: ("unicode", "object")}
     described = {
@@ -310,6 +334,4 @@ def _indexed(name: str, words: Sequence[str]) -> bytes:
         "creator": {"library": "betterbench", "version": "1"},
         "pandas_version": "2.0.0",
     }
-    buffer = io.BytesIO()
-    pq.write_table(table.replace_schema_metadata({b"pandas": json.dumps(described).encode()}), buffer)
-    return buffer.getvalue()
+    return table.replace_schema_metadata({b"pandas": json.dumps(described).encode()})

@@ -7,7 +7,7 @@ Source of the format: huggingface/lerobot at the commit that openpi pins (0cf864
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,9 @@ from betterbench.export.part import parquet_bytes
 from betterbench.policies.modality import name_of
 from betterbench.recording import write_durably
 
+EPISODES_FILE, EPISODES_STATS_FILE = "meta/episodes.jsonl", "meta/episodes_stats.jsonl"
+MODALITY_FILE = "meta/modality.json"
+
 _ANNOTATION = "annotation."
 _TASK_DESCRIPTION = "human.action.task_description"
 
@@ -42,28 +45,58 @@ def write_v21(folder: Path, dataset: Dataset) -> dict[str, Stats]:
     for number, part in enumerate(dataset.parts()):
         counted = counters(dataset, number, part, first=first[number])
         totals.add(part, counted)
-        chunk, name = f"chunk-{number // CHUNK_FILES:03d}", f"episode_{number:06d}"
         table = frame_table(dataset, number, part, first=first[number])
-        write_durably(folder / "data" / chunk / f"{name}.parquet", parquet_bytes(table))
+        write_durably(folder / frames_file(number), parquet_bytes(table))
         for column, video in part.videos.items():
-            write_durably(folder / "videos" / chunk / column / f"{name}.mp4", video)
-        about = dataset.episodes[number].about
-        episodes.append({"episode_index": number, "tasks": [about["instruction"]], "length": len(part)})
-        found = without_quantiles(episode_stats(dataset, part, counted))
-        stats.append({"episode_index": number, "stats": found})
-    tasks = [{"task_index": i, "task": text} for i, text in enumerate(dataset.instructions)]
-    subgoals = [{"subtask_index": i, "subtask": text} for i, text in enumerate(dataset.subgoals)]
-    write_durably(folder / "meta/episodes.jsonl", _lines(episodes))
-    write_durably(folder / "meta/episodes_stats.jsonl", _lines(stats))
-    write_durably(folder / "meta/tasks.jsonl", _lines(tasks))
-    write_durably(folder / "meta/subtasks.jsonl", _lines(subgoals))
+            write_durably(folder / video_file(column, number), video)
+        episodes.append(episode_line(dataset, number))
+        stats.append(stats_line(number, episode_stats(dataset, part, counted)))
+    write_durably(folder / EPISODES_FILE, _lines(episodes))
+    write_durably(folder / EPISODES_STATS_FILE, _lines(stats))
+    for file, lines in index_lines(dataset).items():
+        write_durably(folder / file, _lines(lines))
     whole = totals.stats()
-    write_durably(folder / "meta/stats.json", json_bytes(without_quantiles(whole, kept=("q01", "q99"))))
+    write_durably(folder / "meta/stats.json", json_bytes(kept_stats(whole)))
     described = modality(dataset.layout)
     if described is not None:
-        write_durably(folder / "meta/modality.json", json_bytes(described))
-    write_durably(folder / "meta/info.json", json_bytes(_info(dataset)))
+        write_durably(folder / MODALITY_FILE, json_bytes(described))
+    write_durably(folder / "meta/info.json", json_bytes(info_v21(dataset)))
     return whole
+
+
+def frames_file(number: int) -> str:
+    """Return the name of the file with the frames of an episode."""
+    return f"data/chunk-{number // CHUNK_FILES:03d}/episode_{number:06d}.parquet"
+
+
+def video_file(column: str, number: int) -> str:
+    """Return the name of the video of an episode."""
+    return f"videos/chunk-{number // CHUNK_FILES:03d}/{column}/episode_{number:06d}.mp4"
+
+
+def episode_line(dataset: Dataset, number: int) -> dict[str, Any]:
+    """Return the line of an episode in ``meta/episodes.jsonl``."""
+    episode = dataset.episodes[number]
+    return {"episode_index": number, "tasks": [episode.about["instruction"]], "length": len(episode)}
+
+
+def stats_line(number: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
+    """Return the line of an episode in ``meta/episodes_stats.jsonl``, of its statistics with all quantiles."""
+    return {"episode_index": number, "stats": without_quantiles(stats)}
+
+
+def index_lines(dataset: Dataset) -> dict[str, list[dict[str, Any]]]:
+    """Return the files of ``meta`` that number the instructions and the subgoals."""
+    words = {"task": dataset.instructions, "subtask": dataset.subgoals}
+    return {
+        f"meta/{name}s.jsonl": [{f"{name}_index": i, name: text} for i, text in enumerate(said)]
+        for name, said in words.items()
+    }
+
+
+def kept_stats(whole: Mapping[str, Stats]) -> dict[str, Stats]:
+    """Return ``meta/stats.json`` of the statistics with all quantiles; openpi and GR00T read two of them."""
+    return without_quantiles(whole, kept=("q01", "q99"))
 
 
 def modality(layout: DatasetLayout) -> dict[str, Any] | None:
@@ -88,7 +121,8 @@ def modality(layout: DatasetLayout) -> dict[str, Any] | None:
     }
 
 
-def _info(dataset: Dataset) -> dict[str, Any]:
+def info_v21(dataset: Dataset) -> dict[str, Any]:
+    """Return ``meta/info.json``."""
     total, videos = len(dataset.episodes), len(dataset.layout.all_images) if dataset.form == "video" else 0
     return {
         "codebase_version": "v2.1",

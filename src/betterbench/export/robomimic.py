@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from betterbench.errors import MissingDependencyError
-from betterbench.export.episodes import Dataset, starts
+from betterbench.export.episodes import Dataset, DatasetEpisode, starts
 from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
@@ -27,6 +27,8 @@ GYM_TYPE = 2
 """robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
 
 _GZIP = 1
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 _SOURCE = "better"
 """Name of the text beside ``data`` that tells the origin; an attribute holds no more than 64 kB."""
@@ -41,26 +43,58 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
     """
     with open_hdf5(path, "w") as file:
         data = file.create_group("data")
-        names = [f"demo_{number}" for number in range(len(dataset.episodes))]
         totals, first = Totals(), starts(dataset.episodes)
         for number, part in enumerate(dataset.parts()):
-            name, episode = names[number], dataset.episodes[number]
             totals.add(part, counters(dataset, number, part, first=first[number]))
-            group = data.create_group(name)
-            group.attrs["num_samples"] = len(part)
-            group.attrs["instruction"] = str(episode.about["instruction"])
-            group.attrs["better"] = json.dumps({**episode.about, "record": episode.record}, sort_keys=True)
+            group = data.create_group(demo_name(number))
+            group.attrs.update(demo_attributes(dataset.episodes[number]))
             _write_frames(group, part, dataset.layout)
-        data.attrs["total"] = dataset.frames
-        data.attrs["env_args"] = json.dumps(_environment(dataset), sort_keys=True)
+        data.attrs.update(data_attributes(dataset))
         file[_SOURCE] = json.dumps(dataset.source, sort_keys=True)
         mask = file.create_group("mask")
-        mask["train"] = np.array(names[: dataset.train], dtype="S")
-        if dataset.train < len(names):
-            mask["valid"] = np.array(names[dataset.train :], dtype="S")
+        for name, demos in masks(dataset).items():
+            mask[name] = np.array(demos, dtype="S")
     with path.open("rb") as written:
         os.fsync(written.fileno())
     return totals.stats()
+
+
+def demo_name(number: int) -> str:
+    """Return the name of a demonstration in ``data``."""
+    return f"demo_{number}"
+
+
+def demo_attributes(episode: DatasetEpisode) -> dict[str, Any]:
+    """Return the attributes of a demonstration; ``better`` is JSON."""
+    return {
+        "num_samples": len(episode),
+        "instruction": str(episode.about["instruction"]),
+        "better": json.dumps({**episode.about, "record": episode.record}, sort_keys=True),
+    }
+
+
+def data_attributes(dataset: Dataset) -> dict[str, Any]:
+    """Return the attributes of ``data``; ``env_args`` is JSON."""
+    return {"total": dataset.frames, "env_args": json.dumps(_environment(dataset), sort_keys=True)}
+
+
+def masks(dataset: Dataset) -> dict[str, list[str]]:
+    """Return the names of the demonstrations for training and, if there are any, for validation."""
+    names = [demo_name(number) for number in range(len(dataset.episodes))]
+    found = {"train": names[: dataset.train], "valid": names[dataset.train :]}
+    return {name: demos for name, demos in found.items() if demos}
+
+
+def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
+    """Return everything of a demonstration but its images, by the name of its data set in HDF5."""
+    done = np.zeros(len(part))
+    done[-1] = 1.0
+    return {
+        "actions": part.vectors[layout.action.name].astype(np.float64),
+        "dones": done.astype(np.int64),
+        "rewards": done,
+        "subgoal": np.array([name.encode() for name in part.subgoals], dtype="S"),
+    } | {f"obs/{observation_name(column.name)}": part.vectors[column.name] for column in layout.states}
 
 
 def observation_name(column: str) -> str:
@@ -71,6 +105,17 @@ def observation_name(column: str) -> str:
 def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
     """Open an HDF5 file; raise MissingDependencyError if h5py is not installed, OSError if it cannot be opened."""
     return _h5py().File(path, mode, libver="v110" if mode == "w" else None)
+
+
+def is_hdf5(path: Path) -> bool:
+    """Return whether a file begins as HDF5 files do, whatever it is called."""
+    try:
+        if not path.is_file():  # a pipe would be waited for
+            return False
+        with path.open("rb") as file:
+            return file.read(len(_SIGNATURE)) == _SIGNATURE
+    except OSError:
+        return False
 
 
 def require_h5py() -> None:
@@ -97,20 +142,12 @@ def _h5py() -> ModuleType:
 
 
 def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noqa: ANN401 - a group of h5py
-    rows = len(part)
-    group.create_dataset("actions", data=part.vectors[layout.action.name].astype(np.float64))
-    done = np.zeros(rows)
-    done[-1] = 1.0
-    group.create_dataset("dones", data=done.astype(np.int64))
-    group.create_dataset("rewards", data=done)
-    group.create_dataset("subgoal", data=np.array([name.encode() for name in part.subgoals], dtype="S"))
-    seen = group.create_group("obs")
-    for column in layout.states:
-        seen.create_dataset(observation_name(column.name), data=part.vectors[column.name])
+    for name, values in frame_arrays(part, layout).items():
+        group.create_dataset(name, data=values)
     for name, files in part.pngs.items():
         shape = (layout.all_images[name].height, layout.all_images[name].width, 3)
         packed = {"chunks": (1, *shape), "compression": "gzip", "compression_opts": _GZIP}
-        images = seen.create_dataset(observation_name(name), (rows, *shape), np.uint8, **packed)
+        images = group.create_dataset(f"obs/{observation_name(name)}", (len(part), *shape), np.uint8, **packed)
         for row, data in enumerate(files):
             images[row] = np.asarray(Image.open(io.BytesIO(data)))
 
