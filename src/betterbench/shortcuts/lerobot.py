@@ -129,8 +129,8 @@ def _info(path: Path) -> Mapping[str, Any]:
 def _shortest(info: Mapping[str, Any]) -> int:
     """Return the least number of frames in which a gripper is closed or open."""
     fps = info.get("fps")
-    known = isinstance(fps, int | float) and 0.0 < fps < 1e4
-    return max(1, round(SHORTEST_S * (float(fps) if known else USUAL_FPS)))
+    rate = float(fps) if isinstance(fps, int | float) and 0.0 < fps < 1e4 else USUAL_FPS
+    return max(1, round(SHORTEST_S * rate))
 
 
 def _columns(path: Path, info: Mapping[str, Any]) -> _Columns:
