@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import subprocess
 import sys
@@ -224,6 +225,21 @@ def test_a_missing_or_damaged_file_is_named(make_record, tmp_path) -> None:
             read_record(path)
     with pytest.raises(RecordError, match=r"is a folder and not a file\. Name a record of a run"):
         read_record(tmp_path)
+
+
+def test_a_record_that_was_cut_short_or_changed_is_to_be_copied_again(make_record, tmp_path) -> None:
+    path = tmp_path / "7.parquet"
+    good = record_bytes(make_record(rows=30)[0])
+    for bad in (good[: len(good) // 2], good[:-1], good[:500] + bytes([good[500] ^ 255]) + good[501:]):
+        for digest in (None, hashlib.sha256(good).hexdigest()):  # named by a user, or listed by a journal
+            path.write_bytes(bad)
+            with pytest.raises(RecordError, match=r"7\.parquet: is damaged \(.*\)\. Copy it again") as problem:
+                read_record(path, digest=digest)
+            assert "Name a record" not in str(problem.value)
+    for bad in (b"", b"not parquet", b"PAR1" * 5):
+        path.write_bytes(bad)
+        with pytest.raises(RecordError, match=r"is damaged \(.*\)\. Copy it again"):
+            read_record(path, digest=hashlib.sha256(good).hexdigest())
 
 
 def test_flipped_bytes_never_change_a_record_unnoticed(make_record, tmp_path) -> None:

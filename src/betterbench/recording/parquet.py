@@ -106,6 +106,9 @@ class RecordBrief(BaseModel):
 _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly), TypeAdapter(RecordBrief)
 
 _PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
+_WHOLE = f"Copy it again from where it is whole. {AGAIN}"
+"""What to do about a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
+_MAGIC = b"PAR1"
 
 
 def write_record(record: Record, path: Path) -> None:
@@ -191,11 +194,19 @@ def file_digest(path: Path) -> str:
 def _intact(path: Path, digest: str | None) -> bytes:
     """Return the content of a record's file; raise RecordError if it is too large or damaged, or not the one meant."""
     data = read_bounded(path, max_bytes=MAX_FILE_BYTES, cure=_PLACE, raises=RecordError)
+    if not data.endswith(_MAGIC) and (digest is not None or data.startswith(_MAGIC)):
+        raise RecordError(f"is damaged (its end is missing). {_WHOLE}")
     # The Parquet reader is native code that can crash on damaged files, so it only gets to see intact ones.
-    if seal(data) != data:
-        raise RecordError(f"is damaged (its digest does not fit). {AGAIN}")
+    try:
+        intact = seal(data) == data
+    except RecordError:
+        if digest is None:
+            raise
+        intact = False
+    if not intact:
+        raise RecordError(f"is damaged (its digest does not fit). {_WHOLE}")
     if digest is not None and hashlib.sha256(data).hexdigest() != digest:
-        raise RecordError(f"is not the record that the journal lists for this trial. {AGAIN}")
+        raise RecordError(f"is not the record that the journal lists for this trial. {_WHOLE}")
     return data
 
 
