@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 from betterbench.cli.main import EXIT_BAD_INPUT, main
-from betterbench.materialization.rerun_file import write_rerun
+from betterbench.materialization.rerun_file import is_rerun_file, write_rerun
 from betterbench.materialization.viewing import lanes_of
 from betterbench.recording.modalities.spec import ViewSpec
 
@@ -38,7 +39,7 @@ def test_the_command_writes_files_that_it_finds_intact(recorded, tmp_path, one_p
     wanted = ["--camera", "wrist:48x32", "--modality", "boxes", "--trial", "fast_food/train1/1"]
     assert main(["materialize", *words, *wanted]) == 0
     assert json.loads(capsys.readouterr().out)["files"] == 1
-    assert main(["materialize", *words, "--check"]) == 0
+    assert main(["materialize", *words, "--check", "--trial", "fast_food/train1/1"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["files"], found["rows"], found["problems"]) == (1, len(recorded.records[1]), [])
     assert main(["materialize", *words, "--trial", "fast_food/train1"]) == EXIT_BAD_INPUT
@@ -54,8 +55,43 @@ def test_a_page_of_a_record(recorded, tmp_path, one_process, capsys):
     text = page.read_text()
     assert "fast_food/train1/0" in text
     assert text.count('"pictures":[') == 1
+    assert main(["view", str(record), "--camera", "front:48", "--out", str(page)]) == 0  # its own page, once more
+    assert page.read_text() != text
     assert main(["view", str(record), "--out", str(tmp_path / "x.txt")]) == EXIT_BAD_INPUT
     assert "'.txt'" in capsys.readouterr().err
+
+
+def refused(capsys, *words):
+    """Return the line of a command that is refused."""
+    capsys.readouterr()
+    assert main(["view", *map(str, words)]) == EXIT_BAD_INPUT
+    return " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("suffix", [".html", ".rrd"])
+def test_what_somebody_else_wrote_is_left_alone(recorded, tmp_path, capsys, suffix):
+    record, mine = recorded.run.record_path("fast_food", "train1", 0), tmp_path / f"mine{suffix}"
+    for content in ("<!doctype html><p>betterbench, by hand", "RRF", "x"):
+        mine.write_text(content)
+        assert "stands there already, and better view did not write it" in refused(capsys, record, "--out", mine)
+        assert mine.read_text() == content
+    mine.unlink()
+    mine.mkdir()
+    assert "stands there already" in refused(capsys, record, "--out", mine)
+
+
+def test_an_unknown_camera_or_preset_is_named_before_anything_is_read(tmp_path, capsys):
+    words = (tmp_path / "none.parquet", "--out", tmp_path / "x.html")
+    assert "'fron'. Did you mean 'front'" in refused(capsys, *words, "--camera", "fron")
+    assert "'fst'. Did you mean 'fast'" in refused(capsys, *words, "--quality", "fst")
+
+
+def test_a_record_away_from_its_run_is_named_with_the_cure(recorded, tmp_path, capsys):
+    alone = tmp_path / "alone.parquet"
+    shutil.copy(recorded.run.record_path("fast_food", "train1", 0), alone)
+    told = refused(capsys, alone, "--out", tmp_path / "x.html")
+    assert f"{alone}: the record is not in the folder of its run, where its scene is stored." in told
+    assert "put it back as RUN/records/fast_food/train1/0.parquet" in told
 
 
 def test_without_rerun_the_extra_is_named(recorded, tmp_path, monkeypatch):
@@ -78,5 +114,6 @@ def test_a_file_of_rerun_is_written_whole_or_not_at_all(recorded, tmp_path, one_
     write_rerun(recorded.run, record, view, path, quality="standard", on_progress=lambda *n: told.append(n))
     assert told[-1] == (len(record), len(record))
     assert path.read_bytes()[:4] == b"RRF2"
+    assert is_rerun_file(path)
     assert path.stat().st_size > 10_000
     assert [p.name for p in tmp_path.iterdir()] == ["x.rrd"]

@@ -11,7 +11,7 @@ import re
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, write_player
+from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, is_player, write_player
 
 VIEW = PlayedView(
     "front_8x8", 8, 8, [b"\xff\xd8a", b"\xff\xd8b"], [b"\x89PNG1", b"\x89PNG2"], [[], [(0, 1, 2, 5, 6, 0.25)]]
@@ -43,6 +43,14 @@ def test_the_page_holds_all_of_it_and_asks_for_nothing_else(tmp_path):
     assert not re.search(r"""(?:src|href)=["'](?!data:)""", page)
     script = re.search(r"</script>\s*<script>(.*?)</script>", page, flags=re.DOTALL)[1]
     assert f"sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}" in page
+
+
+def test_a_page_of_the_player_is_known_again(tmp_path):
+    page = write_player(TRIAL, tmp_path / "x.html")
+    assert is_player(page)
+    for content in ("", "<!doctype html><main>mine</main>", page.read_text()[: page.stat().st_size // 4]):
+        page.write_text(content)
+        assert not is_player(page)
 
 
 def test_views_have_one_frame_per_time(tmp_path):

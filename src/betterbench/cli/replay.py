@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
-from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.errors import BetterError, InvalidInputError, RecordError, one_line
 
 if TYPE_CHECKING:
     from betterbench.recording import RecordMetadata, RunFolder
@@ -72,10 +72,13 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
 
     meta = read_record(record).metadata
     place = Path(os.path.realpath(record))
-    run = RunFolder.open(place.parents[3] if len(place.parents) > 3 else record.parent)
-    if Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
+    folder = place.parents[3] if len(place.parents) > 3 else place.parent
+    run = RunFolder.open(folder) if (folder / "run.json").is_file() else None
+    if run is None or Path(os.path.realpath(run.record_path(meta.task, meta.condition, meta.seed))) != place:
+        trial = one_line(f"{meta.task}/{meta.condition}/{meta.seed}")
         raise RecordError(
-            f"{record}: the record is not in the folder of its run, where its scene is stored. Put it back."
+            f"{record}: the record is not in the folder of its run, where its scene is stored. Name it there, or put "
+            f"it back as RUN/records/{trial}.parquet."
         )
     return run, meta
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import progress_bar, say
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RunConflictError
 
 if TYPE_CHECKING:
     from betterbench.recording import Record, RunFolder
@@ -34,23 +34,27 @@ def view_command(
 
     Args:
         record: File of the record, in the folder of its run.
-        out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
+        out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given. A file that better view did not write
+            is left alone.
         camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
             if none is given.
         quality: Render preset; the one that the policy saw if not given.
     """
     from betterbench.cli.replay import run_of
+    from betterbench.materialization.folder import Wanted
     from betterbench.materialization.run import default_views, seen_quality
-    from betterbench.recording.modalities.spec import ViewSpec, require_views
+    from betterbench.recording.modalities.spec import ViewSpec
 
+    named = tuple(ViewSpec.parse(text) for text in camera)
+    Wanted(named or (ViewSpec("front"),), quality=quality)  # refuses unknown names before anything is read
     run, meta = run_of(record)
     path = out or Path(f"{meta.task}_{meta.condition}_{meta.seed}.html")
     if path.suffix not in (".rrd", ".html"):
         raise InvalidInputError(
             "--out", f"{path} ends with {path.suffix!r}", "Name a file that ends with .rrd or .html"
         )
-    views = tuple(ViewSpec.parse(text) for text in camera) or default_views(run)
-    require_views(views)
+    _require_free(path)
+    views = Wanted(named or default_views(run), quality=quality).views
     whole = run.read_record(meta.task, meta.condition, meta.seed)
     with progress_bar("rows", len(whole)) as (bar, task):
 
@@ -60,6 +64,20 @@ def view_command(
         write = _write_rerun if path.suffix == ".rrd" else _write_page
         write(run, whole, views, path, quality=quality or seen_quality(run, whole), on_progress=told)
     say(f"wrote {path}")
+
+
+def _require_free(path: Path) -> None:
+    """Raise RunConflictError if something stands at a place that better view did not write."""
+    from betterbench.materialization.rerun_file import is_rerun_file
+    from betterbench.report.player import is_player
+
+    if not path.exists():
+        return
+    written = is_rerun_file if path.suffix == ".rrd" else is_player
+    if not path.is_file() or (path.stat().st_size and not written(path)):
+        raise RunConflictError(
+            f"{path}: stands there already, and better view did not write it. Choose another --out, or move it away."
+        )
 
 
 def _write_rerun(

@@ -19,6 +19,8 @@ from betterbench.recording.modalities.spec import ViewSpec
 
 _TIME, _ROW = "time", "row"
 _JPEG_QUALITY = 90
+_APPLICATION = "betterbench"
+_HEAD_BYTES = 4096
 
 
 def write_rerun(
@@ -38,9 +40,7 @@ def write_rerun(
     """
     rerun, blueprint = _rerun()
     meta = record.metadata
-    stream = rerun.RecordingStream(
-        "betterbench", recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}"
-    )
+    stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.part")
     lanes = lanes_of(record)
@@ -62,6 +62,13 @@ def write_rerun(
     finally:
         part.unlink(missing_ok=True)
     return path
+
+
+def is_rerun_file(path: Path) -> bool:
+    """Tell whether a file is one that :func:`write_rerun` wrote: of Rerun, with our name at its beginning."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return head.startswith(b"RRF") and _APPLICATION.encode() in head
 
 
 def _rerun() -> tuple[Any, Any]:

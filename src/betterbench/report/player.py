@@ -15,6 +15,10 @@ from markupsafe import Markup
 from betterbench.errors import InvalidInputError
 from betterbench.report.html import asset, environment, write
 
+_HEAD_BYTES = 1 << 18
+_MARKS = (b'<main class="player">', b'<script type="application/json" id="data">')
+"""What stands near the beginning of every page, after the style."""
+
 
 @dataclass(frozen=True, slots=True)
 class PlayedView:
@@ -84,6 +88,13 @@ def write_player(trial: PlayedTrial, path: Path) -> Path:
         )
     )
     return write(path, page)
+
+
+def is_player(path: Path) -> bool:
+    """Tell whether a file is a page that :func:`write_player` wrote, by this version or another one."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return head.startswith(b"<!doctype html>") and all(mark in head for mark in _MARKS)
 
 
 def _data(trial: PlayedTrial) -> str:
