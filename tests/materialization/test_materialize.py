@@ -224,6 +224,7 @@ def test_semantic_ids_are_given_once_and_hold_every_category(made):
 )
 def test_views_are_read_from_texts(text, view):
     assert ViewSpec.parse(text) == view
+    assert ViewSpec.parse(view.text) == view
 
 
 @pytest.mark.parametrize(

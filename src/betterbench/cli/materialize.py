@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +13,13 @@ import tyro
 from betterbench.cli.console import OUT, print_json, progress_bar
 
 if TYPE_CHECKING:
+    from betterbench.materialization.checking import FolderCheck
+    from betterbench.materialization.folder import Wanted
+    from betterbench.recording import RunFolder
     from betterbench.tasks import TrialId
+
+MOST_LISTED = 3
+"""Files that the error of a check names; --json names all."""
 
 
 def materialize_command(
@@ -29,8 +37,8 @@ def materialize_command(
 ) -> None:
     """Write colors, depth, masks, boxes and optical flow of every recorded state as seekable files.
 
-    Nothing but the records and scenes of the run is read. Complete files are kept, so the same command resumes.
-    Interruptions and the number of workers do not change a byte.
+    Nothing but the records and scenes of the run is read. Intact files are kept, so the same command resumes; missing
+    and damaged ones are drawn. Interruptions and the number of workers do not change a byte.
 
     Example: better materialize runs/expert --camera front --camera wrist:448 --modality rgb --modality depth
 
@@ -46,10 +54,11 @@ def materialize_command(
         out: Folder to write; RUN/modalities if not given.
         workers: Processes that draw; files are compressed beside each.
         follow: Wait for trials that the run is still recording, until it ends.
-        check: Read all files that are there and compare their checksums instead; nothing is written.
+        check: Read all files and compare their checksums instead; each recorded trial, or each --trial, has to have
+            its own. Nothing is written.
         json: Print one JSON document about what was done.
     """
-    from betterbench.materialization.folder import Wanted
+    from betterbench.materialization.folder import Wanted, read_settings, require_same_settings
     from betterbench.materialization.run import default_views, materialize_run
     from betterbench.recording import RunFolder
     from betterbench.recording.modalities.spec import ViewSpec, modalities_named
@@ -57,16 +66,19 @@ def materialize_command(
 
     folder = RunFolder.open(run)
     place = out or folder.path / "modalities"
-    if check:
-        _check(place, json=json)
-        return
     trials = [_trial(text) for text in trial]
     views = tuple(ViewSpec.parse(text) for text in camera) or default_views(folder)
+    wanted = Wanted(views, modalities_named(modality), quality)
+    if check:
+        if camera or modality or quality:
+            require_same_settings(place, read_settings(place), wanted)
+        _check(run, place, folder, trials, json=json)
+        return
     with progress_bar("trials", 0) as (bar, task):
         done = materialize_run(
             folder,
             place,
-            Wanted(views, modalities_named(modality), quality),
+            wanted,
             trials=trials,
             workers=workers,
             follow=follow,
@@ -96,26 +108,66 @@ def _trial(text: str) -> TrialId:
     return TrialId(task, condition, int(seed))
 
 
-def _check(place: Path, *, json: bool) -> None:
+def _check(typed: Path, place: Path, folder: RunFolder, trials: Sequence[TrialId], *, json: bool) -> None:
+    """Check a folder of modalities against the run that was typed, and raise RecordError about what is wrong."""
     from betterbench.errors import RecordError
-    from betterbench.materialization.folder import read_settings
-    from betterbench.recording.modalities.file import ModalityFile
+    from betterbench.materialization.checking import check_folder
+    from betterbench.statistics.wording import plural
 
-    read_settings(place)
-    files, rows = sorted(place.glob("*/*/*/*.parquet")), 0
-    problems: list[str] = []
-    with progress_bar("files", len(files)) as (bar, task):
-        for path in files:
-            try:
-                with ModalityFile(path) as file:
-                    rows += file.check()
-            except RecordError as problem:
-                problems.append(str(problem))
-            bar.advance(task)
+    with progress_bar("files", 0) as (bar, task):
+        found = check_folder(
+            folder,
+            place,
+            trials=trials,
+            on_progress=lambda done, known: bar.update(task, completed=done, total=known),
+        )
     if json:
-        print_json({"out": str(place), "files": len(files), "rows": rows, "problems": problems})
-    if problems:
-        more = f" {len(problems) - 1} more files are damaged too." if len(problems) > 1 else ""
-        raise RecordError(f"{problems[0]}{more}")
+        problems = [f"{problem.path}: {problem.text}" for problem in found.problems]
+        print_json({"out": str(place), "files": found.files, "rows": found.rows, "problems": problems})
+    if found.problems:
+        raise RecordError(_told(found, place, _command(typed, place, found.wanted, trials), typed))
     if not json:
-        OUT.print(f"{len(files)} files with {rows} images are intact", markup=False)
+        text = f"{plural(found.files, 'file')} with {plural(found.rows, 'image')}"
+        verb = "is" if found.files == 1 else "are"
+        OUT.print(f"{text} {verb} intact, and none is missing", markup=False)
+
+
+def _told(found: FolderCheck, place: Path, command: str, run: Path) -> str:
+    """Return one line about what is wrong with a folder, and what to do."""
+    from betterbench.statistics.wording import plural
+
+    if found.is_of_another_run:
+        return (
+            f"{place}: holds no file of a record of {run}; the first is of {found.strangers[0]}. Name the run that the "
+            "files were drawn of, or another --out to draw this one."
+        )
+    listed = [f"{problem.path.relative_to(place)} {problem.text}" for problem in found.problems]
+    said = f"{plural(len(listed), 'file')} missing or wrong: {_some(listed)}"
+    cures = []
+    extra = [str(problem.path) for problem in found.problems if problem.kind == "extra"]
+    if extra:
+        cures.append(f"Move {_some(extra)} away.")
+    if len(found.problems) > len(extra):
+        cures.append(f"This draws what is missing or wrong: {command}")
+    return f"{place}: {said}. {' '.join(cures)}"
+
+
+def _some(texts: Sequence[str]) -> str:
+    more = len(texts) - MOST_LISTED
+    return "; ".join(texts[:MOST_LISTED]) + (f"; and {more} more (--json lists all)" if more > 0 else "")
+
+
+def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) -> str:
+    """Return the command that completes a folder, with the options that the folder was made with."""
+    from betterbench.recording.modalities.spec import MODALITIES
+
+    words = ["better", "materialize", str(run)]
+    for view in wanted.views:
+        words += ["--camera", view.text]
+    for modality in wanted.modalities if set(wanted.modalities) != set(MODALITIES) else ():
+        words += ["--modality", modality]
+    for trial in trials:
+        words += ["--trial", str(trial)]
+    if wanted.quality is not None:
+        words += ["--quality", wanted.quality]
+    return shlex.join([*words, "--out", str(place)])

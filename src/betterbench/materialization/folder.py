@@ -54,7 +54,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A folder of modalities. The same wish resumes it; another one is refused.
+    """A folder of modalities. The same wish resumes it; another one is refused as soon as it holds a file.
 
     Raises:
         RunConflictError: If it holds other modalities, or other files.
@@ -66,14 +66,11 @@ class ModalityFolder:
         settings = self.path / SETTINGS_FILE
         if settings.exists():
             stored = read_settings(self.path)
-            difference = first_difference(_form(replace(stored, renderer=None)), _form(wanted), "materialize")
-            if difference is not None:
-                where, there, asked = difference
-                raise RunConflictError(
-                    f"{self.path}: holds other modalities: {where} is {there} there and {asked} here. Give the same "
-                    "options to resume, or choose another --out."
-                )
-            self.wanted = stored
+            if _is_begun(self.path):
+                require_same_settings(self.path, stored, wanted)
+                self.wanted = stored
+            elif stored != wanted:  # settings alone bind nothing: a command may have ended before it drew anything
+                write_durably(settings, _text(wanted))
         elif self.path.is_dir() and any(not _is_ours(entry) for entry in self.path.iterdir()):
             raise RunConflictError(f"{self.path}: holds other files and no modalities. Choose another --out.")
         else:
@@ -85,8 +82,7 @@ class ModalityFolder:
 
     def trial(self, trial: TrialId) -> Path:
         """Return the folder of a trial's files; raises InvalidInputError if a name could leave the folder."""
-        record = RunFolder(self.path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
-        return self.path / trial.task / trial.condition / record.stem
+        return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
         """Note by which OpenGL the images are drawn, or raise RunConflictError if others were drawn by another one."""
@@ -105,6 +101,33 @@ class ModalityFolder:
         """Delete what killed processes left unfinished; the caller holds the lock of the folder."""
         for part in self.path.rglob(f".*{PART_SUFFIX}"):
             part.unlink(missing_ok=True)
+
+
+def trial_folder(path: Path, trial: TrialId) -> Path:
+    """Return the folder of a trial's files in one of modalities; InvalidInputError if a name could leave that."""
+    record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
+    return path / trial.task / trial.condition / record.stem
+
+
+def files_in(path: Path) -> list[Path]:
+    """Return the files of all trials in a folder of modalities, in the order of their names."""
+    return sorted(path.glob("*/*/*/*.parquet"))
+
+
+def _is_begun(path: Path) -> bool:
+    """Tell whether a folder of modalities holds a file, or one that is still being written."""
+    return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
+
+
+def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
+    """Raise RunConflictError if a folder holds something else than is wanted."""
+    difference = first_difference(_form(replace(stored, renderer=None)), _form(wanted), "materialize")
+    if difference is not None:
+        where, there, asked = difference
+        raise RunConflictError(
+            f"{path}: holds other modalities: {where} is {there} there and {asked} here. Give the same "
+            "options to resume, or choose another --out."
+        )
 
 
 def read_settings(path: Path) -> Wanted:

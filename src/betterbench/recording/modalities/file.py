@@ -33,7 +33,7 @@ HEADER_KEY = b"betterbench.modalities"
 COMPRESSION_LEVEL = 1
 """Level of zstd: a row group holds the same scene many times, which every level finds; higher ones cost time only."""
 
-AGAIN = "Delete it; the same better materialize command makes it again"
+AGAIN = "The same better materialize command draws it again"
 """What to do about a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
@@ -188,13 +188,9 @@ class ModalityFile:
             raise RecordError(f"{self.path}: its columns are not those of its header. {AGAIN}.")
 
 
-def read_header(path: Path) -> ViewHeader | None:
-    """Return the header of a complete file, or None if there is none that can be read."""
-    try:
-        with ModalityFile(path) as file:
-            return file.header
-    except RecordError:
-        return None
+def fault_text(path: Path, problem: RecordError) -> str:
+    """Return what an error about a file says is wrong with it, without its name and the cure."""
+    return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
 @contextmanager

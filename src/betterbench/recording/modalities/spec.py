@@ -74,6 +74,15 @@ class ViewSpec:
         """Name of its files: camera and size ("front_256x256")."""
         return f"{self.camera}_{self.width}x{self.height}"
 
+    @property
+    def text(self) -> str:
+        """The text of the command line that means this view."""
+        place = ""
+        if self.placed is not None:
+            at, to = (",".join(map(repr, point)) for point in (self.placed.position, self.placed.target))
+            place = f"={at}/{to}/{self.placed.fovy_deg!r}"
+        return f"{self.camera}{place}:{self.width}x{self.height}"
+
     @classmethod
     def parse(cls, text: str) -> ViewSpec:
         """Return the view that a text of the command line means.
