@@ -50,8 +50,7 @@ def dataset_command(
         suite: Suite to take the tasks from.
         regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
-        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0 if all. Of pairs
-            the expert gives all.
+        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0, or pairs: all.
         seed: First seed, 1000000 or above.
         noise: Standard deviation of the noise on executed actions, in action units; the label has none.
         validation: Share of the seeds whose demonstrations are for validation.
@@ -66,8 +65,7 @@ def dataset_command(
     from betterbench.tasks import suite_tasks
 
     chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
-    if expect is not None and not re.fullmatch("[0-9a-f]{64}", expect):
-        raise InvalidInputError("--expect", f"{expect!r} is no hash of a set", "Give the 64 digits that were printed")
+    _require_hash(expect)
     recipe = SetRecipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
     began = time.monotonic()
     made = _make(recipe, out, workers, pictures=pictures)
@@ -78,6 +76,11 @@ def dataset_command(
     if expect is not None and made.sha256 != expect:
         cure = "Give the same version, machine and arguments to make the same set"
         raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
+
+
+def _require_hash(text: str | None) -> None:
+    if text is not None and not re.fullmatch("[0-9a-f]{64}", text):
+        raise InvalidInputError("--expect", f"{text!r} is no hash of a set", "Give the 64 digits that were printed")
 
 
 def _sign(made: MadeDataset, key: Path) -> None:
