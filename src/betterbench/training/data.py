@@ -126,7 +126,6 @@ def read_training_set(
     """
     runs, chosen = _chosen(recipe)
     held_out = validation_seeds({d.trial.seed for d in chosen}, recipe.validation)
-    _require_once(chosen, runs)
     episodes = list(_episodes(runs, chosen, recipe.longest_pause, on_read))
     if all(episode.trial.seed in held_out for episode in episodes):
         raise InvalidInputError("validation", "all demonstrations are held out", "Give more of them, or validation: 0")
@@ -217,16 +216,6 @@ def _opened(place: str) -> RunFolder:
             "data", problem, "Name folders of better dataset, or runs of collect, amplify or teleop"
         )
     return RunFolder.open(folder)
-
-
-def _require_once(chosen: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
-    """Refuse data that hold a demonstration twice: it would count twice, and be shown and held out at once."""
-    first: dict[tuple[TrialId, str], int] = {}
-    for one in chosen:
-        other = first.setdefault((one.trial, one.digest), one.run)
-        if other != one.run:
-            problem = f"{runs[other].path} and {runs[one.run].path} hold the same demonstration ({one.trial})"
-            raise InvalidInputError("data", problem, "Name each demonstration once")
 
 
 def _fewer(chosen: Sequence[ChosenTrial], most: int | None) -> list[ChosenTrial]:
