@@ -14,6 +14,7 @@ from betterbench.export import pictures as pictures_module
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.recording import JournalEntry, Outcome, Record, RunFolder
 from betterbench.recording.parquet import file_digest
+from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -65,6 +66,18 @@ def add_record(run: RunFolder, record: Record) -> None:
     path, m = run.write_record(record), record.metadata
     with run.journal() as journal:
         journal.append(JournalEntry(m.task, m.condition, m.variation, m.seed, record=file_digest(path)))
+
+
+def twins_run(path: Path, demonstrations: Demonstrations) -> tuple[RunFolder, TwinPair]:
+    """Returns a run in which the two demonstrations are twins, with their pair."""
+    twins = (TRIALS[0], dataclasses.replace(TRIALS[1], seed=TRIALS[0].seed))
+    run = start_run(path, twins)
+    for trial, record in zip(twins, demonstrations.records.values(), strict=True):
+        add_record(run, dataclasses.replace(record, metadata=dataclasses.replace(record.metadata, seed=trial.seed)))
+        run.store_scene(record.metadata.scene_hash, demonstrations.run.load_scene(record.metadata.scene_hash))
+    pair = TwinPair("it", twins[0].task, twins[0].seed, ("train1", "train2"), ("a", "b"), 3, (10, 10))
+    (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair]))
+    return run, pair
 
 
 class PaintedPictures(pictures_module.Pictures):

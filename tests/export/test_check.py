@@ -6,7 +6,6 @@ import importlib.util
 import json
 import shutil
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,10 +26,9 @@ from betterbench.export import (
     lerobot,
     select_demonstrations,
 )
-from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 
 sys.path.insert(0, str(Path(__file__).parent))
-from demonstrating import TRIALS, PaintedPictures, add_record, start_run
+from demonstrating import PaintedPictures, twins_run
 
 pytestmark = [pytest.mark.physics, pytest.mark.render, pytest.mark.usefixtures("painted")]
 
@@ -393,13 +391,7 @@ def test_an_unreadable_video_is_one_line_that_names_it(demonstrations, sets, tmp
 
 
 def test_twins_are_compared(demonstrations, tmp_path):
-    twins = (TRIALS[0], replace(TRIALS[1], seed=TRIALS[0].seed))
-    run = start_run(tmp_path / "run", twins)
-    for trial, record in zip(twins, demonstrations.records.values(), strict=True):
-        add_record(run, replace(record, metadata=replace(record.metadata, seed=trial.seed)))
-        run.store_scene(record.metadata.scene_hash, demonstrations.run.load_scene(record.metadata.scene_hash))
-    pair = TwinPair("it", twins[0].task, twins[0].seed, ("train1", "train2"), ("a", "b"), 3, (10, 10))
-    (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair]))
+    run, _ = twins_run(tmp_path / "run", demonstrations)
     out = tmp_path / "set"
     export_dataset(ExportPlan([run], select_demonstrations([run]), layout_of("lerobot"), "lerobot", out))
     assert check_export([run], out).episodes == 2

@@ -18,13 +18,13 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export import ExportPlan, export_dataset, job, layout_of, part, select_demonstrations
 from betterbench.recording import RunFolder
-from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes, read_pairs
+from betterbench.recording.twins import PAIRS_FILE, pairs_bytes, read_pairs
 from betterbench.shortcuts.lerobot import facts_of_lerobot
 from betterbench.vqa.dataset import write_set
 from betterbench.vqa.question import Difficulty, Form, FrameSource, Question, QuestionType
 
 sys.path.insert(0, str(Path(__file__).parent))
-from demonstrating import TRIALS, PaintedPictures, add_record, start_run
+from demonstrating import TRIALS, PaintedPictures, add_record, start_run, twins_run
 from validators import read_v30
 
 pytestmark = [pytest.mark.physics, pytest.mark.render, pytest.mark.usefixtures("painted")]
@@ -237,15 +237,9 @@ def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_pa
 
 
 def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstrations, tmp_path):
-    twins = (TRIALS[0], replace(TRIALS[1], seed=TRIALS[0].seed))
-    run = start_run(tmp_path / "run", twins)
-    for trial, record in zip(twins, demonstrations.records.values(), strict=True):
-        add_record(run, replace(record, metadata=replace(record.metadata, seed=trial.seed)))
-        run.store_scene(record.metadata.scene_hash, demonstrations.run.load_scene(record.metadata.scene_hash))
-    pair = TwinPair("it", twins[0].task, twins[0].seed, ("train1", "train2"), ("a", "b"), 3, (10, 10))
-    (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair]))
+    run, pair = twins_run(tmp_path / "run", demonstrations)
     assert read_pairs(run) == (pair,)
-    assert pair.trials == twins
+    assert pair.trials == (TRIALS[0], replace(TRIALS[1], seed=TRIALS[0].seed))
     export_dataset(plan_of(run, tmp_path / "set"))
     read_v30(tmp_path / "set")
     rows = pq.read_table(tmp_path / "set/meta/episodes/chunk-000/file-000.parquet").to_pylist()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -57,10 +56,11 @@ def train_command(
     require_torch("better train")
     from betterbench.training.data import epochs_of
     from betterbench.training.loop import TrainingProgress, require_place, train
+    from betterbench.training.processes import TrainingProcesses
 
     require_place(out, device)
     found = _training_set(chosen, frames, workers)
-    first = os.environ.get("RANK", "0") == "0"
+    first = TrainingProcesses.here().rank == 0
     if first:
         say(_about(found, epochs_of(found, chosen)))
     with progress_bar("training", chosen.steps) as (bar, row):
