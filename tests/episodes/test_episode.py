@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from betterbench.episodes import Observer, TrialContext, run_episode
+from betterbench.episodes import Observer, TrialContext, run_episode, settled_heap
 from betterbench.evaluation import check_record
 from betterbench.experts import make_expert
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo, episode_number, observation_spec
@@ -326,8 +326,77 @@ def test_garbage_is_looked_for_seldom_in_an_episode_and_as_before_after_it():
     assert gc.get_threshold() == before
 
 
+def test_whoever_goes_on_with_the_states_of_an_episode_keeps_the_heap_settled():
+    before, frozen = gc.get_threshold(), gc.get_freeze_count()
+    with settled_heap():
+        run(Noop())
+        assert gc.get_threshold()[0] > 10_000, "the episode inside left, and somebody else is there still"
+        with pytest.raises(KeyboardInterrupt):
+            run(Scripted(interrupt))
+        assert gc.get_threshold()[0] > 10_000
+    assert gc.get_threshold() == before
+    assert (gc.get_freeze_count() == 0) == (frozen == 0)
+
+
 def interrupt(_):
     raise KeyboardInterrupt
+
+
+# -------------------------------------------------------------------------------------------------- judging in blocks
+
+
+@pytest.mark.parametrize(
+    ("task_id", "name", "policy"),
+    [
+        ("fast_food", "train1", "expert"),
+        ("fast_food", "L1", "zoo:lexical"),
+        ("morning_coffee", "T1", "expert"),
+        ("morning_coffee", "T1", "zoo:inertia"),
+        ("cheeseburger", "train1", "expert"),
+    ],
+)
+def test_an_episode_that_judges_in_blocks_is_one_that_judges_every_state_at_once(task_id, name, policy, monkeypatch):
+    task = get_task(task_id)
+    condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
+    records = []
+    for longest in (20, 1, 3):
+        monkeypatch.setattr("betterbench.episodes.episode._LONGEST_BLOCK", longest)
+        scene = Scene(task, condition, seed=0, action_space=action_space("ee_delta"), quality=quality_preset("fast"))
+        records.append(run_episode(scene, make_expert(policy, scene), context=TrialContext(policy)).record)
+    assert records[0].same_bits(records[1])
+    assert records[0].same_bits(records[2])
+
+
+@pytest.mark.parametrize("steps", range(5))
+def test_what_was_done_before_a_crash_is_judged_wherever_it_comes(steps):
+    def answers(observation):
+        return STILL if observation.step < steps else 1 / 0
+
+    record = run(Scripted(answers))
+    assert record.outcome.termination == "policy_error"
+    assert len(record) == len(record.predicates) == steps + 1
+
+
+class Chunking:
+    """A privileged policy that answers several actions at once."""
+
+    name = "chunking"
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def act_on_state(self, state):
+        self.asked.append(state.step)
+        return np.tile(0.01 * (1 + state.step) * np.ones(7), (3, 1))
+
+
+def test_a_privileged_policy_may_answer_a_chunk():
+    policy = Chunking()
+    result = run_episode(make_scene(steps=8), policy, context=TrialContext("chunking"))
+    assert policy.asked == [0, 3, 6]
+    assert result.record.action[1:, 0].tolist() == pytest.approx([0.01] * 3 + [0.04] * 3 + [0.07] * 2)
+    wall = result.wall
+    assert wall["policy_s"] + wall["simulation_s"] == pytest.approx(wall["duration_s"], abs=2e-3)
 
 
 def test_a_keyboard_interrupt_stops_the_run():

@@ -194,6 +194,28 @@ def test_a_row_that_does_not_fit_is_refused(make_metadata, make_state, changes, 
     assert len(builder) == 1
 
 
+def test_what_holds_may_be_told_later_but_of_every_row(make_metadata, make_state) -> None:
+    meta, rng = make_metadata(), np.random.default_rng(0)
+    arrays = {"qpos": np.zeros(3), "qvel": np.zeros(3), "ctrl": np.zeros(2)}
+    actions = {"action": np.zeros(7), "applied": np.zeros(7)}
+    truths = [{"predicates": (i, 1 - i), "subgoals": (1 - i, i), "goal": bool(i)} for i in range(2)]
+    builder, at_once = RecordBuilder(meta), RecordBuilder(meta)
+    states = [make_state(meta.scene, i, rng) for i in range(2)]
+    for state, truth, given in zip(states, truths, ({}, actions), strict=True):
+        builder.append_state(state, **arrays, **given)
+        at_once.append(state, **arrays, **given, **truth)
+    builder.append_truth(**truths[0])
+    with pytest.raises(InvalidInputError, match="predicates, subgoals: known of 1 of 2 rows"):
+        builder.finish(termination="step_limit", success=False)
+    with pytest.raises(InvalidInputError, match="Give 2 predicates and 2 subgoals"):
+        builder.append_truth(predicates=(True,), subgoals=(), goal=False)
+    builder.append_truth(**truths[1])
+    with pytest.raises(InvalidInputError, match="known of all 2 rows"):
+        builder.append_truth(**truths[1])
+    found = [b.finish(termination="step_limit", success=False) for b in (builder, at_once)]
+    assert found[0].same_bits(found[1])
+
+
 def test_what_cannot_be_a_record_is_refused(make_metadata, make_state) -> None:
     meta = make_metadata()
     with pytest.raises(InvalidInputError, match="record: has no rows"):

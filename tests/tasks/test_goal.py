@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from tests.tasks.conftest import change
 from tests.tasks.posing import Course
@@ -318,3 +319,30 @@ def test_on_ring_goal_over_time(at_reset, posed):
     assert course.see(posed(state, poses={"red_mug": placed("red_mug")}), DWELL + 1).success
     assert done.info.object("red_mug").kind == "red mug"
     assert math.isclose(done.time_s, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "task_id"), [("train1", "fast_food"), ("L1", "fast_food"), ("T1", "morning_coffee"), ("T2", "fast_food")]
+)
+def test_no_state_succeeds_that_was_said_not_to_decide_anything(at_reset, packed, posed, name, task_id):
+    """An episode judges its states in blocks of so many, so it would not notice."""
+    succeeded = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        state, tracker, course = start(at_reset, name, task_id)
+        limit = get_task(task_id).step_limit(condition_of(task_id, name))
+        loose = [o.name for o in state.info.objects if not o.fixed and o.name in SPOTS]
+        course_of = [state, posed(state, contacts=(("left_finger", state.info.objects[0].name),))]
+        if task_id == "fast_food":
+            course_of += [packed(state, "burger_1"), packed(state, *loose)] + 4 * [packed(state, "burger_1", "fries")]
+        else:
+            course_of += 10 * [state]
+        undecided = 0
+        while course.step < limit:
+            now = course_of[int(rng.integers(len(course_of)))]
+            for _ in range(min(int(rng.integers(1, 15)), limit - course.step)):
+                truth = course.see(now)
+                assert not (undecided and truth.success)
+                succeeded += truth.success
+                undecided = tracker.undecided_states if not undecided else undecided - 1
+    assert name != "train1" or succeeded

@@ -14,7 +14,7 @@ from betterbench.demonstrations.amplifier import Amplifier, AmplifierSettings
 from betterbench.demonstrations.failure import FailureKind
 from betterbench.demonstrations.manner import VariedSkills, draw_manner
 from betterbench.demonstrations.sources import Library
-from betterbench.episodes import TrialContext, run_episode
+from betterbench.episodes import TrialContext, run_episode, settled_heap
 from betterbench.experts.decisions import Situation
 from betterbench.experts.faulty import BrokenRule
 from betterbench.experts.planner import Planner
@@ -69,6 +69,7 @@ class DemonstrationAttempt:
     record: Record
 
 
+@settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
     """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt.
 
@@ -96,6 +97,7 @@ def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> Demons
     return judge_attempt(scene, result.record, result.states, number, failure)
 
 
+@settled_heap()
 def amplify_attempt(scene: Scene, number: int, library: Library, settings: AmplifierSettings) -> DemonstrationAttempt:
     """Carry source demonstrations over to a scene; another attempt follows another source."""
     draw = _stream(scene, "amplify", number)

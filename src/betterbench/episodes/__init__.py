@@ -3,6 +3,7 @@
 from betterbench.episodes.answers import POLICY_BOUNDARY, AnyPolicy, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import EpisodeResult, Steps, append_row, episode_steps, run_episode
+from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer, observation_of
 
 __all__ = [
@@ -20,4 +21,5 @@ __all__ = [
     "episode_steps",
     "observation_of",
     "run_episode",
+    "settled_heap",
 ]

@@ -8,13 +8,13 @@ from collections.abc import Generator
 
 import numpy as np
 
-from betterbench.episodes.answers import Question, Reply
+from betterbench.episodes.answers import Question, Reply, answer
 from betterbench.episodes.observer import Observer, Views
 from betterbench.errors import InvalidActionError
 from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
 from betterbench.scenes import Scene
-from betterbench.state import WorldState
+from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.worlds import ForeignScene
 
 
@@ -40,6 +40,7 @@ class Chunks:
         self._observe_s = 0.0
         self._began = self._resumed = began
         self._simulation_s = 0.0
+        self._answered_here_s = 0.0
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -64,13 +65,7 @@ class Chunks:
         if not queue:
             question, passed = (None, self._passing) if self._asked else (Question(self._see(state)), 0)
             self._asked = False
-            # What `_pause` does, without a generator of its own: a privileged policy is asked at every control step.
-            self._simulation_s += time.perf_counter() - self._resumed
-            try:
-                reply = yield question
-            finally:
-                self._resumed = time.perf_counter()
-            actions = self._answered(reply)
+            actions = self._answered((yield from self._pause(question)))
             if not self._execution.ahead and actions.shape == (self._scene.action_space.dim,):
                 return actions  # checked when it is applied, which is at once
             self._queue_up(actions, passed)
@@ -78,6 +73,21 @@ class Chunks:
             self._asked, self._passing = True, len(queue)
             yield from self._pause(Question(self._see(state), wanted_in=len(queue)))
         return queue.popleft()
+
+    def next_of(self, policy: PrivilegedPolicy, state: WorldState) -> np.ndarray:
+        """Return the action to play now, like :meth:`next`, of a policy that answers in this thread.
+
+        It is asked at every control step, so it does without the generators of those that answer elsewhere.
+        """
+        if self._queue:
+            return self._queue.popleft()
+        reply = answer(policy, state)
+        self._answered_here_s += reply.took_s
+        actions = self._answered(reply)
+        if actions.shape == (self._scene.action_space.dim,):
+            return actions  # checked when it is applied, which is at once
+        self._queue_up(actions, 0)
+        return self._queue.popleft()
 
     def look(self, step: int) -> None:
         """Render the images of the next question, if it follows at once, before the state is used for anything else.
@@ -98,7 +108,7 @@ class Chunks:
     def wall_figures(self) -> dict[str, float]:
         """Return how long the episode and its parts took [s]."""
         now = time.perf_counter()
-        simulated = self._simulation_s + now - self._resumed - self._observe_s
+        simulated = self._simulation_s + now - self._resumed - self._observe_s - self._answered_here_s
         latencies = np.array(self._latencies or [0.0])
         return {
             "duration_s": round(now - self._began, 6),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import logging
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +12,13 @@ import numpy as np
 from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe, describe_foreign
+from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
 from betterbench.interface import Execution
 from betterbench.recording import Record, RecordBuilder, RecordMetadata, Termination
 from betterbench.scenes import Scene
-from betterbench.state import WorldState
+from betterbench.state import PrivilegedPolicy, WorldState
 from betterbench.tasks import GoalTracker, Truth
 from betterbench.worlds import ForeignScene, ForeignTracker
 
@@ -41,30 +40,8 @@ class EpisodeResult:
     states: tuple[WorldState, ...]
 
 
-_YOUNG_OBJECTS = 20_000
-"""Objects that are made in an episode before garbage is looked for among them; the states of one are some 10 a step."""
-
-
-@contextmanager
-def _settled_heap() -> Iterator[None]:
-    """Exclude everything that exists before an episode from garbage collection during it, and seldom look for more.
-
-    A full collection over the modules and assets of a run takes some 10 ms, as long as a control step with images, and
-    one over the states of an episode, none of which is garbage, a third of a millisecond.
-    """
-    young, *older = gc.get_threshold()
-    frozen = bool(gc.get_freeze_count())  # by the caller
-    if not frozen:
-        gc.freeze()
-    if young:
-        gc.set_threshold(max(young, _YOUNG_OBJECTS), *older)
-    try:
-        yield
-    finally:
-        gc.set_threshold(young, *older)
-        if not frozen:
-            gc.unfreeze()
-
+_LONGEST_BLOCK = 20
+"""States that are judged at once at most, so that no control step takes long."""
 
 Steps = Generator[Question | None, Reply | None, EpisodeResult]
 """An episode that waits for its policy. It yields a question; where the question can wait (``wanted_in`` > 0) None is
@@ -98,11 +75,17 @@ def run_episode(
     """
     execution = _PLAIN if observer is None else policy.info.execution  # type: ignore[union-attr]
     steps = episode_steps(
-        scene, context=context, observer=observer, execution=execution, disturb=disturb, on_step=on_step
+        scene,
+        context=context,
+        observer=observer,
+        execution=execution,
+        disturb=disturb,
+        on_step=on_step,
+        privileged=policy if observer is None else None,  # type: ignore[arg-type]
     )
     outcome: Reply | PolicyError | None = None
     kept: Reply | PolicyError | None = None
-    with _settled_heap():
+    with settled_heap():
         try:
             question = next(steps)
             while True:
@@ -134,12 +117,13 @@ def episode_steps(
     execution: Execution = _PLAIN,
     disturb: Disturbance | None = None,
     on_step: Callable[[int], None] | None = None,
+    privileged: PrivilegedPolicy | None = None,
 ) -> Steps:
     """Run one episode from reset to its end, and stop wherever the policy has to answer first.
 
     So one thread can interleave many episodes. The result does not depend on how long an answer takes. Without an
-    observer the policy is shown the privileged state. Yields a question, or None where the reply to the last one is
-    needed now.
+    observer the policy is shown the privileged state; ``privileged`` is then asked here and nothing is yielded. Yields
+    a question, or None where the reply to the last one is needed now.
 
     Raises:
         PremiseError: If the scene does not show what the instruction presupposes.
@@ -148,9 +132,8 @@ def episode_steps(
     began = time.perf_counter()
     state = scene.reset()
     tracker, metadata = _tracked(scene, context)
-    builder = RecordBuilder(metadata)
-    truth = tracker.update(state)
-    append_row(builder, scene, state, truth, action=None, applied=None)
+    judge = _Judge(tracker, RecordBuilder(metadata), scene)
+    judge.see(state, None, None)
     limit, foreign = scene.step_limit, scene if isinstance(scene, ForeignScene) else None
     chunks = Chunks(scene, observer, execution, limit=limit, began=began)
     termination: Termination = "step_limit"
@@ -158,21 +141,20 @@ def episode_steps(
     try:
         if observer is not None:
             yield from chunks.begin()
-        while state.step < limit and not truth.success and not (foreign is not None and foreign.over):
-            action = yield from chunks.next(state)
+        while state.step < limit and not judge.success and not (foreign is not None and foreign.over):
+            action = (yield from chunks.next(state)) if privileged is None else chunks.next_of(privileged, state)
             if foreign is not None:
                 foreign.draw_next(wanted=chunks.looks_at(state.step + 1))
             applied = scene.step(action if disturb is None else disturb(action))
             if observer is not None:
                 chunks.look(state.step + 1)
             state = scene.state()
-            truth = tracker.update(state)
-            append_row(builder, scene, state, truth, action=action, applied=applied)
+            judge.see(state, action, applied)
             if on_step is not None:
                 on_step(state.step)
             if foreign is not None and foreign.instructed_anew:
                 yield from chunks.begin_again()
-        if truth.success:
+        if judge.success:
             termination = "success"
     except (PolicyUnavailableError, PolicyKilledError):
         raise
@@ -180,8 +162,44 @@ def episode_steps(
         termination, error = "policy_error", str(problem)
     except InvalidActionError as problem:
         termination, error = "policy_error", f"{type(problem).__name__}: {problem}"
-    record = _finished(scene, builder, termination, error, success=truth.success)
-    return EpisodeResult(record, chunks.wall_figures(), builder.states)
+    judge.catch_up()
+    record = _finished(scene, judge.builder, termination, error, success=judge.success)
+    return EpisodeResult(record, chunks.wall_figures(), judge.builder.states)
+
+
+class _Judge:
+    """Records an episode and judges its states, in blocks that end where the episode can succeed at the earliest.
+
+    Between two physics steps the processor's caches are cold, and judging one state takes two to three times as long as
+    judging one of several. A goal has to hold for some time, so what an episode does never depends on a state of the
+    same block.
+    """
+
+    def __init__(
+        self, tracker: GoalTracker | ForeignTracker, builder: RecordBuilder, scene: Scene | ForeignScene
+    ) -> None:
+        self.builder, self.success = builder, False
+        self._tracker, self._simulator_state = tracker, scene.simulator_state
+        self._waiting: list[WorldState] = []
+        self._block = 1
+
+    def see(self, state: WorldState, action: np.ndarray | None, applied: np.ndarray | None) -> None:
+        """Take in the next state and the action that led there; ``success`` is then up to date."""
+        self.builder.append_state(state, **self._simulator_state(), action=action, applied=applied)
+        self._waiting.append(state)
+        if len(self._waiting) >= self._block:
+            self.catch_up()
+
+    def catch_up(self) -> None:
+        """Judge what has not been judged."""
+        for state in self._waiting:
+            truth = self._tracker.update(state)
+            self.builder.append_truth(
+                predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden
+            )
+            self.success = truth.success
+        self._waiting.clear()
+        self._block = min(_LONGEST_BLOCK, 1 + self._tracker.undecided_states)
 
 
 def _tracked(scene: Scene | ForeignScene, context: TrialContext) -> tuple[GoalTracker | ForeignTracker, RecordMetadata]:
@@ -224,13 +242,9 @@ def append_row(
     applied: np.ndarray | None,
 ) -> None:
     """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
-    simulator = scene.simulator_state()
     builder.append(
         state,
-        qpos=simulator["qpos"],
-        qvel=simulator["qvel"],
-        act=simulator["act"],
-        ctrl=simulator["ctrl"],
+        **scene.simulator_state(),
         action=action,
         applied=applied,
         predicates=truth.relations,

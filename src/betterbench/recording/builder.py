@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from itertools import accumulate, chain
-from operator import attrgetter
+from itertools import accumulate, chain, compress
+from operator import attrgetter, is_not
 from typing import Any
 
 import numpy as np
@@ -68,25 +68,36 @@ class RecordBuilder:
         self,
         state: WorldState,
         *,
+        predicates: Sequence[bool] = (),
+        subgoals: Sequence[bool] = (),
+        goal: bool,
+        forbidden: bool = False,
+        **given: npt.NDArray[Any] | None,
+    ) -> None:
+        """Append one row, :meth:`append_state`, and what holds in it, :meth:`append_truth`; raise as they do."""
+        self._check_truths(predicates, subgoals)
+        self.append_state(state, **given)  # type: ignore[arg-type]
+        self.append_truth(predicates=predicates, subgoals=subgoals, goal=goal, forbidden=forbidden)
+
+    def append_state(
+        self,
+        state: WorldState,
+        *,
         qpos: npt.NDArray[np.float64],
         qvel: npt.NDArray[np.float64],
         ctrl: npt.NDArray[np.float64],
         act: npt.NDArray[np.float64] = _NO_ACTIVATIONS,
         action: npt.NDArray[np.floating] | None = None,
         applied: npt.NDArray[np.floating] | None = None,
-        predicates: Sequence[bool] = (),
-        subgoals: Sequence[bool] = (),
-        goal: bool,
-        forbidden: bool = False,
     ) -> None:
         """Append one row: the state at reset first, then the state after each action.
 
         The arrays are copied: ``qpos`` (nq,), ``qvel`` (nv,), ``ctrl`` (nu,) and the activations ``act`` (na,), which
         belong to the physical state. ``action`` as the policy asked for it and ``applied`` after clipping, both (dim,),
-        are None at reset and only there. ``predicates`` and ``subgoals`` are in the order of the metadata.
+        are None at reset and only there.
 
         Raises:
-            InvalidInputError: If the step is out of order, an array changes its shape or a truth value is missing.
+            InvalidInputError: If the step is out of order or an array changes its shape.
         """
         step = len(self._states)
         if state.step != step:
@@ -106,17 +117,26 @@ class RecordBuilder:
             self._attend((qpos, qvel, act, ctrl))
         if action.shape != self._no_action.shape or applied.shape != self._no_action.shape:
             self._refuse_actions(action, applied)
-        if (len(predicates), len(subgoals)) != self._lengths:
-            problem = f"{len(predicates)} and {len(subgoals)} truth values"
-            cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
-            raise InvalidInputError("predicates, subgoals", problem, cure)
         # Bytes take half of the time of an array of the whole row. Policies answer all kinds of numbers.
         asked = action if action.dtype is _FLOAT64 else action.astype(_FLOAT64)
         done = applied if applied.dtype is _FLOAT64 else applied.astype(_FLOAT64)
         memory = self._memory or [a.astype(_FLOAT64).tobytes() for a in self._simulator]
         self._rows.append(b"".join((*memory, asked.tobytes(), done.tobytes())))
-        self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
         self._states.append(state)
+
+    def append_truth(
+        self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
+    ) -> None:
+        """Append what holds in the first row of which that is not known yet, in the order of the metadata.
+
+        Raises:
+            InvalidInputError: If a truth value is missing, or is known of every row.
+        """
+        self._check_truths(predicates, subgoals)
+        if len(self._truths) >= len(self._states):
+            problem = f"known of all {len(self._states)} rows"
+            raise InvalidInputError("predicates, subgoals", problem, "Append a row before what holds in it")
+        self._truths.append((tuple(predicates), tuple(subgoals), goal, forbidden))
 
     def finish(
         self,
@@ -129,14 +149,17 @@ class RecordBuilder:
     ) -> Record:
         """Return the record of the episode; the arguments are those of :class:`Outcome`.
 
-        Raises InvalidInputError if nothing was appended, a state does not list the scene's objects or the outcome
-        contradicts itself.
+        Raises InvalidInputError if nothing was appended, it is not known of a row what holds in it, a state does not
+        list the scene's objects or the outcome contradicts itself.
         """
         outcome = Outcome(termination, bool(success), error, clipped_actions, invalid_actions)
         if not self._states:
             raise InvalidInputError("record", "has no rows", "Append the state at reset first")
         dump_json(asdict(outcome))
         rows = len(self._states)
+        if len(self._truths) != rows:
+            problem = f"known of {len(self._truths)} of {rows} rows"
+            raise InvalidInputError("predicates, subgoals", problem, "Append what holds in every row")
         bodies, contacts = _collect_contacts(self._states)
         predicates, subgoals, goals, forbidden = zip(*self._truths, strict=True)
         shapes = (*self._shapes, self._no_action.shape, self._no_action.shape)
@@ -208,6 +231,13 @@ class RecordBuilder:
             raise InvalidInputError("state.info", "is not the scene of the metadata", "Give both the same SceneInfo")
         self._info = state.info  # the next comparison is by identity
 
+    def _check_truths(self, predicates: Sequence[bool], subgoals: Sequence[bool]) -> None:
+        """Raise InvalidInputError if there are not as many as the metadata name."""
+        if (len(predicates), len(subgoals)) != self._lengths:
+            problem = f"{len(predicates)} and {len(subgoals)} truth values"
+            cure = f"Give {self._lengths[0]} predicates and {self._lengths[1]} subgoals"
+            raise InvalidInputError("predicates, subgoals", problem, cure)
+
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
         """Take over the arrays of the simulator, which it keeps in place for an episode, and refuse other shapes."""
         shapes = tuple(a.shape for a in simulator)
@@ -233,7 +263,7 @@ def _column(values: Sequence[Any], shape: tuple[int, ...]) -> npt.NDArray[np.flo
     Nested values are laid out flat first, which takes a third of the time that NumPy takes to find their shape; rows
     that are the very value of the row before, as those of things at rest are, are laid out once.
     """
-    new = [0, *(i for i in range(1, len(values)) if values[i] is not values[i - 1])]
+    new = [0, *compress(range(1, len(values)), map(is_not, values[1:], values))]
     flat: Iterable[Any] = [values[i] for i in new]
     for length in shape:
         flat = list(flat)

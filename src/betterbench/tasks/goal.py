@@ -95,6 +95,13 @@ class GoalTracker:
         """The harm that was done up to the last state, which keeps a goal from being reached."""
         return () if self._last is None else self._harm.found(*self._last)
 
+    @property
+    def undecided_states(self) -> int:
+        """How many of the next states cannot be the one with which the episode succeeds, whatever they hold."""
+        if self._condition.expected is Expected.SUCCEED:
+            return max(0, self._dwell_steps - self._held_for)
+        return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)
+
     def update(self, state: WorldState) -> Truth:
         """Judge the next state of the episode."""
         self._rest.see(state)

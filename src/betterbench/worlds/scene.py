@@ -476,6 +476,11 @@ class ForeignTracker:
         """Names of the subgoals."""
         return self._scene.subgoal_names
 
+    @property
+    def undecided_states(self) -> int:
+        """0: what holds is asked of the world itself, while it is in the state in question."""
+        return 0
+
     def update(self, state: WorldState) -> Truth:
         """Return what holds in the state that the world is in."""
         del state
