@@ -6,13 +6,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from betterbench.experts import make_expert
 from betterbench.geometry import IDENTITY_QUATERNION, Pose, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.scenes import Scene
 from betterbench.scenes.contacts import ContactReader
 from betterbench.scenes.stage import TABLE_Y_M, quality_preset
-from betterbench.tasks import TargetRegion, all_tasks, get_task
+from betterbench.tasks import Expected, TargetRegion, all_tasks, get_task
 from betterbench.tasks.relations import RestWatch
 
 pytestmark = pytest.mark.physics
@@ -232,3 +233,40 @@ def test_contacts_that_ended_while_an_object_fell_asleep_are_forgotten():
     assert "patty" in asleep(scene)
     assert not state.touching("patty", "bottom_bun")
     assert state.touching("patty", "table")
+
+
+@pytest.mark.parametrize(
+    ("task_id", "name"), [("fast_food", "train1"), ("cheeseburger", "train1"), ("morning_coffee", "T1")]
+)
+def test_contacts_are_those_that_the_engine_lists_one_by_one(task_id, name):
+    """A reading goes on with the pairs of the one before while the engine lists the same points."""
+    scene = build_scene(task_id, name)
+    expert = make_expert("expert", scene)
+    labels, names, objects = scene.compiled.geom_labels, scene.body_names, {o.name for o in scene.info.objects}
+    state, held = scene.reset(), set()
+    for _ in range(220):
+        resting = asleep(scene)
+        due: dict[frozenset[str], float] = {}
+        data = scene.data
+        for point in data.contact:
+            pair = frozenset(names[labels[g]] for g in point.geom if labels[g] >= 0)
+            if len(pair) == 2 and pair & (objects | {"left_finger", "right_finger", "hand"}) and not pair & resting:
+                force = data.efc_force[point.efc_address] if point.efc_address >= 0 else 0.0
+                due[pair] = due.get(pair, 0.0) + force
+        read = {frozenset((c.a, c.b)): c.force_n for c in state.contacts}
+        if scene.condition.expected is Expected.SUCCEED:  # else what was touched in passing is listed too
+            assert {pair: force for pair, force in read.items() if not pair & resting} == due
+        lifted = [
+            n
+            for n in objects
+            if {frozenset((n, "left_finger")), frozenset((n, "right_finger"))} <= due.keys()
+            and not any(n in pair and pair & ({*objects, "table"} - {n}) for pair in read)
+        ]
+        assert state.held == (lifted[0] if lifted else None)
+        assert [(c.a, c.b) for c in state.contacts] == sorted(
+            [(c.a, c.b) for c in state.contacts], key=lambda pair: tuple(map(names.index, pair))
+        )
+        held.add(state.held)
+        scene.step(expert.act_on_state(state))
+        state = scene.state()
+    assert len(held) > 1 or scene.condition.expected is not Expected.SUCCEED

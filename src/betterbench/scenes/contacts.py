@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -26,6 +27,28 @@ class _Sleep(NamedTuple):
     cycles: bytes
     sleeping: tuple[int, ...]
     places: Callable[[Sequence[Vector]], tuple[Vector, ...]]
+
+
+Groups = tuple[tuple[int, tuple[int, ...]], ...]
+"""Pairs that the engine lists: the number of each, and where the normal forces of its contact points stand."""
+
+
+class _Row(NamedTuple):
+    """What a reading returns, but for the forces, for as long as the same pairs touch.
+
+    Attributes:
+        groups: The pairs that the engine lists.
+        kept: What the sleeping objects touch.
+        contacts: All contacts in the order of their numbers; those with a force to be read are to be replaced.
+        awake: These: where they stand, their names, and where their forces stand.
+        held: The object that is held.
+    """
+
+    groups: Groups
+    kept: Mapping[int, Contact]
+    contacts: tuple[Contact, ...]
+    awake: tuple[tuple[int, str, str, tuple[int, ...]], ...]
+    held: str | None
 
 
 class ContactReader:
@@ -58,8 +81,10 @@ class ContactReader:
         self._awake = mujoco.MjData(self._model)
         self._kept_for: tuple[tuple[int, ...], tuple[Vector, ...]] = ((), ())
         self._kept: dict[int, Contact] = {}
-        self._kept_contacts: tuple[Contact, ...] = ()
         self._kept_numbers: frozenset[int] = frozenset()
+        self._listed: tuple[bytes, bytes] = (b"", b"")
+        self._groups: Groups = ()
+        self._row = _Row((), _NOTHING, (), (), None)
         self._by_robot = frozenset({numbers[i][part] for i in range(n) for part in range(n, table)})
         self._passed: dict[int, float] = {}
 
@@ -86,27 +111,24 @@ class ContactReader:
         """
         if data is not self._data:  # the engine keeps its arrays in place
             self._data, self._asleep = data, data.tree_asleep.data
-        total, names = self._touching(data), self._pair_names
+        groups = self._grouped(data)
         cycles = self._asleep.tobytes()
         if cycles != self._sleep.cycles:
             self._sleep = self._who_sleeps(cycles)
-        if not self._sleep.sleeping:
-            held = self._held(total)
-            for number, force in self._passed.items():
-                total[number] = max(force, total.get(number, 0.0))
-            return tuple([Contact(*names[number], total[number]) for number in sorted(total)]), held
-        self._keep(data, positions)
-        kept = self._kept_numbers
-        awake = [number for number in total if number not in kept]
-        if not awake and not self._passed:
-            return self._kept_contacts, None  # what the gripper touches is awake
-        found = self._kept.copy()
-        for number in awake:
-            found[number] = Contact(*names[number], total[number])
-        held = self._held(found)
-        for number, force in self._passed.items():
-            found[number] = Contact(*names[number], max(force, found[number].force_n if number in found else 0.0))
-        return tuple([found[number] for number in sorted(found)]), held
+        kept = _NOTHING
+        if self._sleep.sleeping:
+            self._keep(data, positions)
+            kept = self._kept
+        row = self._row
+        if groups is not row.groups or kept is not row.kept:  # seldom: what is in the gripper is touched for long
+            row = self._row = self._new_row(groups, kept)
+        contacts = row.contacts
+        if row.awake:
+            forces, filled = data.efc_force.data, list(contacts)
+            for i, one, other, addresses in row.awake:
+                filled[i] = Contact(one, other, _force(forces, addresses))
+            contacts = tuple(filled)
+        return self._with_passed(contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
@@ -120,16 +142,46 @@ class ContactReader:
 
     def _touching(self, data: mujoco.MjData) -> dict[int, float]:
         """Return the number of each pair that the engine lists, with the sum of its normal forces [N]."""
-        total: dict[int, float] = {}
+        groups = self._grouped(data)
+        if not groups:
+            return {}
+        forces = data.efc_force.data
+        return {number: _force(forces, addresses) for number, addresses in groups}
+
+    def _grouped(self, data: mujoco.MjData) -> Groups:
+        """Return the pairs that the engine lists: the very tuple of the last call where it lists the same points."""
         if data.ncon == 0:
-            return total
-        contact, forces, labels, numbers = data.contact, data.efc_force.tolist(), self._geom_labels, self._numbers
-        for (one, other), address in zip(contact.geom.tolist(), contact.efc_address.tolist(), strict=True):
-            number = numbers[labels[one]][labels[other]]
-            if number >= 0:
-                force = forces[address] if address >= 0 else 0.0
-                total[number] = total[number] + force if number in total else force
-        return total
+            return ()
+        contact = data.contact
+        geoms, rows = contact.geom, contact.efc_address
+        listed = geoms.tobytes(), rows.tobytes()
+        if listed != self._listed:
+            labels, numbers = self._geom_labels, self._numbers
+            found: dict[int, list[int]] = {}
+            for (one, other), address in zip(geoms.tolist(), rows.tolist(), strict=True):
+                number = numbers[labels[one]][labels[other]]
+                if number >= 0:
+                    found.setdefault(number, []).append(address)
+            self._listed = listed
+            self._groups = tuple([(number, tuple(addresses)) for number, addresses in found.items()])
+        return self._groups
+
+    def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
+        """Return what readings return where these pairs touch and the sleeping objects touch what is kept."""
+        asleep = frozenset() if kept is _NOTHING else self._kept_numbers
+        awake = {number: addresses for number, addresses in groups if number not in asleep}
+        order = sorted({*awake, *kept})
+        contacts = tuple([kept[n] if n in kept else Contact(*self._pair_names[n], 0.0) for n in order])
+        read = tuple([(i, *self._pair_names[n], awake[n]) for i, n in enumerate(order) if n in awake])
+        return _Row(groups, kept, contacts, read, self._held({*order}) if awake else None)
+
+    def _with_passed(self, contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
+        """Return the contacts with those in passing since the reading before, with their largest force."""
+        found = {(contact.a, contact.b): contact for contact in contacts}
+        for number, force in self._passed.items():
+            pair = self._pair_names[number]
+            found[pair] = Contact(*pair, max(force, found[pair].force_n if pair in found else 0.0))
+        return tuple([found[pair] for pair in self._pair_names.values() if pair in found])
 
     def _who_sleeps(self, cycles: bytes) -> _Sleep:
         """Return which objects sleep, from what the engine says of its trees."""
@@ -152,7 +204,6 @@ class ContactReader:
             self._kept = {number: Contact(*self._pair_names[number], touching[number]) for number in sorted(touching)}
         self._kept_for = state
         self._kept = {number: contact for number, contact in self._kept.items() if number in self._kept_numbers}
-        self._kept_contacts = tuple(self._kept.values())
 
     def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
         """Tell whether these are objects that slept at the last call too, and touched none of those that have woken.
@@ -165,7 +216,7 @@ class ContactReader:
         woken = {number for i in before.keys() - {*sleeping} for number in self._numbers[i]}
         return not any(number in woken and number in self._kept_numbers for number in self._kept)
 
-    def _held(self, touching: Mapping[int, object]) -> str | None:
+    def _held(self, touching: AbstractSet[int]) -> str | None:
         """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
         if self._lefts.isdisjoint(touching):
             return None
@@ -175,13 +226,24 @@ class ContactReader:
         return None
 
 
+_NOTHING: Mapping[int, Contact] = {}
+"""What is kept while nothing sleeps."""
+
 _KEPT_BETWEEN_READINGS = (
     "_kept_for",
     "_kept",
-    "_kept_contacts",
     "_kept_numbers",
     "_passed",
 )
+
+
+def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
+    """Return the sum of the normal forces of some contact points [N]; one that the solver left out has none."""
+    total = 0.0
+    for address in addresses:
+        if address >= 0:
+            total += forces[address]
+    return total
 
 
 def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
