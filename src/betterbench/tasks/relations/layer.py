@@ -5,7 +5,7 @@ import math
 from betterbench.geometry import Vector, horizontal_distance, tilt_of
 from betterbench.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
-from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
+from betterbench.tasks.relations.placing import foot, foot_offset, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, surface_of
 from betterbench.tasks.thresholds import threshold
 
@@ -36,19 +36,23 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
         return None
     if tilt_of(state.pose(base).quaternion) > TILT:
         return None
-    below, seen = base, {base}
+    top = _faces(state, base)[1][2]
+    # The heights of both faces of everything that is over the base and on no layer yet.
+    loose = {
+        o.name: (lower[2], upper[2])
+        for o in state.info.objects
+        if o.name != base and not o.fixed and _over(state, o.name, base)
+        for lower, upper in [_faces(state, o.name)]
+    }
+    below = base
     for number in LAYERS:
-        top = _faces(state, below)[1][2]
-        loose = (
-            o.name for o in state.info.objects if o.name not in seen and not o.fixed and _over(state, o.name, base)
-        )
-        above = [n for n in loose if abs(_faces(state, n)[0][2] - top) <= GAP and state.touching(n, below)]
+        above = [n for n, (lower, _) in loose.items() if abs(lower - top) <= GAP and state.touching(n, below)]
         if len(above) != 1:
             return None  # nothing there, or two things share the layer
         if name in above:
             return number
         below = above[0]
-        seen.add(below)
+        top = loose.pop(below)[1]
     return None
 
 
@@ -57,7 +61,12 @@ def _layers(info: ObjectInfo) -> tuple[str, ...]:
 
 
 def _over(state: WorldState, name: str, base: str) -> bool:
-    middle = state.pose(base).position
+    """Tell whether the face that an object lies on is centered over a base, and flat."""
+    info, middle = state.info.object(name), state.positions[state.info.index(base)]
+    # Most things are farther away than their faces are from where their pose says that they are.
+    reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
+    if horizontal_distance(state.positions[state.info.index(name)], middle) > OFFSET + reach:
+        return False
     if horizontal_distance(_faces(state, name)[0], middle) > OFFSET:
         return False
     tilt = tilt_of(state.pose(name).quaternion)
@@ -71,10 +80,13 @@ def _inverted(state: WorldState, name: str) -> bool:
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:
     """Return the middles of the face that a layer lies on and of the one that the next layer lies on [m], world."""
-    info, lower = state.info.object(name), foot(state, name)
-    top = next((r.position for r in info.regions if r.name == "top"), (0.0, 0.0, info.size_m[2]))
-    upper = state.pose(name).apply(top)
+    lower, upper = foot(state, name), state.pose(name).apply(_top(state.info.object(name)))
     return (upper, lower) if _inverted(state, name) else (lower, upper)
+
+
+def _top(info: ObjectInfo) -> Vector:
+    """Return the middle of the face that the next layer lies on [m], in the object's frame."""
+    return next((r.position for r in info.regions if r.name == "top"), (0.0, 0.0, info.size_m[2]))
 
 
 def _loosely(state: WorldState, name: str, base: str) -> str | None:
