@@ -135,6 +135,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("report",), "runs: no run is named"),
         (("compare",), "Name at least two"),
         (("export",), "runs: no run is named"),
+        (("export", "--check", "set"), "the runs with whose records set is to be compared"),
         (("replay", "no/such/record.parquet", "--check"), "record.parquet"),
     ],
 )

@@ -68,7 +68,10 @@ def export_command(
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
-        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
+        cure = "Give the folder of the run, that which --out named when it was made"
+        if check is not None:
+            cure = f"Give the folders of the runs with whose records {check} is to be compared"
+        raise InvalidInputError("runs", "no run is named", cure)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
         return

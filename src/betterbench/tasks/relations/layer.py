@@ -32,50 +32,55 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
     Every layer from the base up to the object lies flat on the one below, touches it, and is centered over the base.
     A patty, a slice or a leaf may lie either way up, a bun not, and the base has to stand itself.
     """
-    if not _over(state, name, base) or _faces(state, name)[0][2] <= state.pose(base).position[2]:
+    mine = _heights_over(state, name, base)
+    if mine is None or mine[0] <= state.positions[state.info.index(base)][2]:
         return None
     if tilt_of(state.pose(base).quaternion) > TILT:
         return None
-    top = _faces(state, base)[1][2]
-    # The heights of both faces of everything that is over the base and on no layer yet.
-    loose = {
-        o.name: (lower[2], upper[2])
-        for o in state.info.objects
-        if o.name != base and not o.fixed and _over(state, o.name, base)
-        for lower, upper in [_faces(state, o.name)]
-    }
-    below = base
+    below, top, seen = base, _faces(state, base)[1][2], {base}
     for number in LAYERS:
-        above = [n for n, (lower, _) in loose.items() if abs(lower - top) <= GAP and state.touching(n, below)]
+        above = []
+        for other in _loose_on(state, below):
+            heights = mine if other == name else _heights_over(state, other, base)
+            if other not in seen and heights is not None and abs(heights[0] - top) <= GAP:
+                above.append((other, heights[1]))
         if len(above) != 1:
             return None  # nothing there, or two things share the layer
-        if name in above:
+        below, top = above[0]
+        if below == name:
             return number
-        below = above[0]
-        top = loose.pop(below)[1]
+        seen.add(below)
     return None
+
+
+def _loose_on(state: WorldState, below: str) -> list[str]:
+    """Return the loose objects that touch an object."""
+    touching = [a if b == below else b for a, b, _ in state.contacts if below in {a, b}]
+    return [name for name in touching if name in state.info and not state.info.object(name).fixed]
 
 
 def _layers(info: ObjectInfo) -> tuple[str, ...]:
     return LAYERS if info.role == "container" and any(r.name == "top" for r in info.regions) else ()
 
 
-def _over(state: WorldState, name: str, base: str) -> bool:
-    """Tell whether the face that an object lies on is centered over a base, and flat."""
+def _heights_over(state: WorldState, name: str, base: str) -> tuple[float, float] | None:
+    """Return the heights of both faces of an object that lies flat and centered over a base [m], else None."""
     info, middle = state.info.object(name), state.positions[state.info.index(base)]
     # Most things are farther away than their faces are from where their pose says that they are.
     reach = max(math.hypot(*foot_offset(info)), math.hypot(*_top(info)))
     if horizontal_distance(state.positions[state.info.index(name)], middle) > OFFSET + reach:
-        return False
-    if horizontal_distance(_faces(state, name)[0], middle) > OFFSET:
-        return False
-    tilt = tilt_of(state.pose(name).quaternion)
-    return tilt <= TILT or (_inverted(state, name) and math.pi - tilt <= TILT)
+        return None
+    tilt = tilt_of(state.quaternions[state.info.index(name)])
+    if tilt > TILT and not (_inverted(state, name) and math.pi - tilt <= TILT):
+        return None
+    lower, upper = _faces(state, name)
+    return (lower[2], upper[2]) if horizontal_distance(lower, middle) <= OFFSET else None
 
 
 def _inverted(state: WorldState, name: str) -> bool:
     """Tell whether a layer that has no up and down lies on what its asset calls its top."""
-    return state.info.object(name).category in EITHER_WAY_UP and tilt_of(state.pose(name).quaternion) > 0.5 * math.pi
+    i = state.info.index(name)
+    return state.info.objects[i].category in EITHER_WAY_UP and tilt_of(state.quaternions[i]) > 0.5 * math.pi
 
 
 def _faces(state: WorldState, name: str) -> tuple[Vector, Vector]:

@@ -24,13 +24,13 @@ def on_plate(state: WorldState, name: str, plate: str) -> bool:
     Its foot is on the plate's floor, near its middle, it lies flat, and the two touch. An object that rests on the rim
     or on a third one is not on the plate.
     """
-    if name == plate:
+    if name == plate or not state.touching(name, plate):
         return False
     x, y, z = state.pose(plate).inverse().apply(foot(state, name))
     fx, fy, fz = state.info.object(plate).region("floor").position
     if (x - fx) ** 2 + (y - fy) ** 2 > OFFSET**2 or abs(z - fz) > GAP:
         return False
-    return tilt_of(state.pose(name).quaternion) <= THRESHOLDS.upright_tilt and state.touching(name, plate)
+    return tilt_of(state.pose(name).quaternion) <= THRESHOLDS.upright_tilt
 
 
 def _loosely(state: WorldState, name: str, plate: str) -> str | None:
