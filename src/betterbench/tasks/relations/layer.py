@@ -55,8 +55,7 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
 
 def _loose_on(state: WorldState, below: str) -> list[str]:
     """Return the loose objects that touch an object."""
-    touching = [a if b == below else b for a, b, _ in state.contacts if below in {a, b}]
-    return [name for name in touching if name in state.info and not state.info.object(name).fixed]
+    return [o.name for o in state.info.objects if not o.fixed and state.touching(o.name, below)]
 
 
 def _layers(info: ObjectInfo) -> tuple[str, ...]:
