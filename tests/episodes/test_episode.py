@@ -36,9 +36,14 @@ def short(task: Task, steps: int = 40) -> Task:
 
 
 def make_scene(
-    name: str = "train1", *, task_id: str = "morning_coffee", seed: int = 0, steps: int = 40, space: str = "ee_delta"
+    name: str = "train1",
+    *,
+    task_id: str = "morning_coffee",
+    seed: int = 0,
+    steps: int | None = 40,
+    space: str = "ee_delta",
 ) -> Scene:
-    task = short(get_task(task_id), steps)
+    task = get_task(task_id) if steps is None else short(get_task(task_id), steps)
     condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
     return Scene(task, condition, seed=seed, action_space=action_space(space), quality=quality_preset("fast"))
 
@@ -356,12 +361,10 @@ def interrupt(_):
     ],
 )
 def test_an_episode_that_judges_in_blocks_is_one_that_judges_every_state_at_once(task_id, name, policy, monkeypatch):
-    task = get_task(task_id)
-    condition = task.train(name) if name.startswith("train") else vary(task, task.variation(name))[0]
     records = []
     for longest in (20, 1, 3):
         monkeypatch.setattr("betterbench.episodes.episode._LONGEST_BLOCK", longest)
-        scene = Scene(task, condition, seed=0, action_space=action_space("ee_delta"), quality=quality_preset("fast"))
+        scene = make_scene(name, task_id=task_id, steps=None)
         records.append(run_episode(scene, make_expert(policy, scene), context=TrialContext(policy)).record)
     assert records[0].same_bits(records[1])
     assert records[0].same_bits(records[2])

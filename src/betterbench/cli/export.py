@@ -68,10 +68,9 @@ def export_command(
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
-        cure = "Give the folder of the run, that which --out named when it was made"
-        if check is not None:
-            cure = f"Give the folders of the runs with whose records {check} is to be compared"
-        raise InvalidInputError("runs", "no run is named", cure)
+        named = "Give the folder of the run, that which --out named when it was made"
+        compared = f"Give the folders of the runs with whose records {check} is to be compared"
+        raise InvalidInputError("runs", "no run is named", named if check is None else compared)
     if check is not None and _is_dataset(check):
         _check_dataset(runs, check, as_json=json)
         return

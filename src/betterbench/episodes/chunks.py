@@ -40,7 +40,6 @@ class Chunks:
         self._observe_s = 0.0
         self._began = self._resumed = began
         self._simulation_s = 0.0
-        self._answered_here_s = 0.0
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -82,7 +81,7 @@ class Chunks:
         if self._queue:
             return self._queue.popleft()
         reply = answer(policy, state)
-        self._answered_here_s += reply.took_s
+        self._simulation_s -= reply.took_s  # its clock has run on
         actions = self._answered(reply)
         if actions.shape == (self._scene.action_space.dim,):
             return actions  # checked when it is applied, which is at once
@@ -108,7 +107,7 @@ class Chunks:
     def wall_figures(self) -> dict[str, float]:
         """Return how long the episode and its parts took [s]."""
         now = time.perf_counter()
-        simulated = self._simulation_s + now - self._resumed - self._observe_s - self._answered_here_s
+        simulated = self._simulation_s + now - self._resumed - self._observe_s
         latencies = np.array(self._latencies or [0.0])
         return {
             "duration_s": round(now - self._began, 6),

@@ -194,9 +194,7 @@ class _Judge:
         """Judge what has not been judged."""
         for state in self._waiting:
             truth = self._tracker.update(state)
-            self.builder.append_truth(
-                predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden
-            )
+            _append_truth(self.builder, truth)
             self.success = truth.success
         self._waiting.clear()
         self._block = min(_LONGEST_BLOCK, 1 + self._tracker.undecided_states)
@@ -242,13 +240,11 @@ def append_row(
     applied: np.ndarray | None,
 ) -> None:
     """Append one row of an episode to its record: the state of the scene, its truth, and the action that led there."""
-    builder.append(
-        state,
-        **scene.simulator_state(),
-        action=action,
-        applied=applied,
-        predicates=truth.relations,
-        subgoals=truth.subgoals,
-        goal=truth.goal,
-        forbidden=truth.forbidden,
+    builder.append_state(state, **scene.simulator_state(), action=action, applied=applied)
+    _append_truth(builder, truth)
+
+
+def _append_truth(builder: RecordBuilder, truth: Truth) -> None:
+    builder.append_truth(
+        predicates=truth.relations, subgoals=truth.subgoals, goal=truth.goal, forbidden=truth.forbidden
     )

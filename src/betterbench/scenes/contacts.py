@@ -39,13 +39,15 @@ class _Row(NamedTuple):
     Attributes:
         groups: The pairs that the engine lists.
         kept: What the sleeping objects touch.
-        contacts: All contacts in the order of their numbers; those with a force to be read are to be replaced.
+        order: The numbers of all pairs that touch.
+        contacts: Their contacts in this order; those with a force to be read are to be replaced.
         awake: These: where they stand, their names, and where their forces stand.
         held: The object that is held.
     """
 
     groups: Groups
     kept: Mapping[int, Contact]
+    order: tuple[int, ...]
     contacts: tuple[Contact, ...]
     awake: tuple[tuple[int, str, str, tuple[int, ...]], ...]
     held: str | None
@@ -84,7 +86,7 @@ class ContactReader:
         self._kept_numbers: frozenset[int] = frozenset()
         self._listed: tuple[bytes, bytes] = (b"", b"")
         self._groups: Groups = ()
-        self._row = _Row((), _NOTHING, (), (), None)
+        self._row = _Row((), _NOTHING, (), (), (), None)
         self._by_robot = frozenset({numbers[i][part] for i in range(n) for part in range(n, table)})
         self._passed: dict[int, float] = {}
 
@@ -128,7 +130,7 @@ class ContactReader:
             for i, one, other, addresses in row.awake:
                 filled[i] = Contact(one, other, _force(forces, addresses))
             contacts = tuple(filled)
-        return self._with_passed(contacts) if self._passed else contacts, row.held
+        return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
 
     def snapshot(self) -> dict[str, Any]:
         """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
@@ -142,11 +144,8 @@ class ContactReader:
 
     def _touching(self, data: mujoco.MjData) -> dict[int, float]:
         """Return the number of each pair that the engine lists, with the sum of its normal forces [N]."""
-        groups = self._grouped(data)
-        if not groups:
-            return {}
         forces = data.efc_force.data
-        return {number: _force(forces, addresses) for number, addresses in groups}
+        return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
 
     def _grouped(self, data: mujoco.MjData) -> Groups:
         """Return the pairs that the engine lists: the very tuple of the last call where it lists the same points."""
@@ -170,18 +169,18 @@ class ContactReader:
         """Return what readings return where these pairs touch and the sleeping objects touch what is kept."""
         asleep = frozenset() if kept is _NOTHING else self._kept_numbers
         awake = {number: addresses for number, addresses in groups if number not in asleep}
-        order = sorted({*awake, *kept})
+        order = tuple(sorted({*awake, *kept}))
         contacts = tuple([kept[n] if n in kept else Contact(*self._pair_names[n], 0.0) for n in order])
         read = tuple([(i, *self._pair_names[n], awake[n]) for i, n in enumerate(order) if n in awake])
-        return _Row(groups, kept, contacts, read, self._held({*order}) if awake else None)
+        return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
 
-    def _with_passed(self, contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
-        """Return the contacts with those in passing since the reading before, with their largest force."""
-        found = {(contact.a, contact.b): contact for contact in contacts}
+    def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
+        """Return the contacts, with those in passing since the reading before, each with its largest force."""
+        found = dict(zip(order, contacts, strict=True))
         for number, force in self._passed.items():
-            pair = self._pair_names[number]
-            found[pair] = Contact(*pair, max(force, found[pair].force_n if pair in found else 0.0))
-        return tuple([found[pair] for pair in self._pair_names.values() if pair in found])
+            before = found[number].force_n if number in found else 0.0
+            found[number] = Contact(*self._pair_names[number], max(force, before))
+        return tuple([found[number] for number in sorted(found)])
 
     def _who_sleeps(self, cycles: bytes) -> _Sleep:
         """Return which objects sleep, from what the engine says of its trees."""

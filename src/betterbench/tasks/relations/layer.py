@@ -39,11 +39,11 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
         return None
     below, top, seen = base, _faces(state, base)[1][2], {base}
     for number in LAYERS:
-        above = []
-        for other in _loose_on(state, below):
-            heights = mine if other == name else _heights_over(state, other, base)
-            if other not in seen and heights is not None and abs(heights[0] - top) <= GAP:
-                above.append((other, heights[1]))
+        on = [
+            o.name for o in state.info.objects if not o.fixed and o.name not in seen and state.touching(o.name, below)
+        ]
+        heights = {other: mine if other == name else _heights_over(state, other, base) for other in on}
+        above = [(other, h[1]) for other, h in heights.items() if h is not None and abs(h[0] - top) <= GAP]
         if len(above) != 1:
             return None  # nothing there, or two things share the layer
         below, top = above[0]
@@ -51,11 +51,6 @@ def layer(state: WorldState, name: str, base: str) -> str | None:
             return number
         seen.add(below)
     return None
-
-
-def _loose_on(state: WorldState, below: str) -> list[str]:
-    """Return the loose objects that touch an object."""
-    return [o.name for o in state.info.objects if not o.fixed and state.touching(o.name, below)]
 
 
 def _layers(info: ObjectInfo) -> tuple[str, ...]:
