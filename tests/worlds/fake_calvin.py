@@ -145,6 +145,9 @@ class FakeEnv:
         }
 
     def step(self, action):
+        if isinstance(action, list):  # absolute: position, rotation, gripper
+            assert [len(part) for part in action] in ([3, 3, 1], [3, 4, 1])
+            action = np.concatenate([action[0], np.zeros(3), action[2]])
         assert action.shape == (7,)
         assert action[6] in (-1, 1)
         self.steps += 1

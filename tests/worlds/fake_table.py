@@ -130,6 +130,7 @@ class FakeTable:
         arrays |= {"quaternions": np.array([[1.0, 0.0, 0.0, 0.0]] * 3), "joint_speeds": np.zeros(7)}
         arrays |= {"ee_position": self.tool, "ee_rotation": DOWN, "goal_position": self.tool, "goal_rotation": DOWN}
         arrays |= {"native_position": self.tool, "native_gripper": np.zeros(2)}
+        arrays |= {"controller_position": self.tool, "controller_rotation": np.eye(3)}
         arrays["native_quaternion"] = np.array([1.0, 0.0, 0.0, 0.0])
         return arrays
 

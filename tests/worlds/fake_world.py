@@ -122,6 +122,7 @@ class FakeSimulator:
         }
         arrays |= {"joints": np.arange(7.0), "joint_speeds": np.zeros(7)}
         arrays |= {"native_position": self.at, "native_gripper": np.array([0.0262, -0.0261])}
+        arrays |= {"controller_position": self.at, "controller_rotation": np.eye(3)}
         arrays["native_quaternion"] = np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154])
         return arrays
 

@@ -38,7 +38,7 @@ class TrialOptions:
         trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol; in
             CALVIN chains, 1,000.
         seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
-        action_space: Action space of the policy.
+        action_space: Action space of the policy; ee_delta if not given, and in a foreign world what its address says.
         observation: Observation preset: default, official or state_only.
         quality: Render preset: fast, standard or high.
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
@@ -51,7 +51,7 @@ class TrialOptions:
     variations: tuple[str, ...] = ()
     trials: int | None = None
     seed: int = 0
-    action_space: str = "ee_delta"
+    action_space: str | None = None
     observation: str = "default"
     quality: str = "standard"
     looks: str = "seen"
@@ -200,6 +200,7 @@ def _plan(
         raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
     options = asdict(chosen)
     del options["suite"]
+    options["action_space"] = chosen.action_space or "ee_delta"
     options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
     return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
 
@@ -220,7 +221,7 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
     if policy is None:
         raise InvalidInputError("--policy", "no policy is named", "Give its address")
     _refuse_changed(
-        replace(chosen, suite="better60", tasks=(), trials=None, seed=0, observation="default"),
+        replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
         f"{chosen.suite} has no such choice",
         "Leave out {option}",
     )
@@ -246,6 +247,7 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
         command=calvin_command(world.calvin_env, world.calvin_config, egl=world.calvin_egl),
         trials=chosen.trials,
         seed=chosen.seed,
+        action_space=chosen.action_space,
         observation=chosen.observation,
         refuse_broken=world.broken_premises != "run",
     )
@@ -273,6 +275,7 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
         tasks=chosen.tasks,
         trials=chosen.trials,
         seed=chosen.seed,
+        action_space=chosen.action_space,
         observation=chosen.observation,
         refuse_broken=world.broken_premises != "run",
     )

@@ -2,8 +2,8 @@
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
-(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own action space
-has the other sign (:data:`CALVIN_RELATIVE`), and only its world plays it.
+(robosuite adds ``sign(action)`` times a speed to the commanded width at every control step). CALVIN's own action spaces
+have the other sign (:data:`CALVIN_RELATIVE`), and only its world plays them.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class ActionSpace:
     @property
     def is_delta(self) -> bool:
         """Whether actions are changes (zero means stay) rather than absolute targets."""
-        return self.name in {EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name}
+        return self.name in _DELTAS
 
     def clip(self, action: object) -> np.ndarray:
         """Return the action as it is applied: a new array, (dim,) float64, inside the bounds.
@@ -245,8 +245,75 @@ CALVIN_RELATIVE = ActionSpace(
 """CALVIN's relative actions (calvin_env@797142c, ``robot/robot.py``: ``relative_to_absolute``, ``max_rel_pos``,
 ``max_rel_orn``; the gripper as its wrapper ``play_lmp_wrapper.py`` makes it 1 or -1)."""
 
-WORLD_ACTION_SPACES: dict[str, ActionSpace] = {CALVIN_RELATIVE.name: CALVIN_RELATIVE}
+_UNBOUNDED = 1000.0
+"""Bound of a number that its world plays as it comes; it stops what is no position or angle at all."""
+
+_CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
+
+
+def _calvin(name: str, rotation: tuple[str, ...], convention: str) -> ActionSpace:
+    """Return an action space of CALVIN in meters and radians, which its world does not clip."""
+    components = ("x", "y", "z", *rotation, "gripper")
+    units = ("m",) * 3 + ("rad" if len(rotation) == len("xyz") else "1",) * len(rotation) + ("1",)
+    bound = (_UNBOUNDED,) * len(components)
+    low = tuple(-v for v in bound)
+    return ActionSpace(
+        name, components, units, low, bound, (1.0,) * len(components), f"{convention}; {_CALVIN_GRIPPER}"
+    )
+
+
+CALVIN_ABSOLUTE = _calvin(
+    "calvin_absolute",
+    ("roll", "pitch", "yaw"),
+    "CALVIN's world frame; absolute position, then angles about the fixed axes x, y, z",
+)
+"""CALVIN's absolute actions with angles (calvin_env@797142c, ``robot/robot.py``: ``apply_action`` of three parts)."""
+
+CALVIN_ABSOLUTE_QUATERNION = _calvin(
+    "calvin_absolute_quaternion",
+    ("qx", "qy", "qz", "qw"),
+    "CALVIN's world frame; absolute position, then a quaternion (x, y, z, w)",
+)
+"""The same with a quaternion, as PyBullet takes it."""
+
+CALVIN_DELTA = _calvin(
+    "calvin_delta",
+    ("roll", "pitch", "yaw"),
+    "CALVIN's world frame; meters and angles about the fixed axes x, y, z, added to the last commanded pose, which is "
+    "the measured one where an instruction begins; the sum is played as an absolute pose",
+)
+"""Deltas as vla-evaluation-harness adds them up (``benchmarks/calvin/benchmark.py``: ``_process_delta_action``); angles
+are kept in [-pi, pi), and the pose is rounded to float32 before it is played."""
+
+LIBERO_ABSOLUTE = ActionSpace(
+    name="libero_absolute",
+    components=_TWIST,
+    units=("m", "m", "m", "rad", "rad", "rad", "1"),
+    low=(-_UNBOUNDED,) * 7,
+    high=(_UNBOUNDED,) * 7,
+    scale=(1.0,) * 7,
+    convention=(
+        "LIBERO's world frame; absolute position of the controller's tool point, then its rotation vector; "
+        f"{GRIPPER_CONVENTION}"
+    ),
+)
+"""Absolute poses for robosuite's OSC_POSE with ``use_delta`` switched off after settling, as X-VLA's client and
+vla-evaluation-harness (``absolute_action``) play LIBERO."""
+
+WORLD_ACTION_SPACES: dict[str, ActionSpace] = {
+    space.name: space
+    for space in (CALVIN_RELATIVE, CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, LIBERO_ABSOLUTE)
+}
 """The action spaces that only a foreign world plays."""
+
+PLAYED_IN: Mapping[str, tuple[str, ...]] = {
+    "": tuple(ACTION_SPACES),
+    "libero": (EE_DELTA.name, LIBERO_ABSOLUTE.name),
+    "calvin": tuple(name for name in WORLD_ACTION_SPACES if name.startswith("calvin_")),
+}
+"""The action spaces that a world plays, its usual one first; the empty name stands for our own scenes."""
+
+_DELTAS = frozenset({EE_DELTA.name, EE_DELTA_MEASURED.name, JOINT_DELTA.name, CALVIN_RELATIVE.name, CALVIN_DELTA.name})
 
 
 def action_space(name: str) -> ActionSpace:

@@ -53,6 +53,22 @@ class ConstantRule:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class Feedback:
+    """A state that begins with numbers of the policy's own answer, from its first answer on.
+
+    Attributes:
+        state_key: Key of the state.
+        answer_key: Key of the answer.
+        size: How many numbers of the row that was played last replace the first ones of the state.
+    """
+
+    state_key: tuple[str, ...]
+    answer_key: tuple[str, ...]
+    size: int
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class Adapter:
     """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
 
@@ -65,6 +81,7 @@ class Adapter:
         gripper_opening_m: Distance of the pads that counts as fully open [m].
         episode_key: Where our own servers are told how the episode began, or None.
         constants: Entries that are the same in every request.
+        feedback: The state that holds what the policy answered, or None; ``POST /act`` alone knows it.
         horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
             own client does; None for all.
     """
@@ -82,9 +99,22 @@ class Adapter:
     tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     horizon: int | None = None
     constants: tuple[ConstantRule, ...] = ()
+    feedback: Feedback | None = None
 
     def __post_init__(self) -> None:
-        """Check that no two entries share a key."""
+        """Check the keys, the numbers and the feedback."""
+        if self.feedback is not None:
+            sizes = {rule.key: rule.size for rule in self.states}
+            columns = self.answer.columns
+            if self.feedback.size > min(
+                sizes.get(self.feedback.state_key, 0), columns.get(self.feedback.answer_key, 0)
+            ):
+                raise InvalidInputError(
+                    f"adapter {self.name}: feedback",
+                    f"{self.feedback.size} numbers do not fit into the state {'/'.join(self.feedback.state_key)!r} "
+                    f"and the answer {'/'.join(self.feedback.answer_key)!r}",
+                    "Name a state and an answer of the adapter, and no more numbers than both have",
+                )
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
         keys += [] if self.episode_key is None else [self.episode_key]
         keys += [constant.key for constant in self.constants]
@@ -216,7 +246,7 @@ class Adapter:
         Raises UnknownNameError if there is none of that name, InvalidInputError if its columns do not make such an
         action.
         """
-        return replace(self, answer=replace(self.answer, space=space))
+        return replace(self, answer=self.answer.in_space(space))
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form with every default written out; a key of one name is a string, else a list."""
@@ -246,7 +276,7 @@ _ANYTHING = TypeAdapter(dict[str, Any])
 _MAX_BYTES = 1_000_000
 _CURE = "Write it as better doctor --policy P --json prints it"
 _ADAPTER = TypeAdapter(Adapter)
-_KEYS = ("key", "episode_key")
+_KEYS = ("key", "episode_key", "state_key", "answer_key")
 
 
 def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:

@@ -75,19 +75,25 @@ _WITH_CONSTANTS = ("openpi", "vla-eval", "being-h", "starvla", *WITH_PATH)
 
 @dataclass(frozen=True, slots=True)
 class PolicyAddress:
-    """Where a policy is ("openpi", "localhost:8000") and how it is used; :meth:`parse` has checked the options."""
+    """Where a policy is ("openpi", "localhost:8000") and how it is used; :meth:`parse` has checked the options.
+
+    ``world`` is the foreign world in which the policy acts ("libero"), empty for our own scenes: a preset is what the
+    clients of that world do.
+    """
 
     text: str
     scheme: str
     target: str
     options: Mapping[str, str] = field(default_factory=dict)
+    world: str = ""
 
     @classmethod
-    def parse(cls, text: str) -> PolicyAddress:
+    def parse(cls, text: str, *, world: str = "") -> PolicyAddress:
         """Read an address.
 
         Args:
             text: "scheme://host:port?key=value&..." or "lerobot:CHECKPOINT?key=value&...".
+            world: The foreign world in which the policy acts.
 
         Raises:
             UnknownNameError: If the scheme or an option does not exist.
@@ -118,7 +124,7 @@ class PolicyAddress:
                 raise InvalidInputError(where, f"{name} has no value", f"Write {name}=VALUE or leave it out")
         if len(options) < len(pairs):
             raise InvalidInputError(where, "it gives an option twice", "Give each option once")
-        address = cls(text, scheme, target, options)
+        address = cls(text, scheme, target, options, world)
         if scheme in DEFAULT_PORTS:
             address.server()
         address.execution()

@@ -40,8 +40,8 @@ ERRORS = (
 _exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
 
 
-def main(address: str, link: int, life: int) -> None:
-    """Load the policy of an address and answer until the socket is closed.
+def main(address: str, link: int, life: int, world: str = "") -> None:
+    """Load the policy of an address, which acts in a foreign world if one is named; answer until the socket is closed.
 
     ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
     """
@@ -51,7 +51,7 @@ def main(address: str, link: int, life: int) -> None:
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
     try:
-        policy = _load(address)
+        policy = _load(address, world)
         source = source_of(address.removeprefix("python:")) if address.startswith("python:") else ""
         run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
@@ -82,11 +82,11 @@ def _end_with_run(life: int) -> None:
         _exit(1)
 
 
-def _load(address: str) -> Policy:
+def _load(address: str, world: str) -> Policy:
     if address.startswith("python:"):
         return load_plugin(address.removeprefix("python:"))
     connect = importlib.import_module("betterbench.policies.connect").connect
-    made: Policy = connect(address)
+    made: Policy = connect(address, world=world)
     return made
 
 

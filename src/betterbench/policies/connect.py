@@ -11,8 +11,8 @@ from betterbench.policies.address import WITH_PATH, PolicyAddress
 _COUNT = itertools.count()
 
 
-def connect(address: str) -> Policy:
-    """Return a client; the handshake has been done when it comes back.
+def connect(address: str, *, world: str = "") -> Policy:
+    """Return a client; the handshake has been done when it comes back. ``world`` is the foreign world of the run.
 
     Raises:
         UnknownNameError: If the scheme or an option does not exist.
@@ -21,7 +21,7 @@ def connect(address: str) -> Policy:
         HandshakeError: If it declares other conventions.
         MissingDependencyError: If an extra is not installed.
     """
-    parsed = PolicyAddress.parse(address)
+    parsed = PolicyAddress.parse(address, world=world)
     # Each client jitters in its own way; results do not depend on it.
     seed = 1_000_003 * os.getpid() + next(_COUNT)
     # Imported when asked for: not every machine has what each of them needs.

@@ -21,8 +21,10 @@ import numpy as np
 
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import Observation
+from betterbench.policies.adapter import set_entry
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.answers import number_array
+from betterbench.policies.answers import get_entry, number_array
+from betterbench.policies.in_calvin import X_VLA_CALVIN
 from betterbench.policies.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
 from betterbench.policies.presets import X_VLA, adapter_of
 from betterbench.policies.remote import ServerClient, describe_remote_policy
@@ -111,17 +113,21 @@ class _Source(io.RawIOBase):
 class HttpActClient(ServerClient[HttpServer]):
     """A policy behind ``POST /act``; each environment has a client of its own."""
 
+    feeds_back = True
+
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address), seed=seed)
-        usual: ArrayCoding = "text" if self.adapter.name == X_VLA.name else "map"
+        usual: ArrayCoding = "text" if self.adapter.name in (X_VLA.name, X_VLA_CALVIN.name) else "map"
         self._arrays = address.choice("arrays", get_args(ArrayCoding), usual)
         self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the numbers that are fed back
         self._connection.open()
 
     def act(self, observation: Observation) -> np.ndarray:
         """Return the next actions, (horizon, dim) float64."""
-        body = encode_body(self.adapter.request(observation), arrays=self._arrays, encoded=self._encoded)
+        request = self._fed_back(self.adapter.request(observation), observation.step)
+        body = encode_body(request, arrays=self._arrays, encoded=self._encoded)
         answer = self._connection.request(lambda server, timeout_s: self._post(server, body, timeout_s))
         reply = decode_body(answer.body)
         if isinstance(reply, str):
@@ -138,7 +144,21 @@ class HttpActClient(ServerClient[HttpServer]):
             reply = {names[0][0]: _stacked(reply)}
         elif "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
-        return self.adapter.actions(reply, observation)
+        actions = self.adapter.actions(reply, observation)
+        if self.adapter.feedback is not None:
+            rows = np.atleast_2d(np.asarray(get_entry(reply, self.adapter.feedback.answer_key), np.float64))
+            self._last = (observation.step, rows.reshape(-1, rows.shape[-1])[:, : self.adapter.feedback.size])
+        return actions
+
+    def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
+        """Return a request whose state begins with what was played last, if the policy has answered in this trial."""
+        feedback, last = self.adapter.feedback, self._last
+        if feedback is None or last is None or step <= last[0]:
+            return request
+        played = last[1][min(step - last[0], len(last[1])) - 1]
+        state = get_entry(request, feedback.state_key)
+        set_entry(request, feedback.state_key, np.concatenate([played, np.asarray(state)[feedback.size :]]))
+        return request
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float) -> HttpAnswer:
         """Send a body and return the answer if it is one; a server that wants something else ends the run."""

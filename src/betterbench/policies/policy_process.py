@@ -74,18 +74,25 @@ class PolicyProcess:
     """
 
     def __init__(
-        self, address: str, *, load_s: float = LOAD_S, started: tuple[_Started, Declared] | None = None
+        self,
+        address: str,
+        *,
+        world: str = "",
+        load_s: float = LOAD_S,
+        started: tuple[_Started, Declared] | None = None,
     ) -> None:
         """Start the process and wait until it has loaded the policy, unless it was started already.
+
+        ``world`` is the foreign world in which the policy acts.
 
         Raises:
             BetterError: What the policy's loading raised, if it is an error of betterbench.
             PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
         """
-        self._address, self._load_s = address, load_s
+        self._address, self._world, self._load_s = address, world, load_s
         self._asking, self._closing = threading.Lock(), threading.Lock()
         self._closed = self._failed = self._used = False
-        running, declared = started or _loaded(address, load_s)
+        running, declared = started or _loaded(address, world, load_s)
         self._running: _Started | None = running
         self.info, self.takes_batches, self.source = declared.info, declared.batches, declared.source
         self.ready_at = time.perf_counter()
@@ -187,7 +194,7 @@ class PolicyProcess:
             running.end()
             running = None
         self._failed = self._used = False
-        self._running = _Started(self._address)
+        self._running = _Started(self._address, self._world)
         try:
             self._require_unchanged(self._running.loaded(self._load_s))
         except BaseException as problem:
@@ -227,16 +234,16 @@ class BatchPolicyProcess(PolicyProcess):
         raise AssertionError("the last attempt returns or raises")
 
 
-def start_policy(address: str, *, load_s: float = LOAD_S) -> PolicyProcess:
+def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
     """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
-    started = _loaded(address, load_s)
+    started = _loaded(address, world, load_s)
     kind = BatchPolicyProcess if started[1].batches else PolicyProcess
-    return kind(address, load_s=load_s, started=started)
+    return kind(address, world=world, load_s=load_s, started=started)
 
 
-def _loaded(address: str, load_s: float) -> tuple[_Started, Declared]:
+def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
     """Return a process that has loaded its policy, and what that declares."""
-    started = _Started(address)
+    started = _Started(address, world)
     try:
         return started, started.loaded(load_s)
     except PolicyKilledError as error:  # no trial has begun that could be run again
@@ -249,12 +256,12 @@ def _loaded(address: str, load_s: float) -> tuple[_Started, Declared]:
 class _Started:
     """A process that loads its policy and then answers."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, world: str) -> None:
         self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
         self._link, theirs = socket.socketpair()
         self._link.settimeout(_POLL_S)
         life, self._life = os.pipe()
-        arguments = f"{address!r}, {theirs.fileno()}, {life}"
+        arguments = f"{address!r}, {theirs.fileno()}, {life}, {world!r}"
         self._output = ProcessOutput()
         try:
             self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments

@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
+from typing import cast, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.interface.actions import ACTION_SPACES, ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
+from betterbench.interface.actions import (
+    PLAYED_IN,
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    WORLD_ACTION_SPACES,
+)
 from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
-from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, PolicyAddress
+from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, OWN_OPTIONS, PolicyAddress
 from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Polarity
 from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
+from betterbench.policies.in_calvin import CALVIN_PRESETS, in_calvin
+from betterbench.policies.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
+from betterbench.policies.in_libero import VLA_EVAL_ABSOLUTE, in_libero
 from betterbench.policies.libero import BASES_M, MEASURED_ROTATION_RAD, MEASURED_TRANSLATION_M, trained_on_libero
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
@@ -351,6 +360,15 @@ _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
 )
 
+USUAL_ADAPTERS: Mapping[str, Adapter] = {
+    "openpi": NATIVE,
+    "gr00t": GR00T_NEW_EMBODIMENT,
+    "being-h": BEING_H_LIBERO,
+    "vla-eval": VLA_EVAL,
+    "starvla": STARVLA,
+}
+"""The preset of each kind of server whose address names none."""
+
 _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
     *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
@@ -360,6 +378,8 @@ PRESETS: dict[str, Adapter] = {
     adapter.name: adapter
     for adapter in (
         *_LAYOUTS,
+        VLA_EVAL_ABSOLUTE,
+        *CALVIN_PRESETS.values(),
         *(
             trained_on_libero(layout, f"{name}_{suite}", suite, gripper=gripper)
             for layout, name, gripper in _LIBERO_LAYOUTS
@@ -380,31 +400,36 @@ def preset(name: str) -> Adapter:
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
     """Return the adapter that an address asks for, or the default if it names neither a preset nor a file.
 
-    Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, and
-    UnknownNameError if a name in it does not exist.
+    In a foreign world, a preset is what that world's own clients do with such a policy.
+
+    Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, or the world
+    does not play such actions, and UnknownNameError if a name in it does not exist.
     """
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
         raise InvalidInputError(where, "it gives both preset and adapter", "Give one")
-    if "preset" in options:
-        adapter = preset(options["preset"])
-    elif "adapter" in options:
+    if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
-    elif default is not None:
-        adapter = default
+    elif "preset" in options or default is not None:
+        named = preset(options["preset"]) if "preset" in options else default
+        adapter = _in_world(cast("Adapter", named), address)
     else:
         names = ", ".join(layout.name for layout in _LAYOUTS)
         trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
         raise InvalidInputError(
             where,
             "neither it nor the server says which images and state the policy wants",
-            f"Add ?preset=NAME ({names}; trained on LIBERO: {trained}) or ?adapter=FILE",
+            f"Add ?preset=NAME ({names}; trained on LIBERO: {trained}; in CALVIN: {', '.join(CALVIN_PRESETS)}) or "
+            "?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
     if cameras:
         adapter = adapter.with_cameras(cameras)
     adapter = _with_constants(adapter, address)
     answer = _answer(adapter.answer, address)
+    played = PLAYED_IN[address.world]
+    if answer.space not in played:
+        raise _not_played(adapter.name, answer.space, address)
     if "ee_offset" in options:
         if adapter.name == NATIVE.name:
             reason = "the native layout is in the frame of the robot's base"
@@ -415,7 +440,52 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         if reason:
             raise InvalidInputError(where, f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
         adapter = replace(adapter, ee_offset_m=_offset(address))
-    return replace(adapter, views=tuple(_image(rule, address) for rule in adapter.views), answer=answer)
+    rate_hz = CALVIN_RATE_HZ if address.world == "calvin" else adapter.control_rate_hz
+    views = tuple(_image(rule, address) for rule in adapter.views)
+    return replace(adapter, views=views, answer=answer, control_rate_hz=rate_hz)
+
+
+def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
+    """Return what a preset is in the world of an address."""
+    if address.world == "libero":
+        return in_libero(adapter)
+    if address.world == "calvin":
+        return in_calvin(adapter, chosen="preset" in address.options)
+    return adapter
+
+
+def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
+    """Return the error about actions that the world of an address does not play, with a cure that exists there."""
+    world = _WORLD_NAMES[address.world]
+    if address.world == "calvin":
+        cure = (
+            f"Give preset=NAME ({', '.join(CALVIN_PRESETS)}), or action_space={PLAYED_IN['calvin'][0]} for CALVIN's own"
+        )
+    elif space in WORLD_ACTION_SPACES and not address.world:
+        owner = next(n for key, n in _WORLD_NAMES.items() if key and space in PLAYED_IN[key])
+        suite = "calvin" if owner == "CALVIN" else "libero_object"
+        cure = (
+            f"It is played in {owner}: run it with --suite {suite}, or give the preset of a policy trained on our data"
+        )
+    else:
+        cure = f"Give the preset or action_space of a policy that answers in {' or '.join(PLAYED_IN[address.world])}"
+    return address.error(f"{name} answers in {space}, which {world} does not play", cure)
+
+
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
+
+
+def space_in_world(text: str, world: str) -> str | None:
+    """Return the action space in which a remote policy answers in a foreign world; None where its address does not say.
+
+    Raises what :func:`adapter_of` raises.
+    """
+    scheme = text.partition(":")[0]
+    if scheme not in OWN_OPTIONS or not (scheme in USUAL_ADAPTERS or "preset=" in text or "adapter=" in text):
+        return None
+    address = PolicyAddress.parse(text, world=world)
+    usual = USUAL_ADAPTERS.get(scheme)
+    return adapter_of(address, usual).answer.space if usual is not None or address.names_adapter else None
 
 
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
@@ -457,12 +527,13 @@ def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
 
 
 def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
+    space = address.choice("action_space", PLAYED_IN[address.world], rule.space)
+    rule = rule.in_space(space)
     translation, rotation = _UNITS.get(
         address.choice("units", (*_UNITS, "preset"), "preset"), (rule.translation_unit_m, rule.rotation_unit_rad)
     )
-    space = address.choice("action_space", tuple(ACTION_SPACES), rule.space)
     for name in ("rotation", "units", "frame"):
-        meaningless = space.startswith("joint") or (name == "units" and space == "ee_pose")
+        meaningless = space.startswith("joint") or (name == "units" and (space == "ee_pose" or "absolute" in space))
         if meaningless and name in address.options:
             raise address.error(f"{name} has no effect for {space}", f"Leave {name} out")
     return replace(

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near, turn_between
 from betterbench.interface import Observation
 from betterbench.json_form import strict_form
@@ -46,6 +46,12 @@ StatePart = Literal[
     "gripper_fingers",
     "gripper_open_fraction",
     "gripper_closed_fraction",
+    "gripper_command",
+    "gripper_command_closed",
+    "ee_axis_angle_short",
+    "controller_position",
+    "controller_axis_angle",
+    "controller_rotation_6d",
     "joint_positions",
     "joint_velocities",
     "step",
@@ -54,7 +60,14 @@ StatePart = Literal[
 """What a state can hold. ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is
 turned away from pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
 [m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
-``zero`` is a place that the policy leaves unused."""
+``zero`` is a place that the policy leaves unused. ``ee_axis_angle_short`` is at most half a turn long, whatever was
+shown before.
+
+Two foreign worlds tell more. ``controller_position`` and its rotations are the pose that robosuite's controller
+measured in LIBERO, which lies one physics step back; elsewhere they are the pose of the tool. ``gripper_command`` is
+what the gripper was told last in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 where it was
+told to close.
+"""
 
 _AXES: dict[str, tuple[StatePart, int]] = {
     **{f"ee_{axis}": ("ee_position", i) for i, axis in enumerate("xyz")},
@@ -69,6 +82,10 @@ _SIZES: dict[str, int] = {
     "ee_position": 3,
     "ee_rpy_from_down": 3,
     "gripper_fingers": 2,
+    "ee_axis_angle_short": 3,
+    "controller_position": 3,
+    "controller_axis_angle": 3,
+    "controller_rotation_6d": 6,
     "joint_positions": 7,
     "joint_velocities": 7,
     **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
@@ -106,7 +123,7 @@ class StateRule:
     @property
     def holds_position(self) -> bool:
         """Whether the position of the end effector, or one coordinate of it, is in it."""
-        return any(_AXES.get(part, (part, 0))[0] == "ee_position" for part in self.parts)
+        return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:
         """Return which numbers of the vector belong to each part."""
@@ -135,7 +152,7 @@ class StateRule:
             vector, place = _AXES.get(part, (part, None))
             if vector in observation.native:
                 numbers = observation.native[vector].tolist()
-            elif vector == "ee_position":
+            elif vector in ("ee_position", "controller_position"):
                 numbers = tool_position(observation, ee_offset_m, tool_offset_m)
             else:
                 numbers = _read_part(vector, observation, gripper_opening_m)
@@ -167,9 +184,17 @@ def _read_part(part: StatePart, observation: Observation, gripper_opening_m: flo
         return [observation.step]
     if part == "zero":
         return [0.0]
+    if part in ("gripper_command", "gripper_command_closed"):
+        raise PolicyError(
+            f"{part} is known in CALVIN only. Name gripper_width or gripper_closed_fraction in the adapter."
+        )
     if part.startswith("gripper_"):
         return _gripper(part, observation.gripper_width, gripper_opening_m)
     w, x, y, z = observation.ee_quaternion.tolist()
+    if part in ("ee_axis_angle_short", "controller_axis_angle"):
+        return to_format((w, x, y, z), "axis_angle")
+    if part == "controller_rotation_6d":
+        return to_format((w, x, y, z), "rotation_6d")
     if part == "ee_axis_angle":
         return list(to_axis_angle_near((w, x, y, z), TOOL_DOWN))
     if part == "ee_rpy_from_down":

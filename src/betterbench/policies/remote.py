@@ -127,12 +127,19 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
     """
 
     info: PolicyInfo
+    feeds_back = False
+    """Whether the client shows a policy its own last answer (:class:`betterbench.policies.adapter.Feedback`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
         """Prepare; a subclass opens the connection when it is ready to compare conventions.
 
         The seed is that of the jitter between attempts.
         """
+        if adapter.feedback is not None and not self.feeds_back:
+            raise address.error(
+                f"adapter {adapter.name} shows the policy its last answer, which is offered for http:// alone",
+                "Leave feedback out of the adapter",
+            )
         self._address, self._where = address, address.server_name
         self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
         self.adapter, self.server = adapter, Declaration(self._where)

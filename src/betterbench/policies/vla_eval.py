@@ -17,10 +17,18 @@ import numpy as np
 import betterbench
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface.actions import (
+    CALVIN_ABSOLUTE,
+    CALVIN_ABSOLUTE_QUATERNION,
+    CALVIN_DELTA,
+    EE_DELTA,
+    LIBERO_ABSOLUTE,
+)
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.handshake import Declaration, compare_declarations
 from betterbench.policies.presets import VLA_EVAL, adapter_of
+from betterbench.policies.proprioception import StatePart, StateRule
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
@@ -39,16 +47,26 @@ _GRIPPERS = {
     "close_positive": ("binary_close_positive",),
     "open_positive": ("binary_close_negative",),
     "closed_fraction": ("binary_close_01", "continuous_01"),
+    "closed_linear": ("binary_close_01", "continuous_01"),
     "open_fraction": ("continuous_01",),
+    "open_linear": ("continuous_01",),
+    "open_sign": ("continuous_01",),
+    "closed_at_least": ("binary_close_01", "continuous_01"),
 }
+_SIGNED = ("binary_close_positive",)
+"""What a share with the threshold 0 is: a sign."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
+    ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_rpy", "gripper_fingers"): "eef_pos3_euler3_gripper2",
+    ("ee_position", "ee_rpy", "gripper_width", "gripper_command"): "eef_pos3_euler3_gripper2",
     ("ee_position", "ee_quaternion_xyzw", "gripper_width"): "eef_pos3_quat4_gripper1",
     ("joint_positions",): "joint_positions",
 }
 _JOINTS = {"joint_position": "joint_positions", "joint_delta": "joint_delta_pos"}
 _RAW = "raw"
+_ABSOLUTE = ("ee_pose", LIBERO_ABSOLUTE.name, CALVIN_ABSOLUTE.name, CALVIN_ABSOLUTE_QUATERNION.name)
+_WRIST_KEYS = ("wrist", "rgb_gripper")
 
 _MessageKind = Literal["hello", "observation", "action", "episode_start", "episode_end", "error"]
 
@@ -193,16 +211,28 @@ def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: b
     if not isinstance(parameters, Mapping):
         parameters = {}
     seen = _specs(who, hello, "observation_spec")
-    if parameters.get("absolute_action") is True and adapter.answer.space != "ee_pose":
+    if parameters.get("absolute_action") is True and adapter.answer.space not in _ABSOLUTE:
+        cure = {
+            CALVIN_DELTA.name: "Give preset=vla_eval_calvin_absolute",
+            EE_DELTA.name: "In LIBERO, give preset=vla_eval_absolute; in our own scenes, action_space=ee_pose with the "
+            "rotation format of the model, and --action-space ee_pose",
+        }.get(adapter.answer.space, "Give an adapter that reads absolute poses")
         raise HandshakeError(
-            f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. "
-            "Give action_space=ee_pose with the rotation format of the model, and --action-space ee_pose."
+            f"action: the server answers absolute poses, adapter {adapter.name} reads {adapter.answer.space}. {cure}."
         )
     if parameters.get("send_wrist_image", chosen or len(_images(seen)) > 1) is False:
-        adapter = replace(adapter, views=tuple(v for v in adapter.views if "wrist" not in v.key[-1]))
+        adapter = replace(adapter, views=tuple(v for v in adapter.views if v.key[-1] not in _WRIST_KEYS))
     if parameters.get("send_state", chosen or "state" in seen) is False:
         adapter = replace(adapter, states=())
+    if parameters.get("quat_no_antipodal") is True:
+        adapter = replace(adapter, states=tuple(map(_unshortened, adapter.states)))
     return adapter
+
+
+def _unshortened(rule: StateRule) -> StateRule:
+    """Return a state with the rotation vector as robosuite makes it, for servers that ask for ``quat_no_antipodal``."""
+    parts: list[StatePart] = ["ee_axis_angle" if part == "ee_axis_angle_short" else part for part in rule.parts]
+    return replace(rule, parts=tuple(parts))
 
 
 def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple[Declaration, Declaration]:
@@ -224,13 +254,13 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
             f"action: {who} answers joints as {declared!r}, adapter {adapter.name} reads {answer.space}. "
             "Give adapter=FILE that reads joints, and --action-space with it."
         )
-    position = None if joints else "absolute_xyz" if answer.space == "ee_pose" else "delta_xyz"
+    position = None if joints else "absolute_xyz" if answer.space in _ABSOLUTE else "delta_xyz"
     # Where a format of theirs is one that we mean, it stands on both sides; else each side has its own word.
     told = {name: _format(action, name) for name in ("position", "rotation", "gripper")}
     meant = {
         "position": () if position is None else (position,),
         "rotation": () if joints else (_ROTATIONS.get(answer.rotation, answer.rotation),),
-        "gripper": _GRIPPERS[answer.gripper],
+        "gripper": _SIGNED if answer.gripper_threshold == 0.0 else _GRIPPERS[answer.gripper],
     }
     said = {
         name: None if (w := told[name]) is None else w if w in words else (*words, "joints")[0]

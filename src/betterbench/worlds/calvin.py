@@ -32,7 +32,7 @@ from betterbench.calvin.sequences import CHAIN_LENGTH, GOLDEN
 from betterbench.calvin.starts import BLOCKS, DRAWER_OPEN_M, SLIDER_OPEN_M
 from betterbench.errors import InvalidInputError, PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
-from betterbench.interface.actions import ActionSpace
+from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, ActionSpace
 from betterbench.state import Contact, ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks import Truth
 from betterbench.worlds.libero import FieldProtocol, Suite
@@ -76,6 +76,16 @@ PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK},
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
 """What a record says of the table at every step: doors beyond half of what the starts open them, and the lights."""
 
+_SPLITS = {
+    CALVIN_ABSOLUTE.name: [3, 6],
+    CALVIN_DELTA.name: [3, 6],
+    CALVIN_ABSOLUTE_QUATERNION.name: [3, 7],
+}
+"""Where calvin_env wants an action of an action space cut into position, rotation and gripper."""
+
+_HALF_CLOSED = 0.5
+"""Gripper command below which X-VLA's client takes the gripper for closed."""
+
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
 _ROW = {"robot": (15,), "scene": (24,), "target": (6,)}
@@ -118,7 +128,7 @@ class ChainSettings(WorldSettings):
         """Return the conventions of the world in words."""
         return {
             **WorldSettings.conventions(self),
-            "controller": "calvin_env: relative actions are added to the last target, at 30 Hz",
+            "controller": "calvin_env: relative actions are added to the last target, absolute ones are it; 30 Hz",
             "images": "CALVIN's, as it draws them: upright; RGB, uint8",
             "poses": "CALVIN's world frame [m]",
         }
@@ -162,6 +172,7 @@ class ChainScene(ForeignScene):
         self._begun: PlayTable | None = None
         self._now: PlayTable | None = None
         self._sizes: dict[str, Vector] = {}
+        self._commanded = np.zeros(6)
         self._instruct()
 
     @property
@@ -212,13 +223,14 @@ class ChainScene(ForeignScene):
         """
         start = self.start()
         self._process = self._processes.take(self._process_key)
-        asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), "images": self._images}
+        asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), **self._shown}
         self._take(self._process.start(asked))
         self._fixed = self._document
         self._step = self._done = self._steps_of_subtask = 0
         self._gripper_command = -1.0
         self._begun = self._now = self._read()
         self._instruct()
+        self._commanded = self._measured()
         self._info = self._describe()
         self.broken_premises = self._misplaced(start)
         if self.broken_premises and self.settings.refuse_broken:
@@ -237,7 +249,7 @@ class ChainScene(ForeignScene):
         applied = self.action_space.clip(action)
         if self._process is None or self._begun is None:
             raise WorldError("the episode has not begun")
-        self._take(self._process.step(applied, look=self._draws_next))
+        self._take(self._process.step(self._played(applied), look=self._draws_next))
         self._step += 1
         self._steps_of_subtask += 1
         self._gripper_command = -1.0 if applied[-1] > 0.0 else 1.0
@@ -246,10 +258,11 @@ class ChainScene(ForeignScene):
         if done(self.chain.subtasks[self._done].rule, self._begun, self._now):
             self._done += 1
             if self._done < CHAIN_LENGTH:
-                self._take(self._process.start({"next": True, "images": self._images}))
+                self._take(self._process.start({"next": True, **self._shown}))
                 self._steps_of_subtask, self.instructed_anew = 0, True
                 self._begun = self._now = self._read()
                 self._instruct()
+                self._commanded = self._measured()
         return applied
 
     def state(self) -> WorldState:
@@ -310,8 +323,36 @@ class ChainScene(ForeignScene):
     def native(self) -> dict[str, np.ndarray]:
         """Return CALVIN's ``robot_obs`` (15,), and its parts by the names of our state parts."""
         robot = self._arrays["robot"]
-        parts = {"ee_position": robot[:3], "ee_rpy": robot[3:6], "gripper_width": robot[6:7]}
-        return {"robot_obs": robot, **parts, "joint_positions": robot[7:14]}
+        command = robot[14:15]
+        return {
+            "robot_obs": robot,
+            "ee_position": robot[:3],
+            "ee_rpy": robot[3:6],
+            "gripper_width": robot[6:7],
+            "joint_positions": robot[7:14],
+            "gripper_command": command,
+            "gripper_command_closed": (command < _HALF_CLOSED).astype(float),
+        }
+
+    @property
+    def _shown(self) -> dict[str, Any]:
+        """What the simulator is told at each instruction: what it draws, and how actions are cut into parts."""
+        return {"images": self._images, "split": _SPLITS.get(self.action_space.name)}
+
+    def _measured(self) -> np.ndarray:
+        """Return the measured pose as position and angles, (6,)."""
+        measured: np.ndarray = self._arrays["robot"][:6].copy()
+        return measured
+
+    def _played(self, action: np.ndarray) -> np.ndarray:
+        """Return an action as the simulator plays it; deltas of ``calvin_delta`` are added up to an absolute pose."""
+        if self.action_space.name != CALVIN_DELTA.name:
+            return action
+        pose = self._commanded + action[:6]
+        pose[3:] = (pose[3:] + np.pi) % (2.0 * np.pi) - np.pi
+        self._commanded = pose
+        played: np.ndarray = np.append(pose, action[6]).astype(np.float32).astype(np.float64)
+        return played
 
     def _instruct(self) -> None:
         """Let the policy be told the sentence of the subtask that is due."""

@@ -50,6 +50,7 @@ class CalvinSimulator:
         self._cameras: list[Any] = []
         self._sizes: dict[str, tuple[list[float], float]] = {}
         self._fresh: Any = None
+        self._split: list[int] | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
         """Return what runs the chains; making the environment shows at once whether checkout and packages are whole."""
@@ -77,6 +78,7 @@ class CalvinSimulator:
         self._make()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
+        self._split = request["split"]
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
         names = self._block_names()
@@ -99,11 +101,14 @@ class CalvinSimulator:
         return {**fixed, **document}, arrays
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
-        """Take one control step with CALVIN's own action; calvin_env wants the gripper to be 1 or -1."""
+        """Take one control step with CALVIN's own action; calvin_env wants the gripper to be 1 or -1.
+
+        An absolute action goes to it in three parts: position, rotation, gripper.
+        """
         self._env.cameras = self._cameras if look else []
         move = np.array(action, float)
         move[-1] = 1.0 if move[-1] > 0.0 else -1.0
-        seen, _, _, info = self._env.step(move)
+        seen, _, _, info = self._env.step(move if self._split is None else np.split(move, self._split))
         return self._row(seen, info)
 
     def make_environment(self) -> Any:  # noqa: ANN401 - of another environment

@@ -99,8 +99,11 @@ class LiberoSimulator:
         states = found.get_task_init_states(task)
         seen = self._wrapper.set_init_state(states[int(request["state"])])
         self._reader = _Reader(self._mujoco, self._env)
+        controller = self._env.robots[0].controller
+        controller.use_delta = True
         for _ in range(int(request["settle"])):
             seen, _, _, _ = self._wrapper.step(list(SETTLING_ACTION))
+        controller.use_delta = not request["absolute"]
         self._reader.check()
         fixed = {
             **self._reader.fixed(),
@@ -343,6 +346,8 @@ class _Reader:
             "native_position": np.asarray(seen["robot0_eef_pos"], float),
             "native_quaternion": np.asarray(seen["robot0_eef_quat"], float),
             "native_gripper": np.asarray(seen["robot0_gripper_qpos"], float),
+            "controller_position": np.asarray(controller.ee_pos, float),
+            "controller_rotation": np.asarray(controller.ee_ori_mat, float),
         }
 
     def _quaternions(self) -> np.ndarray:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import PremiseError
-from betterbench.geometry import Pose, Quaternion, Vector, normalize, unit_quaternion
-from betterbench.interface.actions import ActionSpace
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
 from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
 from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
@@ -35,6 +35,8 @@ _NUMBERS: Mapping[str, int | None] = {
     "native_position": 3,
     "native_quaternion": 4,
     "native_gripper": 2,
+    "controller_position": 3,
+    "controller_rotation": 9,
 }
 """What a row holds, and how many numbers each of it has where that is the same for all tasks."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
@@ -129,7 +131,10 @@ class WorldSettings:
     def conventions(self) -> dict[str, str]:
         """Return the conventions of the world in words."""
         return {
-            "controller": "robosuite OSC_POSE: deltas are added to the measured pose; actions pass unchanged",
+            "controller": (
+                "robosuite OSC_POSE: deltas are added to the measured pose, absolute poses are its goals; actions pass "
+                "unchanged"
+            ),
             "images": "LIBERO's, turned by 180 degrees as its clients do: upright and mirrored; RGB, uint8",
             "quaternions": "w x y z, w >= 0",
             "poses": "LIBERO's world frame [m]",
@@ -274,6 +279,7 @@ class ForeignScene:
                 "state": self.seed,
                 "seed": protocol.seed,
                 "settle": protocol.settling_steps,
+                "absolute": self.action_space.name == LIBERO_ABSOLUTE.name,
                 "images": self._images,
                 "size": IMAGE_SIDE,
             }
@@ -373,10 +379,17 @@ class ForeignScene:
     def native(self) -> dict[str, np.ndarray]:
         """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
         row, places = self._arrays["row"], self._row.places
+        quaternion = row[places["native_quaternion"]]
+        turned = row[places["controller_rotation"]].reshape(3, 3)
+        x, y, z = to_axis_angle(_from_matrix(turned.reshape(9).tolist()))
         return {
             "ee_position": row[places["native_position"]],
-            "ee_axis_angle": quat2axisangle(row[places["native_quaternion"]]),
+            "ee_axis_angle": quat2axisangle(quaternion),
+            "ee_axis_angle_short": quat2axisangle(-quaternion if quaternion[3] < 0.0 else quaternion),
             "gripper_fingers": row[places["native_gripper"]],
+            "controller_position": row[places["controller_position"]],
+            "controller_axis_angle": np.array([x, y, z]),
+            "controller_rotation_6d": np.concatenate([turned[:, 0], turned[:, 1]]),
         }
 
     def close(self, *, well: bool) -> None:

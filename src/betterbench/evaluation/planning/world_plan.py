@@ -12,8 +12,9 @@ from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.experts import parse_address
 from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
-from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
+from betterbench.interface.actions import PLAYED_IN
 from betterbench.learned import is_learned, is_seeing
+from betterbench.policies.presets import space_in_world
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     WorldError,
@@ -45,6 +46,7 @@ def make_world_plan(
     tasks: Sequence[str] = (),
     trials: int | None = None,
     seed: int = 0,
+    action_space: str | None = None,
     observation: str = "default",
     refuse_broken: bool = True,
     command: Sequence[str] | None = None,
@@ -58,6 +60,7 @@ def make_world_plan(
         tasks: Tasks to run, by name ("libero_spatial-05") or number; all if none is named.
         trials: Initial states of each task; those of the protocol if None.
         seed: The first initial state.
+        action_space: What the policy answers; what its address says if None, and "ee_delta" where that says nothing.
         observation: "default", or "state_only" without images.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
         command: Command of the world's process; that of its installed environment if None.
@@ -75,6 +78,7 @@ def make_world_plan(
     if observation not in _OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
     _check_policy(policy, "LIBERO", POLICIES)
+    space = _action_space(policy, LIBERO, action_space)
     numbers = _numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
@@ -96,7 +100,7 @@ def make_world_plan(
         regime,
         refuse_broken=refuse_broken,
     )
-    return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
+    return Plan(policy, planned, space, observation, "standard", world=settings)
 
 
 def make_chain_plan(
@@ -106,6 +110,7 @@ def make_chain_plan(
     command: Sequence[str],
     trials: int | None = None,
     seed: int = 0,
+    action_space: str | None = None,
     observation: str = "default",
     refuse_broken: bool = True,
 ) -> Plan:
@@ -117,6 +122,8 @@ def make_chain_plan(
         command: Command of the world's process, by :func:`betterbench.worlds.calvin.calvin_command`.
         trials: Chains; all 1,000 if None.
         seed: Number of the first chain.
+        action_space: What the policy answers; what its address says if None, and "calvin_relative" where that says
+            nothing.
         observation: "default", which is CALVIN's two cameras ("calvin"), or "state_only" without images.
         refuse_broken: Whether a scene that is not as its chain presupposes stops the run.
 
@@ -135,6 +142,7 @@ def make_chain_plan(
     if shown not in ("calvin", "state_only"):
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
     _check_policy(policy, "CALVIN")
+    space = _action_space(policy, CALVIN, action_space)
     with WorldProcess(command) as process:
         said = process.suite(suite)
     try:
@@ -148,7 +156,14 @@ def make_chain_plan(
     )
     tasks = {f"{task.id}/{task.condition}": task}
     settings = ChainSettings(CALVIN, tuple(command), PROTOCOL, tasks, versions, (), refuse_broken=refuse_broken)
-    return Plan(policy, planned, CALVIN_RELATIVE.name, shown, "standard", world=settings)
+    return Plan(policy, planned, space, shown, "standard", world=settings)
+
+
+def _action_space(policy: str, world: str, asked: str | None) -> str:
+    """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
+    if asked is not None and asked not in PLAYED_IN[world]:
+        raise UnknownNameError(f"action space of {world}", asked, PLAYED_IN[world])
+    return asked or space_in_world(policy, world) or PLAYED_IN[world][0]
 
 
 def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:

@@ -197,21 +197,22 @@ class _Asked:
 
 def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
-    address = plan.policy
+    address, world = plan.policy, "" if plan.world is None else plan.world.world
     if alone or needs_no_thread(address) or is_remote(address):
-        policies = PolicyFactory(address, apart=True, timeout_s=timeout_s)
+        policies = PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world)
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
     with ExitStack() as own:
         # A policy of the user may hold weights. It is asked in a process of its own, so that they are loaded either
         # there or, after that process has ended, in the workers.
-        host = own.enter_context(Host(address, run=(plan.action_space, plan.observation), timeout_s=timeout_s))
+        run = (plan.action_space, plan.observation)
+        host = own.enter_context(Host(address, run=run, timeout_s=timeout_s, world=world))
         info, envs = host.info, USUAL_ENVS if host.takes_batches else 1
         if not (info.heavy or host.takes_batches):
-            return _Asked(info, envs, PolicyFactory(address, apart=True, timeout_s=timeout_s))
+            return _Asked(info, envs, PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world))
         one_worker = not host.takes_batches
         if engine == "ray":
-            return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)
+            return _Asked(info, envs, PolicyFactory(address, world=world), shared=True, one_worker=one_worker)
         stack.enter_context(own.pop_all())
         return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
 

@@ -49,9 +49,14 @@ class Host:
         takes_batches: Whether one instance answers all environments.
     """
 
-    def __init__(self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S) -> None:
-        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with."""
-        self._policy, self._run, self._timeout_s, self._restarts = policy, run, timeout_s, 0
+    def __init__(
+        self, policy: str, *, run: tuple[str, str], timeout_s: float = POLICY_TIMEOUT_S, world: str = ""
+    ) -> None:
+        """Prepare; ``run`` is the action space and observation preset to compare the policy's conventions with.
+
+        ``world`` is the foreign world of the run.
+        """
+        self._policy, self._run, self._timeout_s, self._restarts = policy, (*run, world), timeout_s, 0
         self._port = 0
         self.takes_batches = False
         self._process: BaseProcess | None = None
@@ -153,15 +158,17 @@ def run_address(address: str, *, timeout_s: float, patience_s: float) -> str:
     return f"{address}?preset=native&timeout={limit!r}&warmup={warmup!r}&patience={patience_s!r}"
 
 
-def serve(policy: str, run: tuple[str, str], timeout_s: float, port: int, pipe: Connection) -> None:
+def serve(policy: str, run: tuple[str, str, str], timeout_s: float, port: int, pipe: Connection) -> None:
     """Serve a policy until this process is ended; the main function of a host.
 
-    At any free port if ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error
-    that prevents it; the process ends when the other end is closed.
+    ``run`` is its action space, its observation preset, and its foreign world or "". The port is any free one if
+    ``port`` is 0. What the policy says about itself and the port are sent to ``pipe``, or the error that prevents it;
+    the process ends when the other end is closed.
     """
     prepare_process()
-    with _errors_sent(pipe), PolicyFactory(policy, apart=True, timeout_s=timeout_s) as policies:
-        info, batches = policies.check(*run), policies.takes_batches
+    *conventions, world = run
+    with _errors_sent(pipe), PolicyFactory(policy, apart=True, timeout_s=timeout_s, world=world) as policies:
+        info, batches = policies.check(*conventions), policies.takes_batches
         deadline = Deadline(timeout_s, exit_hung)
         server = open_server(policy, port=port, made=policies.take(), deadline=deadline)
         with contextlib.suppress(OSError):

@@ -24,6 +24,8 @@ from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.state import PrivilegedPolicy
 from betterbench.worlds import ForeignScene
+from betterbench.worlds.calvin import CALVIN
+from betterbench.worlds.calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 
 SOURCE = "source file"
 """Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
@@ -43,8 +45,11 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
         return policies.check(action_space, observation)
 
 
-def make_policy(address: str) -> Policy:
-    """Return a policy that sees observations; raises what :func:`check_policy` raises."""
+def make_policy(address: str, *, world: str = "") -> Policy:
+    """Return a policy that sees observations, for a foreign world if one is named.
+
+    Raises what :func:`check_policy` raises.
+    """
     if address == "noop":
         return Noop()
     if address == "random":
@@ -57,7 +62,7 @@ def make_policy(address: str) -> Policy:
         # Imported here: a run of the expert needs no network library.
         from betterbench.policies.connect import connect  # noqa: PLC0415
 
-        return connect(address)
+        return connect(address, world=world)
     raise UnknownNameError("policy", address, (e.address for e in known_policies()))
 
 
@@ -111,15 +116,24 @@ class PolicyFactory:
     """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
 
     def __init__(
-        self, address: str, *, apart: bool = False, known: PolicyInfo | None = None, timeout_s: float | None = None
+        self,
+        address: str,
+        *,
+        apart: bool = False,
+        known: PolicyInfo | None = None,
+        timeout_s: float | None = None,
+        world: str = "",
     ) -> None:
         """Prepare; nothing is loaded and no server is asked yet.
+
+        ``world`` is the foreign world of the run, in whose conventions a server is spoken to.
 
         With ``apart``, a policy that is not ours is loaded in a process of its own (:func:`runs_apart`), within ten
         times the ``timeout_s`` of an answer [s]. ``known`` is what the server of the policy said when the run began, or
         None: its clients compare themselves.
         """
         self.address = address
+        self._world = world
         self._load_s = LOAD_S if timeout_s is None else 10.0 * timeout_s
         self._apart = apart and runs_apart(address)
         self._known = known
@@ -165,8 +179,13 @@ class PolicyFactory:
         adapts = is_remote(self.address) or is_in_process_model(self.address) or is_seeing(self.address)
         agree = getattr(self._made, "check", None) if adapts else None
         if callable(agree) and action_space is not None and observation is not None:
-            agree(space=action_space, observation=observation_spec(observation), rate_hz=CONTROL_RATE_HZ)
+            agree(space=action_space, observation=observation_spec(observation), rate_hz=self._rate_hz)
         return info
+
+    @property
+    def _rate_hz(self) -> float:
+        """Control rate of the run [Hz]."""
+        return CALVIN_RATE_HZ if self._world == CALVIN else CONTROL_RATE_HZ
 
     def policy(self, scene: Scene | ForeignScene, trial: Trial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
@@ -194,7 +213,11 @@ class PolicyFactory:
 
     def _make(self) -> Policy:
         """Return a new instance; HandshakeError if a server has become another one since the first one was made."""
-        made = start_policy(self.address, load_s=self._load_s) if self._apart else make_policy(self.address)
+        made: Policy
+        if self._apart:
+            made = start_policy(self.address, world=self._world, load_s=self._load_s)
+        else:
+            made = make_policy(self.address, world=self._world)
         if is_remote(self.address):
             known, self._known = self._known or made.info, self._known or made.info
             there, here = (describe_policy(self.address, info) for info in (known, made.info))

@@ -106,7 +106,11 @@ class TrialRunner:
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
         self.policies = policies or PolicyFactory(
-            settings.asked, apart=True, known=settings.known, timeout_s=settings.policy_timeout_s
+            settings.asked,
+            apart=True,
+            known=settings.known,
+            timeout_s=settings.policy_timeout_s,
+            world="" if settings.world is None else settings.world.world,
         )
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"

@@ -1,0 +1,94 @@
+"""The field's own clients in LIBERO: how each preset is spoken to, and how its answers are played, in LIBERO itself.
+
+A preset such as ``starvla`` stands for a policy that was fine-tuned on demonstrations of ours. In LIBERO the same name
+stands for a checkpoint that was trained on LIBERO, and its answers are played as the policy's own client plays them:
+the number that is given to ``env.step`` is the same (tests/worlds/test_answers.py).
+
+Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
+``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
+``experiments/robot/libero`` (``normalize_gripper_action``, ``invert_gripper_action``); vla-evaluation-harness
+``benchmarks/libero/benchmark.py``; X-VLA ``evaluation/libero/libero_client.py``. openpi's and LeRobot's clients pass
+actions on as they come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
+from betterbench.policies.answers import AnswerPart, AnswerRule
+from betterbench.policies.image_rule import ImageRule
+from betterbench.policies.proprioception import StatePart, StateRule
+
+_SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
+
+_CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
+    "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
+    "starvla_state": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
+    "being_h_libero": lambda rule: replace(rule, gripper="open_linear"),
+    "gr00t_libero_panda": lambda rule: replace(rule, gripper="open_sign"),
+    "openvla": lambda rule: replace(rule, gripper="open_sign"),
+    "openvla_oft": lambda rule: replace(rule, gripper="open_sign"),
+    # A number below 0 opens, and everything else closes.
+    "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
+}
+
+X_VLA_IN_LIBERO = Adapter(
+    "x_vla",
+    views=(
+        ImageRule(("image0",), "front", 256, 256),
+        # Its client turns the front image by 180 degrees and leaves the wrist image as robosuite delivers it.
+        ImageRule(("image1",), "wrist", 256, 256, turn=180),
+    ),
+    states=(StateRule(("proprio",), ("controller_position", "controller_rotation_6d", *("zero",) * 11), "float64"),),
+    instruction=InstructionRule(("language_instruction",)),
+    answer=AnswerRule(
+        "libero_absolute",
+        (
+            AnswerPart(("action",), "translation"),
+            AnswerPart(("action",), "rotation"),
+            AnswerPart(("action",), "gripper"),
+            AnswerPart(("action",), "unused", 10),
+        ),
+        rotation="rotation_6d",
+        gripper="closed_fraction",
+    ),
+    constants=(ConstantRule(("domain_id",), 3),),
+)
+"""X-VLA's LIBERO client: absolute poses, the pose that robosuite's controller measures, and domain 3."""
+
+VLA_EVAL_ABSOLUTE = Adapter(
+    "vla_eval_absolute",
+    views=(ImageRule(("images", "agentview"), "front"), ImageRule(("images", "wrist"), "wrist")),
+    states=(
+        StateRule(("states",), _SHORT_STATE),
+        StateRule(
+            ("controller_states",), ("controller_position", "controller_axis_angle", "gripper_fingers"), "float32"
+        ),
+    ),
+    instruction=InstructionRule(("task_description",)),
+    answer=AnswerRule(
+        "libero_absolute",
+        (
+            AnswerPart(("actions",), "translation"),
+            AnswerPart(("actions",), "rotation"),
+            AnswerPart(("actions",), "gripper"),
+        ),
+        gripper="closed_at_least",
+        gripper_threshold=0.0,
+    ),
+)
+"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
+
+
+def in_libero(adapter: Adapter) -> Adapter:
+    """Return how the clients of LIBERO speak to a policy with this preset; the preset itself where nothing differs."""
+    if adapter.name == X_VLA_IN_LIBERO.name:
+        return X_VLA_IN_LIBERO
+    if adapter.name not in _CHANGES:
+        return adapter
+    states = adapter.states
+    if adapter.name == "vla_eval":
+        states = tuple(replace(rule, parts=_SHORT_STATE) for rule in states)
+    return replace(adapter, states=states, answer=_CHANGES[adapter.name](adapter.answer))
