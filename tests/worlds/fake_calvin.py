@@ -106,7 +106,8 @@ class FakeEnv:
         rgb = {f"rgb_{c.name}": rng.integers(0, 256, (sides[c.name],) * 2 + (3,), dtype=np.uint8) for c in self.cameras}
         blocks = [[*self.place[b.name], 0.0, 0.0, self.yaw[b.name]] for b in self.scene.movable_objects]
         scene = np.concatenate([self.state[:6], *blocks])
-        return {"rgb_obs": rgb, "depth_obs": {}, "robot_obs": self.robot_obs.copy(), "scene_obs": scene}
+        depth = {f"depth_{c.name}": np.full((sides[c.name],) * 2, 0.5 + 0.01 * self.steps) for c in self.cameras}
+        return {"rgb_obs": rgb, "depth_obs": depth, "robot_obs": self.robot_obs.copy(), "scene_obs": scene}
 
     def get_info(self):
         held = [name for name, at in self.at.items() if at == "grasped"]

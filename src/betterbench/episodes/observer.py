@@ -58,7 +58,8 @@ class Observer:
         if not self.spec.cameras:
             return {}
         if isinstance(scene, ForeignScene):
-            return {name: Images(image, None, None) for name, image in scene.images().items()}
+            depth = scene.depth()
+            return {name: Images(image, depth.get(name), None) for name, image in scene.images().items()}
         images = self._renderer(scene).render_views(
             scene.data, self._wanted, depth=self.spec.depth, masks=self.spec.masks
         )

@@ -61,6 +61,9 @@ _PRESETS = {
         ),
     ),
     "calvin": ObservationSpec("calvin", (CameraSpec("front", 200, 200), CameraSpec("wrist", 84, 84))),
+    "calvin_depth": ObservationSpec(
+        "calvin_depth", (CameraSpec("front", 200, 200), CameraSpec("wrist", 84, 84)), depth=True
+    ),
     "droid": ObservationSpec("droid", (CameraSpec("left_shoulder", 320, 180), CameraSpec("wrist", 320, 180))),
 }
 
@@ -70,8 +73,8 @@ def observation_spec(name: str) -> ObservationSpec:
 
     The presets are "default" (front and wrist, 256 x 256), "official" (the three fixed 448 x 448 views of the paper's
     own release), "droid" (from beside the robot and from the wrist, 320 x 180, as policies trained on DROID see),
-    "calvin" (front, 200 x 200, and wrist, 84 x 84, the sizes of CALVIN) and "state_only" (proprioception and the
-    instruction alone).
+    "calvin" (front, 200 x 200, and wrist, 84 x 84, the sizes of CALVIN), "calvin_depth" (the same with depth images)
+    and "state_only" (proprioception and the instruction alone).
     """
     try:
         return _PRESETS[name]

@@ -53,6 +53,15 @@ class ConstantRule:
 
 @strict_form
 @dataclass(frozen=True, slots=True)
+class DepthRule:
+    """A depth image that a policy is shown, (height, width) float32 [m], as large as it is drawn."""
+
+    key: tuple[str, ...]
+    camera: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
 class Feedback:
     """A state that begins with numbers of the policy's own answer, from its first answer on.
 
@@ -81,6 +90,7 @@ class Adapter:
         gripper_opening_m: Distance of the pads that counts as fully open [m].
         episode_key: Where our own servers are told how the episode began, or None.
         constants: Entries that are the same in every request.
+        depths: Depth images, for a run that draws them (``--observation calvin_depth``); not for GR00T.
         feedback: The state that holds what the policy answered, or None; ``POST /act`` alone knows it.
         horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
             own client does; None for all.
@@ -100,6 +110,7 @@ class Adapter:
     horizon: int | None = None
     constants: tuple[ConstantRule, ...] = ()
     feedback: Feedback | None = None
+    depths: tuple[DepthRule, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the keys, the numbers and the feedback."""
@@ -116,6 +127,7 @@ class Adapter:
                     "Name a state and an answer of the adapter, and no more numbers than both have",
                 )
         keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
+        keys += [rule.key for rule in self.depths]
         keys += [] if self.episode_key is None else [self.episode_key]
         keys += [constant.key for constant in self.constants]
         for i, key in enumerate(keys):
@@ -139,7 +151,7 @@ class Adapter:
     @property
     def cameras(self) -> tuple[str, ...]:
         """The cameras that it needs, each once; ``*`` for all there are."""
-        return tuple(dict.fromkeys(rule.camera for rule in self.views))
+        return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
 
     def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
         """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
@@ -178,6 +190,14 @@ class Adapter:
         message: dict[str, Any] = {}
         for key, image in self.images(observation).items():
             set_entry(message, key, image.reshape((1,) * self.leading_axes + image.shape))
+        for depth in self.depths:
+            if depth.camera not in observation.depth:
+                raise PolicyError(
+                    f"adapter {self.name} wants the depth of the camera {depth.camera!r}, and the run draws none. "
+                    "In CALVIN, give --observation calvin_depth."
+                )
+            drawn = observation.depth[depth.camera]
+            set_entry(message, depth.key, drawn.reshape((1,) * self.leading_axes + drawn.shape))
         for rule in self.states:
             value = self.state(rule, observation)
             if isinstance(value, np.ndarray):

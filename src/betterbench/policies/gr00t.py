@@ -74,8 +74,9 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
-        if self.adapter.constants:
-            raise address.error(f"adapter {self.adapter.name} has constants, and GR00T knows none", "Remove them")
+        for name in ("constants", "depths"):
+            if getattr(self.adapter, name):
+                raise address.error(f"adapter {self.adapter.name} has {name}, and GR00T knows none", "Remove them")
         self._layout = address.choice("layout", get_args(RequestLayout), "nested")
         self._lock = threading.Lock()
         self.modalities = self._connection.open().modalities

@@ -89,7 +89,12 @@ _HALF_CLOSED = 0.5
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
 _ROW = {"robot": (15,), "scene": (24,), "target": (6,)}
-_IMAGES = {"image_front": (200, 200, 3), "image_wrist": (84, 84, 3)}
+_IMAGES = {
+    "image_front": (200, 200, 3),
+    "image_wrist": (84, 84, 3),
+    "depth_front": (200, 200),
+    "depth_wrist": (84, 84),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -337,7 +342,11 @@ class ChainScene(ForeignScene):
     @property
     def _shown(self) -> dict[str, Any]:
         """What the simulator is told at each instruction: what it draws, and how actions are cut into parts."""
-        return {"images": self._images, "split": _SPLITS.get(self.action_space.name)}
+        return {
+            "images": self._images,
+            "depth": self.draws_depth,
+            "split": _SPLITS.get(self.action_space.name),
+        }
 
     def _measured(self) -> np.ndarray:
         """Return the measured pose as position and angles, (6,)."""

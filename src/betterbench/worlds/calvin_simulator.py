@@ -51,6 +51,7 @@ class CalvinSimulator:
         self._sizes: dict[str, tuple[list[float], float]] = {}
         self._fresh: Any = None
         self._split: list[int] | None = None
+        self._depth = False
 
     def suite(self, name: str) -> dict[str, Any]:
         """Return what runs the chains; making the environment shows at once whether checkout and packages are whole."""
@@ -78,7 +79,7 @@ class CalvinSimulator:
         self._make()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
-        self._split = request["split"]
+        self._split, self._depth = request["split"], bool(request["depth"])
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
         names = self._block_names()
@@ -192,6 +193,8 @@ class CalvinSimulator:
             image = seen["rgb_obs"].get(f"rgb_{camera}")
             if image is not None:
                 arrays[f"image_{name}"] = np.asarray(image).astype(np.uint8)
+            if image is not None and self._depth:
+                arrays[f"depth_{name}"] = np.asarray(seen["depth_obs"][f"depth_{camera}"], np.float32)
         return {"info": _plain_info(info)}, arrays
 
     def _commit(self) -> str:

@@ -119,11 +119,14 @@ class WorldSettings:
         seed: int,
         action_space: ActionSpace,
         images: bool,
+        depth: bool = False,
     ) -> ForeignScene:
-        """Return the scene of a trial, which is set up by its reset."""
-        return self._scene_class()(
+        """Return the scene of a trial, which is set up by its reset; ``depth`` images are drawn beside ``images``."""
+        scene = self._scene_class()(
             self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
         )
+        scene.draws_depth = depth
+        return scene
 
     def _scene_class(self) -> type[ForeignScene]:
         return ForeignScene
@@ -197,7 +200,7 @@ class ForeignScene:
         self.condition = Instructed.of(f"{task}/{condition}", condition, self.task.instruction)
         self.control_rate_hz = settings.control_rate_hz
         self.step_limit = settings.step_limit(self.task)
-        self.instructed_anew = False
+        self.instructed_anew = self.draws_depth = False
         self.broken_premises: tuple[str, ...] = ()
         self._processes, self._images, self._draws_next = processes, images, images
         self._process: WorldProcess | None = None
@@ -375,6 +378,10 @@ class ForeignScene:
     def images(self) -> dict[str, np.ndarray]:
         """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
         return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
+
+    def depth(self) -> dict[str, np.ndarray]:
+        """Return the depth images of this step by camera, (height, width) float32 [m]; empty unless they are drawn."""
+        return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
 
     def native(self) -> dict[str, np.ndarray]:
         """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""

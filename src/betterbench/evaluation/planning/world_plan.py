@@ -33,6 +33,7 @@ from betterbench.worlds.scene import task_id
 LIBERO = "libero"
 
 _OBSERVATIONS = ("default", "state_only")
+_CALVIN_OBSERVATIONS = ("calvin", "calvin_depth", "state_only")
 _TRANSLATED = re.compile(
     r"preset=([A-Za-z0-9_]+_libero|[A-Za-z0-9]+_libero_panda)_(spatial|object|goal|10|90|study|living_room)\b"
 )
@@ -124,7 +125,8 @@ def make_chain_plan(
         seed: Number of the first chain.
         action_space: What the policy answers; what its address says if None, and "calvin_relative" where that says
             nothing.
-        observation: "default", which is CALVIN's two cameras ("calvin"), or "state_only" without images.
+        observation: "default", which is CALVIN's two cameras ("calvin"), "calvin_depth" with depth images too, or
+            "state_only" without images.
         refuse_broken: Whether a scene that is not as its chain presupposes stops the run.
 
     Raises:
@@ -139,8 +141,8 @@ def make_chain_plan(
     count = CHAINS - seed if trials is None else trials
     require_between("--trials", count, 1, CHAINS - seed)
     shown = "calvin" if observation == "default" else observation
-    if shown not in ("calvin", "state_only"):
-        raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
+    if shown not in _CALVIN_OBSERVATIONS:
+        raise UnknownNameError("observation preset of CALVIN", observation, ("default", *_CALVIN_OBSERVATIONS))
     _check_policy(policy, "CALVIN")
     space = _action_space(policy, CALVIN, action_space)
     with WorldProcess(command) as process:

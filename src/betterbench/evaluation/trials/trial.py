@@ -235,6 +235,7 @@ class TrialRunner:
             seed=trial.seed,
             action_space=action_space(self.settings.action_space),
             images=cameras,
+            depth=self._observer.spec.depth,
         )
         context = TrialContext(
             policy=self.settings.policy,

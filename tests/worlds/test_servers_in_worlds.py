@@ -1,0 +1,120 @@
+"""Policy servers and Python policies in LIBERO and CALVIN, by the runner: what the simulator gets and they see."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.policies.test_starvla import Server, answer, array
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
+from betterbench.interface.actions import PLAYED_IN
+from betterbench.worlds import process
+from betterbench.worlds.registry import start_code
+
+POLICY = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class Depth:
+    info = PolicyInfo("depth", action_space={space!r})
+    def reset(self, start):
+        assert start.action_space == {space!r}
+    def act(self, seen):
+        assert seen.depth["front"].shape == (200, 200)
+        assert seen.depth["wrist"].shape == (84, 84)
+        assert seen.depth["front"].dtype == np.float32
+        assert np.allclose(seen.depth["front"], 0.5 + 0.01 * seen.step)
+        assert seen.images["front"].dtype == np.uint8
+        return np.array([-1.0] * {size} + [1.0])
+"""
+
+
+@pytest.fixture(scope="module")
+def calvin_command():
+    folder = str(Path(__file__).parent)
+    code = f"import sys; sys.path.append({folder!r})\n{start_code('fake_calvin')}"
+    return (sys.executable, "-c", code, folder, "", "")
+
+
+def opened(share):
+    """Return a starVLA server whose chunk of two actions has this number for the gripper."""
+    chunk = np.zeros((1, 2, 7))
+    chunk[..., 0], chunk[..., 6] = -0.3, share
+    return Server([lambda request: answer(request, actions=array(chunk))] * 1000)
+
+
+SHORT = 5
+"""Control steps of an instruction of CALVIN, in place of 360."""
+
+
+@pytest.fixture
+def given(monkeypatch):
+    """The actions that the simulator's process is given."""
+    monkeypatch.setattr("betterbench.worlds.calvin.STEPS_PER_SUBTASK", SHORT)
+    found = []
+    step = process.WorldProcess.step
+
+    def watched(self, action, *, look):
+        found.append(np.array(action))
+        return step(self, action, look=look)
+
+    monkeypatch.setattr(process.WorldProcess, "step", watched)
+    return found
+
+
+@pytest.mark.parametrize(("said", "closes"), [(1.0, -1.0), (0.0, 1.0)])
+def test_libero_opens_the_gripper_when_starvla_says_so(fake_command, tmp_path, given, said, closes):
+    with opened(said) as server:
+        policy = f"starvla://127.0.0.1:{server.port}?preset=starvla"
+        plan = make_world_plan(policy, suite="libero_object", tasks=["0"], trials=1, command=fake_command)
+        evaluate(plan, tmp_path / "run", workers=1, envs=1)
+    assert plan.action_space == "ee_delta"
+    assert {float(action[-1]) for action in given} == {closes}
+    assert {float(action[0]) for action in given} == {float(np.float32(-0.3))}
+
+
+@pytest.mark.parametrize(("said", "opens"), [(1.0, 1.0), (0.0, 0.0), (-1.0, -1.0)])
+def test_calvin_opens_the_gripper_when_starvla_says_so(calvin_command, tmp_path, given, said, opens):
+    with opened(said) as server:
+        plan = make_chain_plan(f"starvla://127.0.0.1:{server.port}", suite="calvin", trials=1, command=calvin_command)
+        run = evaluate(plan, tmp_path / "run", workers=1, envs=1)
+        example = server.requests[0]["payload"]["examples"][0]
+        assert [image[b"shape"] if isinstance(image, dict) else list(image.shape) for image in example["image"]] == [
+            [224, 224, 3]
+        ] * 2
+    assert plan.action_space == "calvin_relative"
+    assert {float(action[-1]) for action in given} == {opens}  # more than 0 opens
+    record = next(run.records())
+    assert record.gripper_command[-1] == (-1.0 if opens > 0.0 else 1.0)
+    assert run.context["policy"]["metadata"]["adapter"]["name"] == "starvla_calvin"
+
+
+@pytest.mark.parametrize(("space", "size"), [("calvin_absolute", 6), ("calvin_absolute_quaternion", 7)])
+def test_a_python_policy_answers_absolute_actions_and_sees_depth(calvin_command, tmp_path, given, space, size):
+    file = tmp_path / "mine.py"
+    file.write_text(POLICY.format(space=space, size=size))
+    plan = make_chain_plan(
+        f"python:{file}:Depth",
+        suite="calvin",
+        trials=1,
+        command=calvin_command,
+        action_space=space,
+        observation="calvin_depth",
+    )
+    record = next(evaluate(plan, tmp_path / "run", workers=1, envs=1).records())
+    assert record.outcome.error is None
+    assert record.n_steps == SHORT
+    assert {action.shape for action in given} == {(size + 1,)}
+
+
+def test_an_action_space_that_a_world_does_not_play_is_refused(fake_command, calvin_command):
+    with pytest.raises(UnknownNameError, match="calvin_relative"):
+        make_chain_plan("noop", suite="calvin", command=calvin_command, action_space="ee_delta")
+    with pytest.raises(UnknownNameError, match="libero_absolute"):
+        make_world_plan("noop", suite="libero_object", command=fake_command, action_space="joint_delta")
+    with pytest.raises(InvalidInputError, match=r"openpi_droid answers in joint_delta, which LIBERO does not play"):
+        make_world_plan("openpi://host?preset=openpi_droid", suite="libero_object", command=fake_command)
+    assert PLAYED_IN["calvin"][0] == "calvin_relative"
