@@ -430,19 +430,23 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     played = PLAYED_IN[address.world]
     if answer.space not in played:
         raise _not_played(adapter.name, answer.space, address)
-    if "ee_offset" in options:
-        if adapter.name == NATIVE.name:
-            reason = "the native layout is in the frame of the robot's base"
-        elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
-            reason = f"{adapter.name} knows no position of the end effector"
-        else:
-            reason = ""
-        if reason:
-            raise InvalidInputError(where, f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
-        adapter = replace(adapter, ee_offset_m=_offset(address))
+    adapter = _with_offset(adapter, answer, address)
     rate_hz = CALVIN_RATE_HZ if address.world == "calvin" else adapter.control_rate_hz
     views = tuple(_image(rule, address) for rule in adapter.views)
     return replace(adapter, views=views, answer=answer, control_rate_hz=rate_hz)
+
+
+def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
+    """Return the adapter with the offset that an address gives; InvalidInputError where it would have no effect."""
+    if "ee_offset" not in address.options:
+        return adapter
+    if adapter.name == NATIVE.name:
+        reason = "the native layout is in the frame of the robot's base"
+    elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
+        reason = f"{adapter.name} knows no position of the end effector"
+    else:
+        return replace(adapter, ee_offset_m=_offset(address))
+    raise address.error(f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
 
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
