@@ -107,7 +107,7 @@ def test_calvin_is_given_what_the_client_of_the_field_gives_it(name, monkeypatch
     start = np.array([0.02, -0.2, 0.57, 3.09, -0.03, 1.5])
     simulator, env = CalvinSimulator.__new__(CalvinSimulator), CalvinEnv()
     monkeypatch.setattr(CalvinSimulator, "_row", lambda *_: ({}, {}))
-    scene = SimpleNamespace(action_space=space, _images=False, _commanded=start.copy())
+    scene = SimpleNamespace(action_space=space, _images=False, draws_depth=False, _commanded=start.copy())
     simulator._env, simulator._cameras = env, []
     simulator._split = ChainScene._shown.fget(scene)["split"]
     for action in adapter.actions(reply, seen()):
