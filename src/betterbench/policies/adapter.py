@@ -178,6 +178,19 @@ class Adapter:
             control_rate_hz=self.control_rate_hz,
         )
 
+    def named(self, reply: object, who: str) -> Mapping[Any, Any]:
+        """Return a map of an answer: the answer, or what is not a map under the one key that the actions stand at.
+
+        Raises PolicyError if the actions are looked for under several keys.
+        """
+        if isinstance(reply, Mapping):
+            return reply
+        keys = list(self.answer.columns)
+        if len(keys) > 1 or len(keys[0]) > 1:
+            wanted = ", ".join("/".join(key) for key in keys)
+            raise PolicyError(f"{who} answers an array, and adapter {self.name} reads {wanted}.")
+        return {keys[0][0]: reply}
+
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
         """Return what a policy with this adapter would answer to mean these actions."""
         message: dict[str, Any] = {}

@@ -129,15 +129,10 @@ class HttpActClient(ServerClient[HttpServer]):
                 f"{self._where} answers {one_line(reply)!r}, with which these servers report any failure. "
                 "Its own output tells more; compare the keys that it reads with the adapter."
             )
-        if not isinstance(reply, Mapping):
-            # OpenVLA answers with the array itself, OFT with a list of them.
-            names = list(self.adapter.answer.columns)
-            if len(names) > 1 or len(names[0]) > 1:
-                wanted = ", ".join("/".join(name) for name in names)
-                raise PolicyError(f"{self._where} answers an array, and adapter {self.adapter.name} reads {wanted}.")
-            reply = {names[0][0]: _stacked(reply)}
-        elif "error" in reply:
+        if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
+        # OpenVLA answers with the array itself, OFT with a list of them.
+        reply = self.adapter.named(_stacked(reply), self._where)
         return self.adapter.actions(reply, observation)
 
     def _post(self, server: HttpServer, body: bytes, timeout_s: float) -> HttpAnswer:
