@@ -368,6 +368,10 @@ PRESETS: dict[str, Adapter] = {
     )
 }
 
+UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
+"""The layout of each preset that translates from our scenes to LIBERO's conventions, which LIBERO itself needs none of.
+"""
+
 
 def preset(name: str) -> Adapter:
     """Return a preset by name; raise UnknownNameError if there is no such preset."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +13,8 @@ from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
 from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
 from betterbench.learned import is_learned, is_seeing
+from betterbench.policies.address import OWN_OPTIONS, PolicyAddress
+from betterbench.policies.presets import PRESETS, UNTRANSLATED, adapter_of
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     WorldError,
@@ -32,9 +33,6 @@ from betterbench.worlds.scene import task_id
 LIBERO = "libero"
 
 _OBSERVATIONS = ("default", "state_only")
-_TRANSLATED = re.compile(
-    r"preset=([A-Za-z0-9_]+_libero|[A-Za-z0-9]+_libero_panda)_(spatial|object|goal|10|90|study|living_room)\b"
-)
 
 
 def make_world_plan(
@@ -74,7 +72,7 @@ def make_world_plan(
     require_between("--trials", count, 1, STATES - seed)
     if observation not in _OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
-    _check_policy(policy, "LIBERO", POLICIES)
+    _check_policy(policy, "LIBERO", EE_DELTA.name, POLICIES)
     numbers = _numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
@@ -134,7 +132,7 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in ("calvin", "state_only"):
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
-    _check_policy(policy, "CALVIN")
+    _check_policy(policy, "CALVIN", CALVIN_RELATIVE.name)
     with WorldProcess(command) as process:
         said = process.suite(suite)
     try:
@@ -151,7 +149,7 @@ def make_chain_plan(
     return Plan(policy, planned, CALVIN_RELATIVE.name, shown, "standard", world=settings)
 
 
-def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
+def _check_policy(policy: str, world: str, space: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
@@ -161,13 +159,36 @@ def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
             f"{policy} {needs} of our own scenes, which {world} does not have",
             "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
         )
-    translated = _TRANSLATED.search(policy)
-    if translated is not None:
+    _check_address(policy, world, space)
+
+
+def _check_address(policy: str, world: str, space: str) -> None:
+    """Refuse a server or a checkpoint whose preset or adapter translates, or means another action than the world's."""
+    if policy.partition(":")[0] not in OWN_OPTIONS:
+        return
+    address = PolicyAddress.parse(policy)
+    if not address.names_adapter:
+        return
+    fitting = [name for name, known in PRESETS.items() if known.answer.space == space and name not in UNTRANSLATED]
+    named = address.options.get("preset", "")
+    layout = UNTRANSLATED.get(named)
+    offered = (
+        f"Give preset=NAME ({', '.join(fitting)}) or adapter=FILE" if fitting else f"Give a python: policy for {space}"
+    )
+    if layout is not None:
         raise InvalidInputError(
             "--policy",
-            f"the preset {translated[1]}_{translated[2]} translates from our scenes to LIBERO's conventions, and this "
-            f"run is in {world} itself",
-            f"Give preset={translated[1]}",
+            f"the preset {named} translates from our scenes to LIBERO's conventions, and this run is in {world} itself",
+            f"Give preset={layout}" if layout in fitting else offered,
+        )
+    # An option that is missing beside a preset is not asked for where the preset cannot be played at all.
+    adapter = PRESETS[named] if named in PRESETS else adapter_of(address)
+    answered = address.options.get("action_space", adapter.answer.space)
+    if answered != space:
+        raise InvalidInputError(
+            "--policy",
+            f"adapter {adapter.name} answers in {answered}, and {world} is played in {space}",
+            offered,
         )
 
 
