@@ -32,10 +32,31 @@ class InstructionRule:
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
+        template: Sentence that the policy was trained with, in which ``{}`` is the instruction.
     """
 
     key: tuple[str, ...]
     depth: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
+    template: str = "{}"
+
+    def __post_init__(self) -> None:
+        """Check the template."""
+        if self.template.count("{}") != 1:
+            raise InvalidInputError(
+                f"instruction {'/'.join(self.key)}: template",
+                f"{self.template!r} has no place",
+                "Write {} into it once",
+            )
+
+    def write(self, instruction: str) -> str:
+        """Return the text that is sent."""
+        return self.template.replace("{}", instruction)
+
+    def read(self, text: str) -> str:
+        """Return the instruction in a text that was sent; a text that does not follow the template is one itself."""
+        before, _, after = self.template.partition("{}")
+        follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
+        return text[len(before) : len(text) - len(after)] if follows else text
 
 
 @strict_form
@@ -153,7 +174,7 @@ class Adapter:
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
             set_entry(message, rule.key, value)
-        instruction: Any = observation.instruction
+        instruction: Any = self.instruction.write(observation.instruction)
         for _ in range(self.instruction.depth):
             instruction = [instruction]
         set_entry(message, self.instruction.key, instruction)

@@ -114,7 +114,8 @@ class Gr00tClient(ServerClient[Gr00tServer]):
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
         }
-        data = self._data(message, [observation.instruction for observation in observations])
+        instructions = [self.adapter.instruction.write(observation.instruction) for observation in observations]
+        data = self._data(message, instructions)
         with self._lock:
             reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
         arrays = self._arrays(reply, len(observations))

@@ -325,6 +325,34 @@ has to be given: ``send.domain_id=3``. Its own client sends the pose that was la
 one; this one sends what is measured.
 """
 
+DEXBOTIC = Adapter(
+    "dexbotic",
+    views=(
+        ImageRule(("observation", "images", "1"), "front", 256, 256),
+        ImageRule(("observation", "images", "2"), "wrist", 256, 256),
+    ),
+    states=(StateRule(("observation", "state"), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("observation", "prompt")),
+    answer=AnswerRule("ee_delta", _twist("actions")),
+)
+"""The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
+``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
+bare instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.dexbotic`).
+
+Its clients hand the answer to LIBERO as it is, so a gripper of +1 closes. They execute 5 (pi0) to 12 (DM0) actions of a
+chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""
+
+DEXBOTIC_COGACT = replace(
+    DEXBOTIC,
+    name="dexbotic_cogact",
+    views=DEXBOTIC.views[:1],
+    states=(),
+    instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
+)
+"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the sentence that they
+were trained with. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+
 LEROBOT = Adapter(
     "lerobot",
     views=(
@@ -349,11 +377,14 @@ _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (STARVLA_STATE, "starvla_state_libero", "open_fraction"),
     (OPENVLA, "openvla_libero", "open_fraction"),
     (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
+    (DEXBOTIC, "dexbotic_libero", "close_positive"),
+    (DEXBOTIC_COGACT, "dexbotic_cogact_libero", "close_positive"),
 )
 
 _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
     *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
+    *(DEXBOTIC, DEXBOTIC_COGACT),
 )
 
 PRESETS: dict[str, Adapter] = {
