@@ -354,6 +354,50 @@ def test_a_server_with_sessions_is_told_of_each_episode(observation):
     assert "session_id" not in server.requests[0]
 
 
+def counted(first):
+    """Return a reply whose rows are told apart by their first number."""
+    rows = np.zeros((8, 7))
+    rows[:, 0] = first + np.arange(8) / 100
+    return reply(rows)
+
+
+def test_a_chunk_is_continued_within_an_episode_and_not_beyond(observation):
+    script = [counted(0.1 * i) for i in range(5)]
+    with Server(script) as server, client(server, "preset=openpi_libero&horizon=5&delay=3&timeout=5") as policy:
+        for step in (0, 5, 11):  # after six more steps only two rows are left, fewer than the delay
+            policy.act(replace(observation, step=step))
+        policy.reset(START)
+        for step in (0, 4):
+            policy.act(replace(observation, step=step))
+    told = [
+        None if "prev_action_chunk" not in asked else np.frombuffer(asked["prev_action_chunk"][b"data"], "<f4")
+        for asked in server.requests
+    ]
+    assert [told[0], told[2], told[3]] == [None, None, None]
+    assert np.allclose(told[1].reshape(8, 7)[:, 0], [0.05, 0.06, 0.07, 0.07, 0.07, 0.07, 0.07, 0.07])
+    assert np.allclose(told[4].reshape(8, 7)[:4, 0], [0.34, 0.35, 0.36, 0.37])
+    assert (server.requests[1]["inference_delay"], server.requests[1]["execute_horizon"]) == (3, 5)
+    with Server() as server, client(server, "preset=openpi_libero&timeout=5") as policy:
+        for step in (0, 1):
+            policy.act(replace(observation, step=step))
+    assert not {"prev_action_chunk", "inference_delay"} & {key for asked in server.requests for key in asked}
+
+
+def test_a_bare_array_is_continued_too(observation):
+    frames = [msgpack.packb(array([CHUNK_VALUES])), CHUNK]
+    with Server(frames) as server, client(server, "preset=openpi_libero&delay=1&timeout=5") as policy:
+        for step in (0, 1):
+            policy.act(replace(observation, step=step))
+    sent = np.frombuffer(server.requests[1]["prev_action_chunk"][b"data"], "<f4").reshape(2, 7)
+    assert np.allclose(sent, [CHUNK_VALUES[1]] * 2)
+    assert "execute_horizon" in server.requests[1]  # that of the preset
+
+
+def test_several_arrays_are_not_continued():
+    with pytest.raises(InvalidInputError, match=r"delay needs one\. Leave it out"):
+        connect("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
+
+
 def test_a_real_policy_is_told_nothing_of_the_trial(observation):
     with Server() as server, client(server) as policy:
         policy.name_trial(TRIAL)

@@ -65,9 +65,9 @@ WITH_PATH = ("openpi", "vla-eval", "starvla", *HTTP)
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
-    "openpi": ("arrays",),
+    "openpi": ("arrays", "delay"),
     "vla-eval": ("images",),
-    "gr00t": ("layout", "api_token_env"),
+    "gr00t": ("layout", "api_token_env", "rtc_overlap_steps", "rtc_frozen_steps", "rtc_ramp_rate"),
     "being-h": ("delay",),
     "starvla": ("layout",),
     "http": ("arrays", "encoded"),

@@ -9,6 +9,10 @@ msgpack-numpy does: in answers, and in requests if those of the metadata are or 
 (``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers the bare array of
 actions, reports an error as a map with ``type`` "error", and tells episodes apart by a ``session_id``, which is sent if
 its metadata say ``needs_session_id``.
+
+Real-time chunking is not in openpi itself. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``) and
+those like it take the rest of the old chunk as ``prev_action_chunk``, in the units in which they answer, with
+``inference_delay`` and ``execute_horizon``; with ``delay=N`` these are sent.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ from betterbench.errors import PolicyError, last_line, one_line, printable
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.answers import get_entry
 from betterbench.policies.handshake import (
     Declaration,
     compare_declarations,
@@ -33,6 +38,7 @@ from betterbench.policies.handshake import (
     read_server,
 )
 from betterbench.policies.presets import NATIVE, PRESETS, adapter_of
+from betterbench.policies.previous_chunk import moved_up, rows_left
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
 from betterbench.policies.wire import MAX_FRAME_BYTES, OpenpiArrays, decode_openpi, encode_openpi, marks_arrays_as_nd
@@ -51,6 +57,12 @@ class OpenpiClient(ServerClient[WebSocket]):
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
         self._session = _new_session()
+        self._delay = address.whole("delay")
+        if self._delay and len(self.adapter.answer.columns) > 1:
+            raise address.error(
+                f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
+            )
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
         self._start: EpisodeStart | None = None
         self._trial: TrialId | None = None
         self._serves_expert = False
@@ -84,7 +96,7 @@ class OpenpiClient(ServerClient[WebSocket]):
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode; the server is told by another ``session_id``, if it declares to need one."""
         super().reset(start)
-        self._start, self._server_s, self._session = start, 0.0, _new_session()
+        self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
 
     def name_trial(self, trial: TrialId) -> None:
         """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
@@ -96,7 +108,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         request = self.adapter.request(observation, self._start, trial)
         if self._metadata.get("needs_session_id") is True:
             request.setdefault(_SESSION, self._session)
-        frame = encode_openpi(request, arrays=self._arrays)
+        frame = encode_openpi(request | self._continuation(observation.step), arrays=self._arrays)
 
         def exchange(connection: WebSocket, timeout_s: float) -> object:
             end = time.monotonic() + timeout_s
@@ -109,6 +121,8 @@ class OpenpiClient(ServerClient[WebSocket]):
 
         reply = self.adapter.named(self._connection.request(exchange), self._where)
         actions = self.adapter.actions(reply, observation)
+        if self._delay:
+            self._last = (observation.step, _whole_chunk(get_entry(reply, next(iter(self.adapter.answer.columns)))))
         taken = {key[0] for key in self.adapter.answer.columns}
         self.last_reply = {str(k): v for k, v in reply.items() if k not in taken}
         timing = reply.get("server_timing")
@@ -116,6 +130,14 @@ class OpenpiClient(ServerClient[WebSocket]):
         if isinstance(spent, (int, float)) and 0.0 <= spent < 1e9:
             self._server_s += 0.001 * float(spent)
         return actions
+
+    def _continuation(self, step: int) -> dict[str, Any]:
+        """Return what is added to a request so that the new chunk continues the old one; empty without such a rest."""
+        if self._last is None or rows_left(*self._last, step=step) < self._delay:
+            return {}
+        horizon = self._address.execution(self.adapter.horizon).horizon
+        executed = {} if horizon is None else {"execute_horizon": horizon}
+        return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
 
     def _dial(self, timeout_s: float) -> WebSocket:
         """Connect, read the metadata and compare; after a restart of the server it is done again."""
@@ -164,6 +186,14 @@ class OpenpiClient(ServerClient[WebSocket]):
         if isinstance(value, Mapping) and isinstance(value.get("type"), str) and value["type"] == "error":
             raise PolicyError(f"{self._where} reports an error: {one_line(value.get('message', 'without a text'))}")
         return value
+
+
+def _whole_chunk(given: object) -> np.ndarray:
+    """Return the chunk of an answer that has been read, (horizon, dim) float32."""
+    array = np.asarray(given, dtype=np.float32)
+    while array.ndim > 2:
+        array = array[0]
+    return np.atleast_2d(array)
 
 
 def _new_session() -> str:
