@@ -26,6 +26,7 @@ from betterbench.policies.wire import ModalityConfig
 
 DECODERS: dict[str, Callable[[bytes], object]] = {
     "openpi": wire.decode_openpi,
+    "nd": wire.decode_openpi,
     "vla_eval": wire.decode_vla_eval,
     "gr00t": wire.decode_gr00t,
 }
@@ -49,6 +50,10 @@ SEEDS: dict[str, tuple[bytes, ...]] = {
         wire.encode_openpi({**_VALUE, "scalar": np.float32(0.5), "prompt": np.array("pack it"), "text": np.str_("ab")}),
         wire.encode_openpi({"actions": np.zeros((1, 7))}),
     ),
+    "nd": (
+        wire.encode_openpi({**_VALUE, "scalar": np.float32(0.5), "prompt": np.array("pack it")}, arrays="nd"),
+        msgpack.packb({"actions": {"nd": True, "type": "<f4", "kind": "f", "shape": [1, 2], "data": bytes(8)}}),
+    ),
     "vla_eval": tuple(
         wire.encode_vla_eval({"type": "action", "payload": _VALUE, "seq": 3, "timestamp": 1.5}, images=images)
         for images in ("raw", "png", "jpeg")
@@ -63,6 +68,7 @@ SEEDS: dict[str, tuple[bytes, ...]] = {
 }
 _MARKS: dict[str, tuple[str | bytes, ...]] = {
     "openpi": (b"__ndarray__", b"__npgeneric__", b"data", b"dtype", b"shape"),
+    "nd": (b"nd", b"type", b"kind", b"shape", b"data", "nd", "type", "kind", "shape", "data", b"complex"),
     "vla_eval": ("__ndarray__", "__image__", "data", "dtype", "shape", "format", "type", "payload"),
     "gr00t": (
         *("__ndarray_class__", "as_npy", "__ModalityConfig_class__", "__ModalityConfig__", "as_json", "delta_indices"),

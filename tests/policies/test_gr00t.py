@@ -727,3 +727,91 @@ def test_an_action_under_two_names_is_refused():
         policy.reset(START)
         with pytest.raises(PolicyError, match="'gripper' is given twice"):
             policy.act(seen())
+
+
+# --------------------------------------------------------------------------------------------------- real-time chunking
+
+
+class Continuing:
+    """Answers as an action head with real-time chunking does: frozen rows stay, the others are new.
+
+    ``keeps`` is False for a policy that ignores what it is sent, as that of NVIDIA's main branch does.
+    """
+
+    def __init__(self, *, keeps=True):
+        self.keeps, self.count = keeps, 0
+
+    def __call__(self, question):
+        self.count += 1
+        made = {name: np.zeros((1, 8, size), np.float32) for name, size in ACTIONS.items()}
+        for rows in made.values():
+            rows[:, :, 0] = self.count + np.arange(8) / 100
+        sent, options = question["data"]["observation"].get("action"), question["data"]["options"]
+        if sent is not None and self.keeps:
+            for name, rows in made.items():
+                rows[:, : options["rtc_frozen_steps"]] = sent[name][:, : options["rtc_frozen_steps"]]
+        return [{name: array(rows) for name, rows in made.items()}, {}]
+
+
+RTC = f"{QUICK}&horizon=5&ahead=2&rtc_overlap_steps=3"
+
+
+def test_a_chunk_continues_the_one_before(client):
+    with Server({"get_action": Continuing()}) as server:
+        policy = client(server, RTC)
+        answers = [policy.act(seen(step)) for step in (0, 3, 9)]  # after six more steps only two rows are left
+        policy.reset(START)
+        policy.act(seen(0))
+        asked = server.questions("get_action")
+    data = [question["data"] for question in asked]
+    assert [question["options"] for question in data] == [
+        None,
+        {"action_horizon": 8, "rtc_overlap_steps": 3, "rtc_frozen_steps": 2, "rtc_ramp_rate": 6.0},
+        {"action_horizon": 8, "rtc_overlap_steps": 2, "rtc_frozen_steps": 2, "rtc_ramp_rate": 6.0},
+        None,
+    ]
+    assert ["action" in question["observation"] for question in data] == [False, True, True, False]
+    sent = data[1]["observation"]["action"]
+    assert {name: (rows.shape, rows.dtype.str) for name, rows in sent.items()} == {
+        name: ((1, 8, size), "<f4") for name, size in ACTIONS.items()
+    }
+    assert np.allclose(sent["ee_position"][0, :, 0], [1.03, 1.04, 1.05, 1.06, 1.07, 1.07, 1.07, 1.07])
+    # The first actions of a new chunk are those that were to come.
+    assert np.allclose(answers[1][:2, 0], answers[0][3:5, 0])
+    assert "rtc_overlap_steps=3" in policy.info.name
+
+
+@pytest.mark.parametrize(("keeps", "told"), [(True, 0), (False, 1)])
+def test_a_server_that_ignores_the_rest_is_told_once(client, caplog, keeps, told):
+    with Server({"get_action": Continuing(keeps=keeps)}) as server:
+        policy = client(server, RTC)
+        for step in (0, 3, 6, 9):
+            policy.act(seen(step))
+    said = [r.getMessage() for r in caplog.records if "does not continue chunks" in r.getMessage()]
+    assert len(said) == told
+    assert all("main branch ignore rtc_overlap_steps" in text for text in said)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ("rtc_frozen_steps=2", "rtc_frozen_steps has no effect without rtc_overlap_steps"),
+        ("rtc_overlap_steps=0", "0 frozen steps are not among 0 steps of overlap"),
+        ("rtc_overlap_steps=2&rtc_frozen_steps=3", "3 frozen steps are not among 2"),
+        ("rtc_overlap_steps=2&horizon=8&ahead=3", "3 frozen steps are not among 2"),
+        ("rtc_overlap_steps=2.5", "must be a whole number"),
+        ("rtc_overlap_steps=2&layout=flat", "layout=flat has no entry for a chunk"),
+        ("rtc_overlap_steps=2&ensemble=0.01", "its chunks are not averaged"),
+    ],
+)
+def test_what_cannot_be_continued_is_refused(client, options, text):
+    with Server() as server, pytest.raises(InvalidInputError, match=text):
+        client(server, f"{QUICK}&{options}")
+
+
+def test_several_time_steps_are_not_continued(client):
+    with (
+        Server(modalities_=modalities(steps=(-2, 0))) as server,
+        pytest.raises(InvalidInputError, match="several time"),
+    ):
+        client(server, f"{QUICK}&rtc_overlap_steps=2")

@@ -24,7 +24,7 @@ from betterbench.errors import (
 )
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import EE_DELTA, JOINT_DELTA
-from betterbench.policies.address import PolicyAddress
+from betterbench.policies.address import DEFAULT_PORTS, PolicyAddress
 from betterbench.policies.connect import connect
 from betterbench.policies.openpi import OpenpiClient
 from betterbench.policies.remote import plain_text
@@ -58,9 +58,10 @@ def reply(values, dtype="<f4", **more):
 class Server:
     """Greets, then plays one scripted answer per request: bytes, text, or a function of (connection, request)."""
 
-    def __init__(self, script=(), *, greeting=METADATA, key=None, port=0, deaf=False):
+    def __init__(self, script=(), *, greeting=METADATA, key=None, port=0, deaf=False, only_at=None, absent=404):
+        self.only_at, self.absent = only_at, absent
         self.script, self.greeting, self.key, self.port = list(script), greeting, key, port
-        self.requests, self.headers, self.deaf = [], [], deaf
+        self.requests, self.headers, self.paths, self.deaf = [], [], [], deaf
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run)
         self._ready = threading.Event()
@@ -102,6 +103,9 @@ class Server:
         await self._stop.wait()
 
     def _admit(self, connection, request):
+        self.paths.append(request.path)
+        if self.only_at is not None and request.path != self.only_at:
+            return connection.respond(self.absent, "no")
         self.headers.append(request.headers.get("Authorization"))
         if self.key is not None and self.headers[-1] != f"Api-Key {self.key}":
             return connection.respond(401, "no")
@@ -186,6 +190,212 @@ def test_bytes_of_the_protocol_are_read_and_an_independent_server_reads_ours(obs
     pixels = np.frombuffer(image[b"data"], np.uint8).reshape(224, 224, 3)
     assert pixels[0, 0].tolist() == [200, 0, 0]
     assert pixels[-1, 0].tolist() == [0, 0, 0]
+
+
+OMNI = "/v1/realtime/robot/openpi"
+"""Where vLLM-Omni serves openpi's protocol."""
+
+# {"image_resolution": int64 array [224, 224], "action_dim": int64 7}, and {"actions": the chunk above}: bytes of
+# msgpack-numpy 0.4.8, written down once.
+ND_METADATA = bytes.fromhex(
+    "82b0696d6167655f7265736f6c7574696f6e85c4026e64c3c40474797065a33c6938c4046b696e64c400c40573686170659102c404646174"
+    "61c410e000000000000000e000000000000000aa616374696f6e5f64696d83c4026e64c2c40474797065a33c6938c40464617461c4080700"
+    "000000000000"
+)
+ND_CHUNK = bytes.fromhex(
+    "81a7616374696f6e7385c4026e64c3c40474797065a33c6634c4046b696e64c400c4057368617065920207c40464617461c4380000803e00"
+    "0000bf0000000000000000000000000000803e0000803f000000000000003f00000000000000000000000000000000000080bf"
+)
+
+
+@pytest.mark.parametrize(
+    ("path", "asked"),
+    [
+        ("", "/"),
+        ("/", "/"),
+        (OMNI, OMNI),
+        (f"{OMNI}/", f"{OMNI}/"),
+        ("/robots/arm%20one/openpi", "/robots/arm%20one/openpi"),
+    ],
+)
+def test_a_server_is_reached_at_the_path_of_its_address(observation, path, asked):
+    with Server() as server:
+        policy = connect(f"{server.address}{path}?preset=openpi_libero&timeout=5&patience=5")
+        policy.reset(START)
+        assert policy.act(observation).tolist() == CHUNK_VALUES
+        policy.close()
+    assert server.paths == [asked]
+    assert policy.info.name == f"{server.address}{path}?preset=openpi_libero&timeout=5&patience=5"
+
+
+def test_messages_name_the_path():
+    with pytest.raises(
+        PolicyUnavailableError, match=rf"policy server openpi://127\.0\.0\.1:9{OMNI} could not be reached"
+    ):
+        connect(f"openpi://127.0.0.1:9{OMNI}?preset=openpi_libero&patience=0.2")
+
+
+@pytest.mark.parametrize(
+    ("absent", "text"),
+    [
+        (404, r"has no websocket at /v1/realtime \(HTTP 404\)\. Correct the path"),
+        # What FastAPI answers for a websocket at a path that it does not know.
+        (403, r"HTTP 403.*api_key_env=NAME.*serves nothing at /v1/realtime: correct the path"),
+    ],
+)
+def test_a_wrong_path_is_said_at_once(absent, text):
+    begun = time.monotonic()
+    with Server(only_at=OMNI, absent=absent) as server, pytest.raises(HandshakeError, match=text):
+        connect(f"{server.address}/v1/realtime?preset=openpi_libero&patience=30")
+    assert time.monotonic() - begun < 10.0
+
+
+@pytest.mark.parametrize("scheme", ["openpi", "vla-eval", "starvla", "http", "https"])
+@pytest.mark.parametrize(
+    ("target", "server", "path"),
+    [
+        ("gpu-box:8001/v1/a", ("gpu-box", 8001), "/v1/a"),
+        ("[::1]:8001/v1/a", ("::1", 8001), "/v1/a"),
+        ("gpu-box/v1/a%20b", ("gpu-box", None), "/v1/a%20b"),
+    ],
+)
+def test_every_protocol_over_a_websocket_or_http_has_paths(scheme, target, server, path):
+    address = PolicyAddress.parse(f"{scheme}://{target}?tls=true&horizon=3")
+    assert address.server() == (server[0], server[1] or DEFAULT_PORTS[scheme])
+    assert address.path == path
+    assert address.server_name == f"policy server {scheme}://{target}"
+
+
+@pytest.mark.parametrize("scheme", ["gr00t", "being-h"])
+@pytest.mark.parametrize("path", ["/v1/a", "/"])
+def test_zeromq_has_no_paths(scheme, path):
+    with pytest.raises(InvalidInputError, match=rf"{scheme} speaks ZeroMQ\. Write {scheme}://\[::1\]:5555\.") as caught:
+        PolicyAddress.parse(f"{scheme}://[::1]:5555{path}?horizon=3")
+    assert repr(path) in str(caught.value)
+    PolicyAddress.parse(f"{scheme}://[::1]:5555")
+
+
+@pytest.mark.parametrize("scheme", ["openpi", "vla-eval", "starvla", "http"])
+@pytest.mark.parametrize("path", ["/straße", "/50%", "/a%2", "/%zz", "/a b", "/a\tb", "/a#b", "/a\nb"])
+def test_a_path_that_cannot_be_sent_is_refused(scheme, path):
+    with pytest.raises(InvalidInputError, match=r"percent-encoding|is not a host with a port") as caught:
+        PolicyAddress.parse(f"{scheme}://host:8000{path}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("greeting", "query", "ours"),
+    [
+        (METADATA, "", b"__ndarray__"),
+        (METADATA, "&arrays=nd", b"nd"),
+        (ND_METADATA, "", b"nd"),
+        (ND_METADATA, "&arrays=openpi", b"__ndarray__"),
+    ],
+)
+def test_answers_of_msgpack_numpy_are_read_and_requests_use_what_the_server_does(observation, greeting, query, ours):
+    with (
+        Server([ND_CHUNK, CHUNK], greeting=greeting) as server,
+        client(server, f"preset=openpi_libero&timeout=5{query}") as policy,
+    ):
+        assert policy.act(observation).tolist() == CHUNK_VALUES
+        assert policy.act(observation).tolist() == CHUNK_VALUES
+        if greeting is ND_METADATA:
+            assert policy.info.metadata["server: action_dim"] == '"7"'
+    state = server.requests[0]["observation/state"]
+    assert ours in state
+    if ours == b"nd":
+        assert (state[b"nd"], state[b"type"], state[b"kind"], state[b"shape"]) == (True, "<f4", b"", [8])
+    assert np.allclose(np.frombuffer(state[b"data"], "<f4")[:3], [0.4, 0.1, 0.3])
+
+
+def test_a_dialect_that_does_not_exist_is_named():
+    with pytest.raises(UnknownNameError, match=r"Unknown arrays 'ndd'.*Known: nd, openpi"):
+        connect("openpi://127.0.0.1:9?preset=openpi_libero&arrays=ndd&patience=0")
+
+
+def test_a_bare_array_is_the_actions_as_vllm_omni_sends_them(observation):
+    for frame in (msgpack.packb(array(CHUNK_VALUES)), msgpack.packb(array([CHUNK_VALUES]))):
+        with Server([frame]) as server, client(server) as policy:
+            assert policy.act(observation).tolist() == CHUNK_VALUES
+            assert policy.last_reply == {}
+    with (
+        Server([msgpack.packb(array(CHUNK_VALUES))]) as server,
+        client(server, "preset=being_h_libero&timeout=5") as policy,
+        pytest.raises(PolicyError, match=r"answers an array, and adapter being_h_libero reads action\.eef_position, "),
+    ):
+        policy.act(observation)
+
+
+def test_an_error_in_a_map_is_an_error(observation):
+    error = msgpack.packb({"type": "error", "message": "Internal inference error"})
+    with Server([error]) as server, client(server) as policy:
+        with pytest.raises(PolicyError, match="reports an error: Internal inference error"):
+            policy.act(observation)
+        assert policy.act(observation).tolist() == CHUNK_VALUES
+    with Server(greeting=error) as server, pytest.raises(PolicyError, match="reports an error: Internal"):
+        connect(f"{server.address}?preset=openpi_libero&patience=0")
+
+
+def test_a_server_with_sessions_is_told_of_each_episode(observation):
+    greeting = msgpack.packb({"needs_session_id": True})
+    with Server(greeting=greeting) as server, client(server) as one, client(server) as other:
+        for policy in (one, one, other):
+            policy.act(observation)
+        one.reset(START)
+        one.act(observation)
+    first, again, second, later = (request["session_id"] for request in server.requests)
+    assert first == again
+    assert len({first, second, later}) == 3
+    with Server(greeting=greeting) as server, client(server, "preset=openpi_libero&send.session_id=mine") as policy:
+        policy.act(observation)
+    assert server.requests[0]["session_id"] == "mine"
+    with Server() as server, client(server) as policy:
+        policy.act(observation)
+    assert "session_id" not in server.requests[0]
+
+
+def counted(first):
+    """Return a reply whose rows are told apart by their first number."""
+    rows = np.zeros((8, 7))
+    rows[:, 0] = first + np.arange(8) / 100
+    return reply(rows)
+
+
+def test_a_chunk_is_continued_within_an_episode_and_not_beyond(observation):
+    script = [counted(0.1 * i) for i in range(5)]
+    with Server(script) as server, client(server, "preset=openpi_libero&horizon=5&delay=3&timeout=5") as policy:
+        for step in (0, 5, 11):  # after six more steps only two rows are left, fewer than the delay
+            policy.act(replace(observation, step=step))
+        policy.reset(START)
+        for step in (0, 4):
+            policy.act(replace(observation, step=step))
+    told = [
+        None if "prev_action_chunk" not in asked else np.frombuffer(asked["prev_action_chunk"][b"data"], "<f4")
+        for asked in server.requests
+    ]
+    assert [told[0], told[2], told[3]] == [None, None, None]
+    assert np.allclose(told[1].reshape(8, 7)[:, 0], [0.05, 0.06, 0.07, 0.07, 0.07, 0.07, 0.07, 0.07])
+    assert np.allclose(told[4].reshape(8, 7)[:4, 0], [0.34, 0.35, 0.36, 0.37])
+    assert (server.requests[1]["inference_delay"], server.requests[1]["execute_horizon"]) == (3, 5)
+    with Server() as server, client(server, "preset=openpi_libero&timeout=5") as policy:
+        for step in (0, 1):
+            policy.act(replace(observation, step=step))
+    assert not {"prev_action_chunk", "inference_delay"} & {key for asked in server.requests for key in asked}
+
+
+def test_a_bare_array_is_continued_too(observation):
+    frames = [msgpack.packb(array([CHUNK_VALUES])), CHUNK]
+    with Server(frames) as server, client(server, "preset=openpi_libero&delay=1&timeout=5") as policy:
+        for step in (0, 1):
+            policy.act(replace(observation, step=step))
+    sent = np.frombuffer(server.requests[1]["prev_action_chunk"][b"data"], "<f4").reshape(2, 7)
+    assert np.allclose(sent, [CHUNK_VALUES[1]] * 2)
+    assert "execute_horizon" in server.requests[1]  # that of the preset
+
+
+def test_several_arrays_are_not_continued():
+    with pytest.raises(InvalidInputError, match=r"delay needs one\. Leave it out"):
+        connect("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 
 def test_a_real_policy_is_told_nothing_of_the_trial(observation):

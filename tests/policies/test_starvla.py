@@ -348,6 +348,6 @@ def test_the_address_leads_to_this_client_and_its_options_are_checked():
     with pytest.raises(UnknownNameError, match="option of starvla"):
         PolicyAddress.parse("starvla://host?images=png")
     with pytest.raises(InvalidInputError, match="host with a port"):
-        PolicyAddress.parse("starvla://host/act")
+        PolicyAddress.parse("starvla://host:port")
     with pytest.raises(PolicyUnavailableError, match=r"starvla://127.0.0.1:9 could not be reached"):
         StarVlaClient(PolicyAddress.parse("starvla://127.0.0.1:9?patience=0.2"))

@@ -9,6 +9,7 @@ import itertools
 import pickle  # noqa: TID251 - what a stranger might send, written here and never read
 import tracemalloc
 import zlib
+from functools import partial
 from pathlib import Path
 
 import msgpack
@@ -28,10 +29,12 @@ from betterbench.policies.wire import (
     encode_gr00t,
     encode_openpi,
     encode_vla_eval,
+    marks_arrays_as_nd,
 )
 
 DIALECTS = {
     "openpi": (encode_openpi, decode_openpi),
+    "nd": (partial(encode_openpi, arrays="nd"), decode_openpi),
     "vla_eval": (encode_vla_eval, decode_vla_eval),
     "gr00t": (encode_gr00t, decode_gr00t),
 }
@@ -149,6 +152,10 @@ def test_gr00t_n1_7_pickles_are_refused_unread():
         decode_gr00t(N1_7_PICKLE)
 
 
+ND_READERS = pytest.mark.parametrize("decode", [decode_gr00t, decode_openpi])
+
+
+@ND_READERS
 @pytest.mark.parametrize(
     "change",
     [
@@ -156,6 +163,8 @@ def test_gr00t_n1_7_pickles_are_refused_unread():
         {b"kind": b"V", b"type": [["a", "<f4"]]},
         {b"kind": "O"},
         {b"kind": [b"O"]},
+        {b"kind": b"i"},
+        {b"kind": b"c", b"type": "<c8"},
         {b"type": "|O"},
         {b"type": "O"},
         {b"type": b"<f4"},
@@ -165,13 +174,57 @@ def test_gr00t_n1_7_pickles_are_refused_unread():
         {b"shape": [2]},
         {b"shape": None},
         {b"nd": False, b"shape": [1], b"data": b"12345678"},
+        {b"nd": 1},
     ],
 )
-def test_gr00t_n1_7_arrays_that_are_no_plain_numbers_are_refused(change):
+@pytest.mark.parametrize("keys", [bytes, str])
+def test_nd_arrays_that_are_no_plain_numbers_are_refused(decode, change, keys):
     form = {b"nd": True, b"type": "<f4", b"kind": b"", b"shape": [1], b"data": b"1234", **change}
+    if keys is str:
+        form = {name.decode(): value for name, value in form.items()}
+        if form["nd"] == 1 and form["nd"] is not True:
+            return  # a map of somebody's own
     with pytest.raises(PolicyError, match="cannot be read") as caught:
-        decode_gr00t(msgpack.packb([{"gripper": form}]))
+        decode(msgpack.packb([{"gripper": form}]))
     assert "\n" not in str(caught.value)
+
+
+@ND_READERS
+def test_nd_arrays_are_read_with_either_kind_of_keys(decode):
+    whole = np.array([[0.25, -0.5]], "<f4")
+    form = {"nd": True, "type": "<f4", "kind": "", "shape": [1, 2], "data": whole.tobytes()}
+    for kind in ("", b"", "f", b"f", None):  # None: left out
+        text = {name: value for name, value in (form | {"kind": kind}).items() if value is not None}
+        for marked in (text, {name.encode(): value for name, value in text.items()}):
+            found = decode(msgpack.packb({"a": marked}))["a"]
+            assert same(whole, found)
+            assert not found.flags.writeable
+    number = {"nd": False, "type": "<f8", "data": np.float64(0.5).tobytes()}
+    assert same(np.float64(0.5), decode(msgpack.packb(number)))
+
+
+@ND_READERS
+@pytest.mark.parametrize("own", [{"nd": 3}, {"nd": True, "type": "x"}, {"nd": "a", "type": "b", "data": "c"}])
+def test_a_map_with_an_entry_nd_is_a_map(decode, own):
+    assert decode(msgpack.packb(own)) == own
+
+
+def test_what_msgpack_numpy_pickles_is_named():
+    # msgpack-numpy 0.4.8: an array with the dtype [("a", "<i4"), ("b", "<f4")].
+    structured = bytes.fromhex(
+        "85c4026e64c3c404747970659292a161a33c693492a162a33c6634c4046b696e64c40156c40573686170659101c40464617461c4080100"
+        "000000000040"
+    )
+    with pytest.raises(PolicyError, match="kind b'V', not plain numbers"):
+        decode_openpi(structured)
+
+
+def test_the_dialect_of_a_frame_is_found():
+    value = {"a": [{"b": np.arange(3)}], "n": 1}
+    assert marks_arrays_as_nd(encode_openpi(value, arrays="nd"))
+    assert marks_arrays_as_nd(encode_openpi({"a": np.float32(0.5)}, arrays="nd"))
+    assert not marks_arrays_as_nd(encode_openpi(value))
+    assert not marks_arrays_as_nd(encode_openpi({"a": "nd"}, arrays="nd"))
 
 
 # ------------------------------------------------------------------------------------------------------- round trips
@@ -182,7 +235,7 @@ def test_gr00t_n1_7_arrays_that_are_no_plain_numbers_are_refused(change):
 @settings(max_examples=40, deadline=None)
 def test_values_come_back_as_they_were(dialect, value):
     encode, decode = DIALECTS[dialect]
-    marked = {"__ndarray__", "__image__", "__ndarray_class__", "__ModalityConfig_class__", "__ModalityConfig__"}
+    marked = {"__ndarray__", "__image__", "__ndarray_class__", "__ModalityConfig_class__", "__ModalityConfig__", "nd"}
     if not marked & set(map(str, value)):
         assert same(value, decode(encode(value)))
 

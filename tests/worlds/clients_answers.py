@@ -56,6 +56,8 @@ def x_vla(row):
 LIBERO = {
     "openpi_libero": unchanged,
     "lerobot": unchanged,
+    "dexbotic": unchanged,
+    "dexbotic_cogact": unchanged,
     "gr00t_libero_panda": signed,
     "openvla": signed,
     "openvla_oft": signed,

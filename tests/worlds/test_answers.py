@@ -30,6 +30,7 @@ SCHEMES = {
     "starvla": "starvla",
     "openvla": "http",
     "x": "http",
+    "dexbotic": "http",
     "lerobot": "lerobot",
 }
 

@@ -2,20 +2,24 @@
 
 import html
 import json
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from betterbench.calibration.truth import true_label
 from betterbench.cli.output.page import build_report
-from betterbench.diagnosis import diagnose_run
+from betterbench.diagnosis import diagnose_run, foreign
+from betterbench.diagnosis.foreign import untold_by
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
+from betterbench.tasks.labels import all_labels
 from betterbench.worlds import ForeignWorld
 from betterbench.worlds.regime import trained_in, word_of_sentence
 from betterbench.worlds.registry import start_code
@@ -113,9 +117,58 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     assert shown.count("data:image/jpeg") >= 6
 
 
+def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_path, capsys):
+    base = evaluate(plan_of("noop", suite="libero_object", steps=12), tmp_path / "base", workers=1, envs=1)
+    found = diagnose_run(base)
+    assert found.notes[-1].endswith(
+        "run libero_object_swap by the same policy, and diagnose it with --twins naming the run of its base suite."
+    )
+    built = build_report([base], tmp_path / "page", latex=False, films=2)
+    told = " ".join(capsys.readouterr().err.split())
+    assert "No films: they show trials of variations, and these 6 records are of training." in told
+    assert "has a record" not in told
+    (verdict,) = built.verdicts
+    assert "run libero_object_swap by the same policy" in verdict
+    assert "run libero_object_swap by the same policy" in html.unescape(built.page.read_text())
+    swap = evaluate(plan_of("noop", trials=1, steps=12), tmp_path / "swap", workers=1, envs=1)
+    assert not any("libero_object_swap" in note for note in diagnose_run(swap).notes)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "told"),
+    [
+        (["libero_object-03", "libero_10-00", "libero_object-01"], "run libero_object_swap and libero_10_swap by the "),
+        (["libero_90-07"], ""),  # LIBERO-PRO does not change it
+        ([], ""),
+        (["fast_food"], ""),
+    ],
+)
+def test_every_base_suite_has_its_own_next_run(tasks, told):
+    trials = [SimpleNamespace(task=task, variation=None) for task in tasks]
+    assert untold_by(trials).startswith(told)
+    assert bool(untold_by(trials)) == bool(told)
+    assert untold_by([*trials, SimpleNamespace(task="libero_object-03", variation="swap")]) == ""
+
+
+def test_every_label_of_a_diagnosis_stands_in_the_table_of_the_documentation(run_of):
+    page = (Path(__file__).parents[2] / "docs" / "worlds.md").read_text(encoding="utf-8")
+    section = page.partition("## The diagnosis")[2]
+    table = section.partition("| what a policy does | label |")[2].partition("\n\n")[0]
+    listed = set(re.findall(r"\| `([a-z_]+)` \|$", table, flags=re.MULTILINE))
+    never = set(re.findall(r"`([a-z_]+)`", re.search(r": ((?:`[a-z_]+`,? ?(?:and )?)+)are never given", section)[1]))
+    assert listed | never == {label.value for label in all_labels()}
+    assert listed & never == set()
+    # Why those are never given: there is something to do in every task, and no order is part of it.
+    assert never == {"order_violation", "correct_freeze", "correct_refusal"}
+    record = next(iter(run_of("noop", trials=1, tasks=["0"]).records()))
+    condition = foreign._condition(record.metadata, foreign._goals(record.metadata))
+    assert (condition.expected, condition.instruction.ordered) == ("succeed", False)
+
+
 def test_what_is_not_diagnosed_is_said(run_of):
-    notes = diagnose_run(run_of("noop", trials=1, tasks=["0"])).notes
-    assert any("harm to other things is not judged" in note for note in notes)
+    found = diagnose_run(run_of("noop", trials=1, tasks=["0"]))
+    assert any("harm to other things is not judged" in note for note in found.notes)
+    assert [t.label for t in found.trials] == ["early_halt"]
 
 
 def test_the_regime_of_a_suite_says_which_word_stood_where(plan_of):

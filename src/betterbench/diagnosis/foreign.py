@@ -22,6 +22,7 @@ from betterbench.errors import RecordError
 from betterbench.geometry import conjugate, rotate
 from betterbench.recording import Record, RecordMetadata
 from betterbench.state import ObjectInfo, Region, SceneInfo
+from betterbench.statistics.wording import listed
 from betterbench.tasks import (
     Axis,
     Condition,
@@ -104,6 +105,17 @@ class ForeignRun:
             first_slot=None, intended=None, intended_kind=None, intended_any=(), intention_correct=None, progress=0.0,
             attempts=(), evidence=without_record(reason), collisions=None, steps=0, duration_s=0.0, record=None,
         )  # fmt: skip
+
+
+def untold_by(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return which suites of LIBERO-PRO would say more about runs of base suites; empty if one was run, or none is."""
+    if any(trial.variation is not None for trial in trials):
+        return ""
+    told = [f"{suite}_swap" for suite in dict.fromkeys(suite_of(t.task) for t in trials) if f"{suite}_swap" in SUITES]
+    if not told:
+        return ""
+    each = "it" if len(told) == 1 else "each"
+    return f"run {listed(told)} by the same policy, and diagnose {each} with --twins naming the run of its base suite"
 
 
 def is_of_libero(task: str) -> bool:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.foreign import BASE, NOTE, TWINS_CURE, ForeignRun, suite_of
+from betterbench.diagnosis.foreign import BASE, NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import without_record
@@ -279,6 +279,8 @@ def _diagnose(
     more = {} if foreign is None else {"cure": TWINS_CURE}
     pending = len(trials.pending)
     notes = find_notes(found, judged, missing, len(twins(found)), pending=pending, even_pairs=even, **more)
+    if foreign is not None and (untold := untold_by(found)):
+        notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),

@@ -32,10 +32,31 @@ class InstructionRule:
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
+        template: Sentence that the policy was trained with, in which ``{}`` is the instruction.
     """
 
     key: tuple[str, ...]
     depth: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
+    template: str = "{}"
+
+    def __post_init__(self) -> None:
+        """Check the template."""
+        if self.template.count("{}") != 1:
+            raise InvalidInputError(
+                f"instruction {'/'.join(self.key)}: template",
+                f"{self.template!r} has no place",
+                "Write {} into it once",
+            )
+
+    def write(self, instruction: str) -> str:
+        """Return the text that is sent."""
+        return self.template.replace("{}", instruction)
+
+    def read(self, text: str) -> str:
+        """Return the instruction in a text that was sent; a text that does not follow the template is one itself."""
+        before, _, after = self.template.partition("{}")
+        follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
+        return text[len(before) : len(text) - len(after)] if follows else text
 
 
 @strict_form
@@ -203,7 +224,7 @@ class Adapter:
             if isinstance(value, np.ndarray):
                 value = value.reshape((1,) * self.leading_axes + value.shape)
             set_entry(message, rule.key, value)
-        instruction: Any = observation.instruction
+        instruction: Any = self.instruction.write(observation.instruction)
         for _ in range(self.instruction.depth):
             instruction = [instruction]
         set_entry(message, self.instruction.key, instruction)
@@ -227,6 +248,19 @@ class Adapter:
             tool_offset_m=self.tool_offset_m,
             control_rate_hz=self.control_rate_hz,
         )
+
+    def named(self, reply: object, who: str) -> Mapping[Any, Any]:
+        """Return a map of an answer: the answer, or what is not a map under the one key that the actions stand at.
+
+        Raises PolicyError if the actions are looked for under several keys.
+        """
+        if isinstance(reply, Mapping):
+            return reply
+        keys = list(self.answer.columns)
+        if len(keys) > 1 or len(keys[0]) > 1:
+            wanted = ", ".join("/".join(key) for key in keys)
+            raise PolicyError(f"{who} answers an array, and adapter {self.name} reads {wanted}.")
+        return {keys[0][0]: reply}
 
     def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
         """Return what a policy with this adapter would answer to mean these actions."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 from betterbench.interface.policy import Execution
 
 Word = TypeVar("Word", bound=str)
@@ -55,13 +56,18 @@ CAMERA_OPTION = "camera."
 CONSTANT_OPTION = "send."
 """``send.KEY=VALUE`` adds an entry to every request, such as ``send.unnorm_key=bridge_orig``."""
 
-WITH_PATH = ("http", "https")
-"""Schemes whose servers are reached at a path."""
+HTTP = ("http", "https")
+"""Schemes of servers of ``POST``."""
+
+WITH_PATH = ("openpi", "vla-eval", "starvla", *HTTP)
+"""Schemes whose servers may be reached at a path; ZeroMQ has none."""
+
+_BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
 OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
-    "openpi": (),
+    "openpi": ("arrays", "delay"),
     "vla-eval": ("images",),
-    "gr00t": ("layout", "api_token_env"),
+    "gr00t": ("layout", "api_token_env", "rtc_overlap_steps", "rtc_frozen_steps", "rtc_ramp_rate"),
     "being-h": ("delay",),
     "starvla": ("layout",),
     "http": ("arrays", "encoded"),
@@ -70,7 +76,7 @@ OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
 }
 """Options that only one scheme knows."""
 
-_WITH_CONSTANTS = ("openpi", "vla-eval", "being-h", "starvla", *WITH_PATH)
+_WITH_CONSTANTS = ("openpi", "vla-eval", "being-h", "starvla", *HTTP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +106,7 @@ class PolicyAddress:
             InvalidInputError: If the address names no target, or gives an option twice or without a value.
         """
         scheme, separator, rest = text.partition(":")
-        where = f"policy {text}"
+        where = f"policy {one_line(text)}"
         if scheme in ("grpc", "lerobot") and rest.startswith("//"):
             raise InvalidInputError(where, _LEROBOT_PICKLES, _LEROBOT_CURE)
         if not separator or scheme not in OWN_OPTIONS:
@@ -132,7 +138,7 @@ class PolicyAddress:
 
     def error(self, problem: str, cure: str) -> InvalidInputError:
         """Return the error about this address."""
-        return InvalidInputError(f"policy {self.text}", problem, cure)
+        return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
 
     @property
     def names_adapter(self) -> bool:
@@ -145,27 +151,43 @@ class PolicyAddress:
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:
-        """Return host and port of the server; raise InvalidInputError if the target is no "host:port"."""
-        host, port = None, None
+        """Return host and port of the server.
+
+        Raises InvalidInputError if the target is not "host:port", with a path for the schemes that have paths.
+        """
+        host, port, path, place = None, None, "", ""
         try:
             parts = urlsplit(f"//{self.target}")
-            path = "" if self.scheme in WITH_PATH else parts.path
-            if not (path or parts.username or parts.password or parts.fragment):
-                host, port = parts.hostname, parts.port
+            if not (parts.username or parts.password or parts.fragment):
+                host, port, path, place = parts.hostname, parts.port, parts.path, parts.netloc
         except ValueError:
             host = None
         strange = any(c.isspace() or not c.isprintable() for c in self.target)
-        if not host or port == 0 or strange or (self.scheme in WITH_PATH and not self.target.isascii()):
+        if not host or port == 0 or strange:
             raise self.error(
                 f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {_example(self.scheme)}"
             )
+        self._check_path(path, place)
         return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
+
+    def _check_path(self, path: str, place: str) -> None:
+        """Raise InvalidInputError if the server cannot have this path."""
+        if path and self.scheme not in WITH_PATH:
+            raise self.error(
+                f"the path {path!r} has no meaning, because {self.scheme} speaks ZeroMQ",
+                f"Write {self.scheme}://{place}",
+            )
+        if not path.isascii() or _BROKEN_ESCAPE.search(path) or (self.scheme in HTTP and not self.target.isascii()):
+            raise self.error(
+                f"{self.target!r} cannot stand in a request",
+                "Write letters outside ASCII, and a literal %, as %XX (percent-encoding)",
+            )
 
     @property
     def path(self) -> str:
-        """The path of the server, for a scheme with paths; ``/act`` unless the address names one."""
+        """The path of the server as it is sent: ``/act`` for ``POST`` unless the address names one, else "/"."""
         path = urlsplit(f"//{self.target}").path
-        return path if path.strip("/") else "/act"
+        return path if path.strip("/") else "/act" if self.scheme in HTTP else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
         """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way.
@@ -226,7 +248,7 @@ def _example(scheme: str) -> str:
     port = DEFAULT_PORTS.get(scheme)
     if port is None:
         return f"{scheme}:CHECKPOINT"
-    return f"{scheme}://localhost:{port}{'/act' if scheme in WITH_PATH else ''}"
+    return f"{scheme}://localhost:{port}{'/act' if scheme in HTTP else ''}"
 
 
 _LEROBOT_PICKLES = (

@@ -20,6 +20,7 @@ from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.endpoint_server import EndpointServer
 from betterbench.policies.presets import BEING_H_LIBERO, adapter_of
+from betterbench.policies.previous_chunk import moved_up, rows_left
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.torch_payload import import_torch, read_torch, write_torch
 
@@ -78,15 +79,12 @@ class BeingHClient(ServerClient[BeingHServer]):
 def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
     """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
 
-    The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk. They have to be those of
-    the control steps that begin now, so the old chunk, (..., horizon, dim) in the policy's own action space, is moved
-    up by the steps that have passed, and filled up with its last row, which the server does not look at.
+    The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk, (..., horizon, dim) in
+    the policy's own action space.
     """
-    passed = step - asked_at
-    if not delay or passed < 0 or chunk.shape[-2] - passed < delay:
+    if not delay or rows_left(asked_at, chunk, step=step) < delay:
         return {}
-    moved = np.concatenate([chunk[..., passed:, :], np.repeat(chunk[..., -1:, :], passed, axis=-2)], axis=-2)
-    return {"prev_chunk": moved, "inference_delay": delay}
+    return {"prev_chunk": moved_up(asked_at, chunk, step=step), "inference_delay": delay}
 
 
 def _numbers(chunk: object, where: str) -> np.ndarray:

@@ -6,7 +6,7 @@ import itertools
 import os
 
 from betterbench.interface import Policy
-from betterbench.policies.address import WITH_PATH, PolicyAddress
+from betterbench.policies.address import HTTP, PolicyAddress
 
 _COUNT = itertools.count()
 
@@ -45,7 +45,7 @@ def connect(address: str, *, world: str = "") -> Policy:
         from betterbench.policies.starvla import StarVlaClient  # noqa: PLC0415
 
         return StarVlaClient(parsed, seed=seed)
-    if parsed.scheme in WITH_PATH:
+    if parsed.scheme in HTTP:
         from betterbench.policies.http_act import HttpActClient  # noqa: PLC0415
 
         return HttpActClient(parsed, seed=seed)

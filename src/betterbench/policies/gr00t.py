@@ -8,6 +8,10 @@ A server that looks at the present only takes the observations of many environme
 (:class:`Gr00tBatchClient`). One that wants several time steps of images or state gets a client for each environment,
 which has to see every control step to know them: it plays the chunks itself, one action at a time.
 
+Real-time chunking (``rtc_overlap_steps``) sends the rest of the old chunk as ``observation.action`` and the steps as
+options, as NVIDIA/Isaac-GR00T#520 (N1.6: ``gr00t/policy/gr00t_policy.py``, ``README_RTC.md``) and the action head of
+N1.7 (``gr00t/model/gr00t_n1d7``) take them. The policies of the main branch ignore both, which is told when seen.
+
 Replies of N1.7 mark arrays and modalities in another way than those of N1.6; requests are the same.
 
 Servers of the first N1.5 releases pickle with torch. They are not supported, on purpose: unpickling a stranger's answer
@@ -16,8 +20,10 @@ runs the stranger's code.
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -29,8 +35,11 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.endpoint_server import ERROR_REPLY, EndpointServer
 from betterbench.policies.modality import SEEN, Modalities, name_of
 from betterbench.policies.presets import GR00T_NEW_EMBODIMENT, adapter_of
+from betterbench.policies.previous_chunk import moved_up, rows_left
 from betterbench.policies.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.wire import decode_gr00t, encode_gr00t
+
+logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
 """How an observation is sent: maps by modality (N1.6 and N1.7), one map with names such as ``video.front`` (the same
@@ -38,6 +47,12 @@ with the simulation wrapper), or that map as the data itself, without options (N
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """By modality and name, (1, 1, ...) arrays of one environment at one time step."""
+
+RAMP_RATE = 6.0
+"""How fast the shared actions of a chunk become free, unless an address says otherwise; that of N1.6's action head."""
+
+FROZEN_TOLERANCE = 0.05
+"""Share of the largest action by which a kept action may differ."""
 
 _PICKLES = (b"PK\x03\x04", b"\x80\x02")
 _NO_PICKLES = (
@@ -112,13 +127,32 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
     def _ask(self, seen: Sequence[Seen], observations: Sequence[Observation]) -> list[np.ndarray]:
         """Ask for the actions of some environments."""
+        return self._read(self._answer(seen, observations, {}, None), observations)
+
+    def _answer(
+        self,
+        seen: Sequence[Seen],
+        observations: Sequence[Observation],
+        more: Mapping[str, Any],
+        options: Mapping[str, Any] | None,
+    ) -> dict[str, np.ndarray]:
+        """Return the arrays that a server answers by their bare names, each (environments, horizon, dim).
+
+        ``more`` is added to the observation of the nested layout, ``options`` stand beside it.
+        """
         message: dict[str, Any] = {
             kind: {name: np.concatenate([one[kind][name] for one in seen]) for name in seen[0][kind]} for kind in SEEN
         }
-        data = self._data(message, [observation.instruction for observation in observations])
+        instructions = [self.adapter.instruction.write(observation.instruction) for observation in observations]
+        data = self._data(message, instructions)
+        if more:
+            data = {"observation": {**data["observation"], **more}, "options": options}
         with self._lock:
             reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
-        arrays = self._arrays(reply, len(observations))
+        return self._arrays(reply, len(observations))
+
+    def _read(self, arrays: Mapping[str, np.ndarray], observations: Sequence[Observation]) -> list[np.ndarray]:
+        """Return the actions that arrays mean for each environment."""
         return [
             self.adapter.actions(self._as_adapter({name: array[i] for name, array in arrays.items()}), observation)
             for i, observation in enumerate(observations)
@@ -242,8 +276,115 @@ class Gr00tHistoryClient(Gr00tClient):
         return self._frames[max(before) if before else min(self._frames)]
 
 
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """How a new chunk continues the old one.
+
+    Attributes:
+        steps: Steps that both have.
+        frozen: Those of them, from the first on, whose actions stay as they are.
+        ramp_rate: How fast the others become free.
+    """
+
+    steps: int
+    frozen: int
+    ramp_rate: float
+
+    @classmethod
+    def of(cls, address: PolicyAddress, ahead: int) -> Overlap | None:
+        """Read it from an address, whose ``ahead`` is how many steps are frozen unless it says so; None without it.
+
+        Raises InvalidInputError if the numbers make no sense together.
+        """
+        given = [name for name in ("rtc_frozen_steps", "rtc_ramp_rate") if name in address.options]
+        if "rtc_overlap_steps" not in address.options:
+            if given:
+                raise address.error(f"{given[0]} has no effect without rtc_overlap_steps", "Give both")
+            return None
+        overlap = cls(
+            address.whole("rtc_overlap_steps"),
+            address.whole("rtc_frozen_steps", ahead),
+            address.number("rtc_ramp_rate", RAMP_RATE),
+        )
+        if not overlap.steps >= 1 or overlap.frozen > overlap.steps:
+            raise address.error(
+                f"{overlap.frozen} frozen steps are not among {overlap.steps} steps of overlap",
+                "Give rtc_overlap_steps of at least 1, and of at least rtc_frozen_steps (or ahead)",
+            )
+        return overlap
+
+
+class Gr00tOverlapClient(Gr00tClient):
+    """A GR00T policy whose chunks continue each other; each environment has a client of its own."""
+
+    def __init__(self, address: PolicyAddress, overlap: Overlap, *, seed: int = 0) -> None:
+        super().__init__(address, seed=seed)
+        wrong = "its chunks are not averaged" if self.info.execution.ensemble is not None else ""
+        wrong = f"layout={self._layout} has no entry for a chunk" if self._layout != "nested" else wrong
+        wrong = "the server wants several time steps" if self.modalities.remembers else wrong
+        if wrong:
+            self.close()
+            raise address.error(f"rtc_overlap_steps cannot be had: {wrong}", "Leave rtc_overlap_steps out")
+        self._overlap = overlap
+        self._last: tuple[int, dict[str, np.ndarray]] | None = None  # step of the last question, and what it brought
+        self._told = False
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; what is left of the last one is forgotten."""
+        super().reset(start)
+        self._last = None
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64; asked for with the rest of the last ones."""
+        more, options = self._continuation(observation.step)
+        arrays = self._answer([self._seen(observation)], [observation], more, options)
+        if more and not self._told:
+            self._compare(more["action"], arrays)
+        self._last = (observation.step, arrays)
+        return self._read(arrays, [observation])[0]
+
+    def _continuation(self, step: int) -> tuple[dict[str, Any], dict[str, Any] | None]:
+        """Return what is added to an observation, and the options; nothing if too little of the old chunk is left."""
+        if self._last is None:
+            return {}, None
+        asked_at, arrays = self._last
+        left = min((rows_left(asked_at, array, step=step) for array in arrays.values()), default=0)
+        steps = min(self._overlap.steps, left)
+        if not steps or steps < self._overlap.frozen:
+            return {}, None
+        action = {name: moved_up(asked_at, array, step=step).astype(np.float32) for name, array in arrays.items()}
+        options = {
+            "action_horizon": next(iter(action.values())).shape[1],
+            "rtc_overlap_steps": steps,
+            "rtc_frozen_steps": self._overlap.frozen,
+            "rtc_ramp_rate": self._overlap.ramp_rate,
+        }
+        return {"action": action}, options
+
+    def _compare(self, sent: Mapping[str, np.ndarray], answered: Mapping[str, np.ndarray]) -> None:
+        """Warn once if a server does not keep the frozen actions: it does not continue chunks, and says nothing."""
+        kept = slice(0, self._overlap.frozen)
+        for name, old in sent.items():
+            new = answered.get(name)
+            if new is None or new.shape != old.shape or not self._overlap.frozen:
+                continue
+            # Models compute in bfloat16, with eight bits, in the range of the data.
+            if np.abs(new[:, kept] - old[:, kept]).max() > FROZEN_TOLERANCE * max(float(np.abs(old).max()), 1e-6):
+                self._told = True
+                logger.warning(
+                    "%s does not keep the %d actions that rtc_frozen_steps names: it does not continue chunks. The "
+                    "policies of NVIDIA's main branch ignore rtc_overlap_steps; see NVIDIA/Isaac-GR00T#520.",
+                    self._where,
+                    self._overlap.frozen,
+                )
+                return
+
+
 def connect_gr00t(address: PolicyAddress, *, seed: int = 0) -> Policy:
     """Return a client of a GR00T server, which takes batches if the server looks at the present only."""
+    overlap = Overlap.of(address, address.whole("ahead", 0))
+    if overlap is not None:
+        return Gr00tOverlapClient(address, overlap, seed=seed)
     client = Gr00tBatchClient(address, seed=seed)
     if not client.modalities.remembers:
         return client

@@ -155,6 +155,14 @@ def read_execution(who: str, form: object) -> Execution | None:
         raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
 
 
+def space_cure(space: str) -> str:
+    """Return what to do about a policy that answers in another action space than the run's.
+
+    A foreign world is played in the space of its own, so there the option does not exist.
+    """
+    return f"Give --action-space {space} in a suite of ours, and in LIBERO and CALVIN another policy or preset"
+
+
 def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
     """Raise a HandshakeError with both sides' values of everything that both declare and in which they differ."""
     found = []

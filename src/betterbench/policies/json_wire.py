@@ -15,13 +15,14 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
-from betterbench.policies.wire import read_array
+from betterbench.policies.wire import is_image, png_of, read_array
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest body that is read [byte]: empty lists take 20 times as much in memory, and 100 actions some 15 kB."""
 
-ArrayCoding = Literal["map", "text"]
-"""How an array stands in a body: as a map (OpenVLA), or as a text with the JSON of the map (X-VLA)."""
+ArrayCoding = Literal["map", "text", "png"]
+"""How an array stands in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
+numbers and an image as the base64 of a PNG file (Dexbotic)."""
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
@@ -32,6 +33,8 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
     """
 
     def mark(thing: object) -> object:
+        if isinstance(thing, np.ndarray) and thing.dtype.kind in "biuf" and arrays == "png":
+            return base64.b64encode(png_of(thing)).decode("ascii") if is_image(thing) else thing.tolist()
         if isinstance(thing, np.ndarray) and thing.dtype.kind in "biuf":
             data = base64.b64encode(np.ascontiguousarray(thing).tobytes()).decode("ascii")
             form = {"__numpy__": data, "dtype": thing.dtype.str, "shape": list(thing.shape)}

@@ -334,6 +334,34 @@ has to be given: ``send.domain_id=3``. Its own client sends the pose that was la
 one; this one sends what is measured.
 """
 
+DEXBOTIC = Adapter(
+    "dexbotic",
+    views=(
+        ImageRule(("observation", "images", "1"), "front", 256, 256),
+        ImageRule(("observation", "images", "2"), "wrist", 256, 256),
+    ),
+    states=(StateRule(("observation", "state"), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("observation", "prompt")),
+    answer=AnswerRule("ee_delta", _twist("actions")),
+)
+"""The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
+``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
+bare instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.dexbotic`).
+
+Its clients hand the answer to LIBERO as it is, so a gripper of +1 closes. They execute 5 (pi0) to 12 (DM0) actions of a
+chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""
+
+DEXBOTIC_COGACT = replace(
+    DEXBOTIC,
+    name="dexbotic_cogact",
+    views=DEXBOTIC.views[:1],
+    states=(),
+    instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
+)
+"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the sentence that they
+were trained with. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+
 LEROBOT = Adapter(
     "lerobot",
     views=(
@@ -358,6 +386,8 @@ _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (STARVLA_STATE, "starvla_state_libero", "open_fraction"),
     (OPENVLA, "openvla_libero", "open_fraction"),
     (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
+    (DEXBOTIC, "dexbotic_libero", "close_positive"),
+    (DEXBOTIC_COGACT, "dexbotic_cogact_libero", "close_positive"),
 )
 
 USUAL_ADAPTERS: Mapping[str, Adapter] = {
@@ -372,6 +402,7 @@ USUAL_ADAPTERS: Mapping[str, Adapter] = {
 _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
     *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
+    *(DEXBOTIC, DEXBOTIC_COGACT),
 )
 
 PRESETS: dict[str, Adapter] = {
@@ -387,6 +418,10 @@ PRESETS: dict[str, Adapter] = {
         ),
     )
 }
+
+UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
+"""The layout of each preset that translates from our scenes to LIBERO's conventions, which LIBERO itself needs none of.
+"""
 
 
 def preset(name: str) -> Adapter:
@@ -414,13 +449,12 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
         named = preset(options["preset"]) if "preset" in options else default
         adapter = _in_world(cast("Adapter", named), address)
     else:
-        names = ", ".join(layout.name for layout in _LAYOUTS)
         trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
+        also = "" if address.world else f"; trained on LIBERO: {trained}"
         raise InvalidInputError(
             where,
             "neither it nor the server says which images and state the policy wants",
-            f"Add ?preset=NAME ({names}; trained on LIBERO: {trained}; in CALVIN: {', '.join(CALVIN_PRESETS)}) or "
-            "?adapter=FILE",
+            f"Add ?preset=NAME ({', '.join(presets_in(address.world))}{also}) or ?adapter=FILE",
         )
     cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
     if cameras:
@@ -460,20 +494,22 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
 
 def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
     """Return the error about actions that the world of an address does not play, with a cure that exists there."""
-    world = _WORLD_NAMES[address.world]
-    if address.world == "calvin":
-        cure = (
-            f"Give preset=NAME ({', '.join(CALVIN_PRESETS)}), or action_space={PLAYED_IN['calvin'][0]} for CALVIN's own"
-        )
-    elif space in WORLD_ACTION_SPACES and not address.world:
-        owner = next(n for key, n in _WORLD_NAMES.items() if key and space in PLAYED_IN[key])
-        suite = "calvin" if owner == "CALVIN" else "libero_object"
-        cure = (
-            f"It is played in {owner}: run it with --suite {suite}, or give the preset of a policy trained on our data"
-        )
-    else:
-        cure = f"Give the preset or action_space of a policy that answers in {' or '.join(PLAYED_IN[address.world])}"
-    return address.error(f"{name} answers in {space}, which {world} does not play", cure)
+    world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
+    if space in WORLD_ACTION_SPACES and not address.world:
+        suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
+        offered = f"It is played with --suite {suite}; in our own scenes, {offered[0].lower()}{offered[1:]}"
+    elif address.world:
+        offered += f", or action_space={PLAYED_IN[address.world][0]} for answers that are {world}'s own"
+    return address.error(f"{name} answers in {space}, which {world} does not play", offered)
+
+
+def presets_in(world: str) -> tuple[str, ...]:
+    """Return the names of the presets that are played in a foreign world, or in our own scenes if it is empty."""
+    if world == "calvin":
+        return tuple(CALVIN_PRESETS)
+    layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
+    shown = {layout.name: in_libero(layout) if world else layout for layout in layouts}
+    return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
 _WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}

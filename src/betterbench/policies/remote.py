@@ -13,7 +13,7 @@ from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connection import Connection, ConnectionLimits, PolicyConnection, api_key
-from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter
+from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter, space_cure
 from betterbench.policies.image_rule import EVERY_CAMERA
 
 _LONGEST_TEXT = 2000
@@ -77,7 +77,7 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
     if start.action_space != adapter.answer.space:
         raise HandshakeError(
             f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
-            f"Give --action-space {adapter.answer.space}."
+            f"{space_cure(adapter.answer.space)}."
         )
 
 
@@ -102,7 +102,7 @@ class AdaptedPolicy:
         if space != adapter.answer.space:
             raise HandshakeError(
                 f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
-                f"Give --action-space {adapter.answer.space}."
+                f"{space_cure(adapter.answer.space)}."
             )
         rendered = {camera.name for camera in observation.cameras}
         missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]

@@ -8,6 +8,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.policies.handshake import space_cure
 from betterbench.recording import RunFolder
 
 
@@ -45,7 +46,7 @@ class Replay:
             raise InvalidInputError(
                 "action space",
                 f"the record was made with {self._space!r}, the run uses {start.action_space!r}",
-                f"Give --action-space {self._space}",
+                space_cure(self._space),
             )
 
     def act(self, observation: Observation) -> np.ndarray:

@@ -84,7 +84,7 @@ def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
         where = "/".join(layout.instruction.key)
         raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} does")
     step = _whole(message["better/step"], "better/step") if "better/step" in message else None
-    return Request(instruction, step, None, None, None, measured=False)
+    return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
 
 
 def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:

@@ -19,7 +19,9 @@ from betterbench.policies.wire import MAX_FRAME_BYTES
 _CLOSE_TIMEOUT_S = 1.0
 _GRACE_S = 1.0
 _PONG_S = 1.0
-_REFUSED = (401, 403)
+_FORBIDDEN = 403
+_REFUSED = (401, _FORBIDDEN)
+_ABSENT = (404, 405)
 _TOO_LARGE = 1009
 
 
@@ -37,7 +39,7 @@ class WebSocket:
         host, port = address.server()
         name = f"[{host}]" if ":" in host else host
         scheme = "wss" if address.choice("tls", ("true", "false"), "false") == "true" else "ws"
-        self._where = f"policy server {address.scheme}://{name}:{port}"
+        self._where, self._path = address.server_name, address.path
         self._max_bytes = max_bytes
         self._stack = contextlib.ExitStack()
         self._mark: threading.Event | None = None  # set when the server has confirmed that it said all it had to say
@@ -49,7 +51,7 @@ class WebSocket:
             raw.settimeout(None)
             self._socket: Connection = self._stack.enter_context(
                 connect(
-                    f"{scheme}://{name}:{port}",
+                    f"{scheme}://{name}:{port}{self._path}",
                     sock=raw,
                     compression=None,
                     max_size=max_bytes,
@@ -161,9 +163,19 @@ class WebSocket:
         if isinstance(answer, InvalidStatus):
             status = answer.response.status_code
             if status in _REFUSED:
+                # A server on FastAPI (vLLM-Omni) also answers 403 for a path at which it serves nothing.
+                other = (
+                    ""
+                    if status != _FORBIDDEN
+                    else f" If it wants no key, it serves nothing at {self._path}: correct the path."
+                )
                 return HandshakeError(
                     f"{self._where} refuses this client (HTTP {status}). "
-                    "Give api_key_env=NAME with the variable that holds its key."
+                    f"Give api_key_env=NAME with the variable that holds its key.{other}"
+                )
+            if status in _ABSENT:
+                return HandshakeError(
+                    f"{self._where} has no websocket at {self._path} (HTTP {status}). Correct the path in the address."
                 )
             if 300 <= status < 400:
                 elsewhere = one_line(answer.response.headers.get("Location", "no address"), most=200)

@@ -1,6 +1,8 @@
-"""Wire formats: bytes to values and back, for the three dialects of msgpack that policy servers speak.
+"""Wire formats: bytes to values and back, for the dialects of msgpack that policy servers speak.
 
-All three send maps of texts, numbers and arrays, and differ in how an array is marked. Frames come from strangers: any
+All of them send maps of texts, numbers and arrays, and differ in how an array is marked: as openpi's client does, as
+vla-evaluation-harness does, as a .npy file (GR00T to N1.6), or as the package msgpack-numpy does (the ``nd`` dialect,
+which GR00T N1.7 and some servers of openpi's protocol use). Frames come from strangers: any
 byte string gives a value or one :class:`PolicyError`, never another error, and never more memory than a few times
 its own size. A frame is surveyed before it is decoded, which bounds its depth and the number of its values; arrays must
 have exactly as many bytes as type and shape say; images are bounded before they are decompressed.
@@ -48,6 +50,7 @@ _NPY_HEADER = re.compile(
 _MAX_JSON = 1_000_000
 _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
+_PLAIN_KINDS = ("", *"biufSU")
 
 _UNREADABLE = (
     InvalidInputError,
@@ -56,6 +59,9 @@ _UNREADABLE = (
     *(Image.DecompressionBombError, Image.DecompressionBombWarning),
 )
 """What the decoders raise about a frame that they cannot read."""
+
+OpenpiArrays = Literal["openpi", "nd"]
+"""How arrays are marked in a request of openpi's protocol: as its own client does, or as msgpack-numpy does."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
 """How vla-eval sends uint8 images: as they are, or compressed without or with loss."""
@@ -72,18 +78,33 @@ class ModalityConfig:
 # ---------------------------------------------------------------------------------------------------------- openpi
 
 
-def encode_openpi(value: object) -> bytes:
-    """Return the frame of a value in openpi's dialect.
+def encode_openpi(value: object, *, arrays: OpenpiArrays = "openpi") -> bytes:
+    """Return the frame of a value in openpi's protocol, with arrays marked as its own client or msgpack-numpy does.
 
     Values are maps, lists, texts, bytes, numbers, None and NumPy arrays of numbers, booleans or texts. Anything else
     raises an InvalidInputError.
     """
-    return _encode(value, _mark_openpi)
+    return _encode(value, _mark_openpi if arrays == "openpi" else _mark_nd)
 
 
 def decode_openpi(data: bytes) -> Any:  # noqa: ANN401 - a frame may hold anything
-    """Return the value of a frame in openpi's dialect, with read-only arrays; raise PolicyError if it is malformed."""
+    """Return the value of a frame in openpi's protocol, with read-only arrays; raise PolicyError if it is malformed.
+
+    Arrays may be marked as openpi's client or as msgpack-numpy does.
+    """
     return _decode(data, "openpi", _read_openpi)
+
+
+def marks_arrays_as_nd(data: bytes) -> bool:
+    """Return whether a frame that can be read holds arrays or numbers as msgpack-numpy marks them."""
+    found: list[bool] = []
+
+    def note(form: dict[Any, Any]) -> object:
+        found.append(_is_nd(form))
+        return _read_openpi(form)
+
+    _decode(data, "openpi", note)
+    return any(found)
 
 
 def _mark_openpi(thing: object) -> object:
@@ -106,7 +127,42 @@ def _read_openpi(form: dict[Any, Any]) -> object:
             raise ValueError(f"a scalar is a {type(value).__name__}")
         with np.errstate(over="ignore"):  # a number that is too large for its type is infinite, and found out later
             return dtype.type(value)
-    return form
+    return _read_nd(form) if _is_nd(form) else form
+
+
+# --------------------------------------------------------------------------------------------------- msgpack-numpy
+
+
+def _mark_nd(thing: object) -> object:
+    if isinstance(thing, (np.ndarray, np.generic)):
+        array = _plain(np.asarray(thing))
+        form = {b"nd": isinstance(thing, np.ndarray), b"type": array.dtype.str, b"data": array.tobytes()}
+        return form | {b"kind": b"", b"shape": array.shape} if form[b"nd"] else form
+    return _refuse(thing)
+
+
+def _is_nd(form: Mapping[Any, Any]) -> bool:
+    """Return whether a map is an array or a number; with keys that are texts it may also be a map of somebody's own."""
+    return b"nd" in form or (isinstance(form.get("nd"), bool) and "type" in form and "data" in form)
+
+
+def _read_nd(form: Mapping[Any, Any]) -> object:
+    """Read an array or a number as msgpack-numpy writes it, whose keys may have become texts on the way.
+
+    An array has an empty kind there. Servers with a writer of their own repeat the letter of its type.
+    """
+    whole = {name: form.get(name.encode(), form.get(name)) for name in ("nd", "type", "kind", "shape", "data")}
+    kind = b"" if whole["kind"] is None else whole["kind"]
+    letter = kind.decode("latin-1") if isinstance(kind, bytes) else kind
+    if not isinstance(letter, str) or letter not in _PLAIN_KINDS or b"complex" in form or "complex" in form:
+        pickled = ": it holds pickles, and unpickling a stranger's answer runs the stranger's code"
+        raise ValueError(f"an array has the kind {str(kind)[:20]}, not plain numbers{pickled if letter == 'O' else ''}")
+    if not isinstance(whole["nd"], bool):
+        raise TypeError(f"the mark nd of an array is a {type(whole['nd']).__name__}")
+    array = read_array(whole["data"], whole["type"], whole["shape"] if whole["nd"] else ())
+    if letter not in ("", array.dtype.kind):
+        raise ValueError(f"an array of the type {array.dtype.str} has the kind {letter}")
+    return array if whole["nd"] else array[()]
 
 
 # -------------------------------------------------------------------------------------------------------- vla-eval
@@ -119,7 +175,11 @@ def encode_vla_eval(value: object, *, images: ImageCoding = "raw") -> bytes:
     """
 
     def mark(thing: object) -> object:
-        if images != "raw" and isinstance(thing, np.ndarray) and _is_image(thing, images):
+        if (
+            images != "raw"
+            and isinstance(thing, np.ndarray)
+            and is_image(thing, channels=(3,) if images == "jpeg" else (3, 4))
+        ):
             return _compressed(thing, images)
         return _mark_vla_eval(thing)
 
@@ -148,18 +208,26 @@ def _read_vla_eval(form: dict[Any, Any]) -> object:
     return form
 
 
-def _is_image(array: np.ndarray, images: ImageCoding) -> bool:
-    channels = (3,) if images == "jpeg" else (3, 4)
+def is_image(array: np.ndarray, *, channels: tuple[int, ...] = (3,)) -> bool:
+    """Return whether an array is an image, (height, width, channels) uint8."""
     return array.ndim == 3 and array.dtype == np.uint8 and array.shape[2] in channels and array.size > 0
 
 
 def _compressed(array: np.ndarray, images: ImageCoding) -> dict[str, object]:
-    buffer = io.BytesIO()
-    image = Image.fromarray(np.ascontiguousarray(array))
+    data = png_of(array) if images == "png" else _file_of(array, "JPEG", quality=95)
+    return {"__image__": True, "format": images, "data": data, "shape": list(array.shape)}
+
+
+def png_of(image: np.ndarray) -> bytes:
+    """Return the PNG file of an image, (height, width, 3 or 4) uint8."""
     # Level 1 of zlib: an image of 256 x 256 takes 2 ms instead of 10, and 10 % more bytes.
-    options: dict[str, int] = {"quality": 95} if images == "jpeg" else {"compress_level": 1}
-    image.save(buffer, images.upper(), **options)
-    return {"__image__": True, "format": images, "data": buffer.getvalue(), "shape": list(array.shape)}
+    return _file_of(image, "PNG", compress_level=1)
+
+
+def _file_of(image: np.ndarray, coding: str, **options: int) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, coding, **options)
+    return buffer.getvalue()
 
 
 def _image(form: dict[Any, Any]) -> np.ndarray:
@@ -208,19 +276,7 @@ def _read_gr00t(form: dict[Any, Any]) -> object:
         return _npy(form.get("as_npy"))
     if "__ModalityConfig_class__" in form or "__ModalityConfig__" in form:  # N1.6 and before, N1.7
         return _modality(form.get("as_json"))
-    if b"nd" in form:
-        return _msgpack_numpy(form)
-    return form
-
-
-def _msgpack_numpy(form: dict[Any, Any]) -> object:
-    """Read an array or a number as msgpack-numpy writes it, which N1.7 answers with."""
-    kind = form.get(b"kind", b"")
-    if not isinstance(kind, bytes) or kind or b"complex" in form:
-        pickled = ": it holds pickles, and unpickling a stranger's answer runs the stranger's code"
-        raise ValueError(f"an array has the kind {str(kind)[:20]}, not plain numbers{pickled if kind == b'O' else ''}")
-    array = read_array(form.get(b"data"), form.get(b"type"), form.get(b"shape") if form[b"nd"] else ())
-    return array if form[b"nd"] else array[()]
+    return _read_nd(form) if _is_nd(form) else form  # N1.7
 
 
 def _npy(data: object) -> np.ndarray:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
+from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.legend import AXIS_PLACES, LEGEND
@@ -213,7 +214,8 @@ def _conclusion(trials: Sequence[TrialDiagnosis], training: Figure) -> tuple[str
     """Return the naming sentence and its color family."""
     varied = [trial for trial in trials if trial.variation is not None]
     if not varied:
-        return "No variation was run, so nothing is known about its reasoning.", "system"
+        untold = untold_by(trials)
+        return f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}.", "system"
     failed = [trial for trial in varied if trial.kind is not Kind.NONE]
     main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE

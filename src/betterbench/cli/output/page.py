@@ -105,7 +105,13 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
     filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
     more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
     if not chosen and not more:
-        say("No films: no trial of these runs has a record.")
+        trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
+        varied = any(trial.variation is not None for trial in trials)
+        recorded = sum(trial.record is not None for trial in trials)
+        if varied or not recorded:
+            say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
+        else:
+            say(f"No films: they show trials of variations, and these {plural(recorded, 'record')} are of training.")
         return Media()
     rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
     say(

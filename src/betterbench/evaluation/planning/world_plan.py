@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -14,7 +13,9 @@ from betterbench.experts.libero import POLICIES
 from betterbench.independent import is_independent
 from betterbench.interface.actions import PLAYED_IN
 from betterbench.learned import is_learned, is_seeing
-from betterbench.policies.presets import space_in_world
+from betterbench.policies.address import OWN_OPTIONS, PolicyAddress
+from betterbench.policies.in_calvin import CALVIN_PRESETS
+from betterbench.policies.presets import UNTRANSLATED, space_in_world
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     WorldError,
@@ -34,9 +35,6 @@ LIBERO = "libero"
 
 _OBSERVATIONS = ("default", "state_only")
 _CALVIN_OBSERVATIONS = ("calvin", "calvin_depth", "state_only")
-_TRANSLATED = re.compile(
-    r"preset=([A-Za-z0-9_]+_libero|[A-Za-z0-9]+_libero_panda)_(spatial|object|goal|10|90|study|living_room)\b"
-)
 
 
 def make_world_plan(
@@ -178,13 +176,21 @@ def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
             f"{policy} {needs} of our own scenes, which {world} does not have",
             "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
         )
-    translated = _TRANSLATED.search(policy)
-    if translated is not None:
+    _check_address(policy, world)
+
+
+def _check_address(policy: str, world: str) -> None:
+    """Refuse a server or a checkpoint whose preset translates from our scenes."""
+    if policy.partition(":")[0] not in OWN_OPTIONS:
+        return
+    named = PolicyAddress.parse(policy).options.get("preset", "")
+    if named in UNTRANSLATED:
         raise InvalidInputError(
             "--policy",
-            f"the preset {translated[1]}_{translated[2]} translates from our scenes to LIBERO's conventions, and this "
-            f"run is in {world} itself",
-            f"Give preset={translated[1]}",
+            f"the preset {named} translates from our scenes to LIBERO's conventions, and this run is in {world} itself",
+            f"Give preset={UNTRANSLATED[named]}"
+            if world == "LIBERO"
+            else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",
         )
 
 

@@ -19,6 +19,7 @@ from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_s
 from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_learned, is_seeing, learned_info, make_learned, make_seeing
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
+from betterbench.policies.handshake import space_cure
 from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
@@ -250,7 +251,7 @@ def check_action_space(address: str, info: PolicyInfo, action_space: str | None)
         raise InvalidInputError(
             "action space",
             f"the policy {address} answers in {info.action_space!r}, the run asks for {action_space!r}",
-            f"Give --action-space {info.action_space}, or another policy",
+            space_cure(info.action_space),
         )
 
 
