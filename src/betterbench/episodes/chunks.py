@@ -112,6 +112,7 @@ class Chunks:
         return {
             "duration_s": round(now - self._began, 6),
             "policy_s": round(float(latencies.sum()), 6),
+            "policy_answers": float(len(self._latencies)),
             "policy_latency_p50_s": round(float(np.median(latencies)), 6),
             "policy_latency_max_s": round(float(latencies.max()), 6),
             "observe_s": round(self._observe_s, 6),

@@ -139,6 +139,7 @@ def evaluate(
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
             reopen_lost(run, journal)
+        settings = replace(settings, trials=sum(not journal.is_done(t.id) for t in plan.trials))
         for left in reversed(range(MAX_PASSES)):
             schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
             with closing(_entries(run, settings, schedule, count, asked=asked, session=session)) as entries:

@@ -67,6 +67,7 @@ class RunSettings:
         world: The foreign world in which the trials are run, or None for ours.
         most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
         workers: Workers of the run, which share the memory of their machine.
+        trials: Trials that are left when the run begins, at most; 0 where that is not known.
     """
 
     run: str
@@ -84,6 +85,7 @@ class RunSettings:
     world: WorldSettings | None = None
     most_envs: int = 0
     workers: int = 1
+    trials: int = 0
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:

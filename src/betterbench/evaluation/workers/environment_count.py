@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 logger = logging.getLogger(__name__)
 
-KNEES = 2.0
+KNEES = 2.5
 """Environments that are opened, in multiples of the knee."""
 
 LONGEST_QUEUE_S = 10.0
@@ -28,9 +28,11 @@ _ANSWERS_PER_ENVIRONMENT = 2.0
 _WINDOW_S = 0.2
 _PRESENT = 0.75  # share of the number that has been answered when a window begins; trials are shared out evenly
 _ENOUGH = 1.25  # no change for a number that is larger by less
-_GAIN = 1.08  # of the throughput, by which more environments have to pay
+_GAIN = 1.2  # of the throughput, by which three times as many environments have to pay
 _IDLE = 0.15  # share of its time that a worker waits, below which more environments cannot pay
 _UNHINDERED = 1.5  # latency in multiples of the least one, up to which the server takes all questions at once
+_STEP = 3  # times as many environments are tried at once where the server has a queue
+_LEFT_OVER = 1.5  # times as many environments are opened where that leaves no trial over
 _LONGEST_MEMORY = 64  # of the answers whose times count
 
 
@@ -77,11 +79,17 @@ class EnvironmentCount:
         *,
         longest_queue_s: float = LONGEST_QUEUE_S,
         room: Callable[[int], int] = lambda _: 1_000_000,
+        left: Callable[[], int] = lambda: 1_000_000,
     ) -> None:
-        """Begin; ``room`` is given the number of now and returns how many the memory has room for."""
+        """Begin.
+
+        ``room`` is given the number of now and returns how many the memory has room for; ``left`` returns how many
+        trials there are left for this worker, with those under way.
+        """
         self.number = first
         self.settled = most <= first
-        self._most, self._longest_queue_s, self._room = most, longest_queue_s, room
+        self._most, self._longest_queue_s = most, longest_queue_s
+        self._room, self._left = room, left
         self._first_answer: float | None = None
         self._least_s = math.inf
         self._answered: set[int] = set()  # environments that have been answered with this number
@@ -142,10 +150,12 @@ class EnvironmentCount:
             # The worker still waits, and the policy has given no more answers: it has as many questions as it can take.
             self.number, self.settled = before.envs, True
             return
-        goal = min(window.wanted, self._most)
+        goal, left = window.wanted, self._left()
         if window.latency_s > _UNHINDERED * self._least_s:
-            # The server may have a queue already. Half of what is asked for in vain is not too much to ask for.
-            goal = min(goal, 2 * window.envs)
+            goal = min(goal, _STEP * window.envs)  # the server may have a queue already
+        if goal < left <= _LEFT_OVER * goal:
+            goal = left  # a few trials that are left over would wait for their answers at the end, alone
+        goal = min(goal, self._most)
         # Were the server to answer one question after the other, the latency would grow like their number.
         goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))
         if goal > window.envs:

@@ -129,12 +129,14 @@ class Worker:
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
         self._idle_s = 0.0  # since the last trial ended
+        self._ended = 0  # trials
         used = used_bytes() if settings.most_envs > settings.envs else 0
         self._count = EnvironmentCount(
             settings.envs,
             max(settings.envs, settings.most_envs),
             longest_queue_s=min(LONGEST_QUEUE_S, settings.answer_limit_s / 3.0),
             room=lambda envs: room_for(envs, used_before=used, sharing=min(settings.workers, os.cpu_count() or 1)),
+            left=lambda: math.ceil(settings.trials / settings.workers) - self._ended,
         )
         self._ready: deque[_Slot] = deque()
         self._outbox: queue.SimpleQueue[Answered] = queue.SimpleQueue()
@@ -266,6 +268,7 @@ class Worker:
         except StopIteration as end:
             entry: JournalEntry = end.value
         slot.steps, slot.ticket = None, -1
+        self._ended += 1
         if entry.message is not None and slot.thread is not None:
             slot.thread.distrust()  # the fault may have been found here, as that of an action of the wrong shape
         self._stop = self._stop or stop
