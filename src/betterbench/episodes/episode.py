@@ -143,9 +143,14 @@ def episode_steps(
             yield from chunks.begin()
         while state.step < limit and not judge.success and not (foreign is not None and foreign.over):
             action = (yield from chunks.next(state)) if privileged is None else chunks.next_of(privileged, state)
-            if foreign is not None:
-                foreign.draw_next(wanted=chunks.looks_at(state.step + 1))
-            applied = scene.step(action if disturb is None else disturb(action))
+            if foreign is None:
+                applied = scene.step(action if disturb is None else disturb(action))
+            else:
+                drawn = chunks.looks_at(state.step + 1)
+                foreign.draw_next(wanted=drawn)
+                stepped = time.perf_counter()
+                applied = foreign.step(action if disturb is None else disturb(action))
+                chunks.note_world_step(time.perf_counter() - stepped, drawn=drawn)
             if observer is not None:
                 chunks.look(state.step + 1)
             state = scene.state()
