@@ -123,17 +123,14 @@ def evaluate(
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
-        first, most = (envs, envs) if envs else envs_between(asked.envs, count, foreign=plan.world is not None)
-        settings = RunSettings.of(plan, out, envs=first, policy_timeout_s=policy_timeout_s)
-        settings = replace(settings, most_envs=most, workers=count)
-        known = asked.info if is_remote(plan.policy) else None
-        settings = replace(settings, served_at=asked.host.address if asked.host else None, known=known)
+        settings = RunSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
+        settings = _with_policy(settings, asked, workers=count, envs=envs)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
         running: dict[str, str | int] = {"name": engine, "workers": count, "envs": settings.envs}
-        if most > first:
-            running["most_envs"] = most  # a warm-up chooses; the journal says how many there were
+        if settings.most_envs > settings.envs:
+            running["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
         with on_disk(out):
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
@@ -219,6 +216,19 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
             return _Asked(info, envs, PolicyFactory(address), shared=True, one_worker=one_worker)
         stack.enter_context(own.pop_all())
         return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
+
+
+def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: int | None) -> RunSettings:
+    """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
+    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, foreign=settings.world is not None)
+    return replace(
+        settings,
+        envs=first,
+        most_envs=most,
+        workers=workers,
+        served_at=asked.host.address if asked.host else None,
+        known=asked.info if is_remote(settings.policy) else None,
+    )
 
 
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:

@@ -71,7 +71,7 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
     )
 
 
-Part = Literal["policy", "simulation", "rendering", "wire"]
+RunPart = Literal["policy", "simulation", "rendering", "wire"]
 """Where the time of a run goes."""
 
 WAITED = 0.2
@@ -106,11 +106,11 @@ class RunTimes:
         return self.idle_s / worked if worked > 0.0 else 0.0
 
     @property
-    def bottleneck(self) -> Part:
+    def bottleneck(self) -> RunPart:
         """What a faster run has to begin with."""
         if self.envs is not None and self.idle >= WAITED:
             return "wire" if self.wire_s > self.policy_s else "policy"
-        parts: dict[Part, float] = {
+        parts: dict[RunPart, float] = {
             "simulation": self.simulation_s,
             "rendering": self.rendering_s,
             "wire": self.wire_s,
