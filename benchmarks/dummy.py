@@ -5,17 +5,21 @@ from __future__ import annotations
 import multiprocessing
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
 import numpy as np
+import zmq
 
 from betterbench.policies.server import PolicyServer
+from betterbench.policies.wire import decode_gr00t, encode_gr00t
 
 CHUNK = 8
 """Actions of an answer."""
+
+_HOLDING = (0.0, 0.0, 0.0, 0.0, -1.0)
 
 
 class _Idle:
@@ -29,8 +33,7 @@ class _Idle:
         step = float(np.asarray(request["better/step"]))
         with self._places:
             time.sleep(self._latency_s)
-        actions = np.tile([0.2 * np.sin(0.1 * step), 0.2 * np.cos(0.1 * step), 0.0, 0.0, 0.0, 0.0, -1.0], (CHUNK, 1))
-        return {"actions": actions}
+        return {"actions": np.tile([0.2 * np.sin(0.1 * step), 0.2 * np.cos(0.1 * step), *_HOLDING], (CHUNK, 1))}
 
     def close(self) -> None:
         """Forget the connection."""
@@ -38,15 +41,28 @@ class _Idle:
 
 @contextmanager
 def dummy_server(latency_s: float, *, concurrency: int) -> Iterator[str]:
-    """Serve in a process of its own, and give the address.
+    """Serve openpi's protocol in a process of its own, and give the address with its preset.
 
     Args:
         latency_s: Time that an answer takes [s].
         concurrency: Answers that are under way at once; the others wait for their turn.
     """
+    with _process(_serve, latency_s, concurrency) as address:
+        yield f"{address}?preset=native"
+
+
+@contextmanager
+def dummy_gr00t_server(latency_s: float) -> Iterator[str]:
+    """Serve GR00T's protocol likewise: one call at a time, of any number of observations, as its own server does."""
+    with _process(_serve_gr00t, latency_s) as address:
+        yield address
+
+
+@contextmanager
+def _process(serve: Callable[..., None], *arguments: float) -> Iterator[str]:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_serve, args=(latency_s, concurrency, theirs), daemon=True)
+    process = context.Process(target=serve, args=(*arguments, theirs), daemon=True)
     process.start()
     theirs.close()
     try:
@@ -62,3 +78,22 @@ def _serve(latency_s: float, concurrency: int, answer: Connection) -> None:
     with PolicyServer(lambda: _Idle(latency_s, places), metadata={}, port=0) as server:
         answer.send(server.address)
         threading.Event().wait()
+
+
+def _serve_gr00t(latency_s: float, answer: Connection) -> None:
+    socket = zmq.Context.instance().socket(zmq.REP)
+    answer.send(f"gr00t://127.0.0.1:{socket.bind_to_random_port('tcp://127.0.0.1')}")
+    while True:
+        question = decode_gr00t(socket.recv())
+        if question["endpoint"] != "get_action":
+            socket.send(encode_gr00t({}))  # which declares nothing
+            continue
+        count = len(question["data"]["observation"]["video"]["front"])
+        time.sleep(latency_s)
+        socket.send(encode_gr00t([_chunks(count), {}]))
+
+
+def _chunks(count: int) -> dict[str, np.ndarray]:
+    """Return chunks of small motions for so many environments: float32 arrays (count, CHUNK, size)."""
+    moves = {"ee_position": (0.1, 0.1, 0.0), "ee_rotation": (0.0, 0.0, 0.0), "gripper": (-1.0,)}
+    return {name: np.tile(np.asarray(move, np.float32), (count, CHUNK, 1)) for name, move in moves.items()}

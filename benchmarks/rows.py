@@ -10,7 +10,9 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -24,8 +26,8 @@ from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, plann
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, append_row, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.evaluation.workers.worker import USUAL_ENVS
 from betterbench.interface import observation_spec
+from betterbench.policies.batching import MAX_BATCH
 from betterbench.recording import JournalEntry, Record, RecordBuilder, RunFolder
 from betterbench.recording.modalities.columns import MAX_CHUNK_ROWS
 from betterbench.recording.parquet import record_bytes
@@ -33,7 +35,7 @@ from betterbench.scenes import Scene
 from betterbench.scenes.stage import QUALITIES
 from betterbench.tasks import GoalTracker, all_tasks
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
-from dummy import dummy_server
+from dummy import dummy_gr00t_server, dummy_server
 from figures import Figure, spread
 from materializing import blocks_of
 from pacing import (
@@ -60,8 +62,11 @@ TASKS = (PICTURE_TASK, "morning_coffee", HEAVIEST)
 RECORDS = 1200
 """Trials of a full run: sixty variations with twenty seeds."""
 
-LATENCY_S = 0.1
-"""Time that the dummy policy server takes for a chunk of eight actions [s]."""
+LATENCIES_S = (0.03, 0.1, 0.3)
+"""Times that the dummy policy servers take for a chunk of eight actions [s]."""
+
+MANY = 256
+"""Questions that a server answers at once that is no limit."""
 
 WORKERS = 2
 """Workers of the row that measures a run against a policy server."""
@@ -239,32 +244,63 @@ def _evaluate_timed(workers: int, trials: int, answer: Connection) -> None:
     answer.close()
 
 
+@dataclass(frozen=True, slots=True)
+class _PolicyCase:
+    """A server, and what the run against it is compared with.
+
+    Attributes:
+        text: The case in a few words.
+        latency_s: Time of an answer [s].
+        serve: Makes the server.
+        at_once: Questions that it answers at once; more than there are for no limit.
+        trials: Trials of the variation; as many are run of the training conditions.
+        observation: Observation preset.
+    """
+
+    text: str
+    latency_s: float
+    serve: Callable[[], AbstractContextManager[str]]
+    at_once: int
+    trials: int = 36
+    observation: str = "default"
+
+
+def _policy_cases() -> Iterator[_PolicyCase]:
+    for s in LATENCIES_S:
+        yield _PolicyCase(f"openpi, {1e3 * s:.0f} ms", s, partial(dummy_server, s, concurrency=MANY), MANY)
+        yield _PolicyCase(f"gr00t, {1e3 * s:.0f} ms", s, partial(dummy_gr00t_server, s), MAX_BATCH, 48)
+    one = partial(dummy_server, LATENCIES_S[1], concurrency=1)
+    yield _PolicyCase("openpi, 100 ms, one at a time", LATENCIES_S[1], one, 1, 8, "state_only")
+
+
 def policy_row(*, quick: bool) -> Iterator[Figure]:
     """Compare a run against a policy server that takes its time with what that time, or the simulation, alone takes."""
-    cases = (
-        ("cameras, all at once", "default", WORKERS * USUAL_ENVS, 24),
-        ("one at a time", "state_only", 1, 8),
-    )
-    for text, observation, concurrency, trials in cases:
-        with dummy_server(LATENCY_S, concurrency=concurrency) as address:
+    for case in _policy_cases():
+        with case.serve() as address:
             plan = make_plan(
-                f"{address}?preset=native",
+                address,
                 tasks=["morning_coffee"],
                 variations=["T1"],
-                trials=4 if quick else trials,
-                observation=observation,
+                trials=case.trials // (3 if quick else 1),
+                observation=case.observation,
                 quality="fast",
             )
             entries, wall = _timed_entries(plan, workers=WORKERS)
-        policy = LATENCY_S * sum(e.wall["policy_requests"] for e in entries) / concurrency
-        parts = ("simulation_s", "observe_s", "setup_s", "write_s")
-        simulation = sum(e.wall[part] for e in entries for part in parts) / WORKERS
+        asked = [e.wall["policy_answers"] for e in entries]
+        # The questions of one trial follow each other, however many the server answers at once.
+        policy = case.latency_s * max(sum(asked) / case.at_once, *asked)
+        simulation = sum(e.wall[part] for e in entries for part in _SIMULATION) / WORKERS
+        envs = sorted({e.wall["worker"]: round(e.wall["envs"]) for e in entries}.values())
         note = (
-            f"{len(entries)} trials with {WORKERS} workers of {USUAL_ENVS} environments: {wall:.1f} s; policy "
-            f"{policy:.1f} s, simulation {simulation:.1f} s; load {os.getloadavg()[0]:.1f}"
+            f"{len(entries)} trials with {WORKERS} workers of {' and '.join(map(str, envs))} environments: {wall:.1f} "
+            f"s; policy {policy:.1f} s, simulation {simulation:.1f} s; load {os.getloadavg()[0]:.1f}"
         )
-        label = f"run / max(policy, simulation), {text}"
-        yield Figure("policy", label, (wall / max(policy, simulation),), "x", "<=", 1.25, note)
+        label = f"run / max(policy, simulation), {case.text}"
+        yield Figure("policy", label, (wall / max(policy, simulation),), "x", "<=", 1.15, note)
+
+
+_SIMULATION = ("simulation_s", "observe_s", "setup_s", "write_s")
+"""Figures of the journal whose sum is what a worker simulates and draws."""
 
 
 def _timed_entries(plan: Plan, *, workers: int) -> tuple[list[JournalEntry], float]:

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
 
-RENDERING_SHARE = 0.4
-"""Share of the time of the trials from which on the end of a run says that rendering takes it."""
-
 LOG_EVERY_S = 60.0
 """How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
 
@@ -137,7 +134,7 @@ def evaluate_command(
         chosen: The trials and the conventions.
         world: Settings of a foreign world.
         workers: Worker processes; one per processor if not given.
-        envs: Environments of each worker, which hide the policy's latency; chosen by its kind if not given.
+        envs: Environments of each worker, which hide the policy's latency; a warm-up chooses if not given.
         engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
         ray: Where a run on a Ray cluster is placed.
         policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
@@ -345,9 +342,9 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
     The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
     """
-    from betterbench.cli.tally import RunTally, service_text
+    from betterbench.cli.tally import RunTally, service_text, times_text
     from betterbench.evaluation import evaluate
-    from betterbench.evaluation.running.summary import policy_service, rendering_share
+    from betterbench.evaluation.running.summary import policy_service, run_times
     from betterbench.evaluation.trials.policy_factory import needs_no_thread
     from betterbench.recording import RunFolder
 
@@ -377,25 +374,25 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
     if answers:
         say(f"policy: {answers}")
-    share = rendering_share(ended)
-    if share is not None and share >= RENDERING_SHARE:
-        say(
-            f"rendering: {100 * share:.0f} % of the time of the trials went into the images that the policy sees. "
-            "A graphics card, --quality fast or --observation state_only (if the policy needs no images) is faster."
-        )
+    times = run_times(run.entries())
+    if times is not None:
+        chosen = options.get("envs") is None
+        say(f"time: {times_text(times, foreign=plan.world is not None, chosen=chosen)}")
     return run
 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     """Print how many trials succeeded and how many broke down, and the verdicts of a run until decided."""
-    from betterbench.evaluation.running.summary import run_counts
+    from betterbench.evaluation.running.summary import run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
 
     decided = _decided(run, plan)
     counts = run_counts(run, seeds=None if decided is None else decided.first_seeds)
     if json:
-        print_json({**counts, **({} if decided is None else {"until_decided": decided.to_json()})})
+        times = run_times(run.entries())
+        told = {"times": None if times is None else times.to_json()}
+        print_json({**counts, **told, **({} if decided is None else {"until_decided": decided.to_json()})})
         _require_a_trial(run)
         return
     if decided is not None:

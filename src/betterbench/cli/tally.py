@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
-from betterbench.evaluation.running.summary import PolicyService
+from betterbench.evaluation.running.summary import PolicyService, RunTimes
 from betterbench.recording import JournalEntry, RunFolder
 
 
@@ -102,3 +102,45 @@ def _milliseconds(seconds: float) -> str:
     if seconds >= 10.0:
         return f"{seconds:.0f} s"
     return f"{1000 * seconds:.0f} ms" if seconds >= 0.001 else "under 1 ms"
+
+
+def times_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+    """Return where the time of a run went, and a sentence that names the bottleneck and its cure.
+
+    ``foreign`` says that the run is in a world of others, ``chosen`` that a warm-up chose the number of environments.
+    """
+    envs = "" if times.envs is None else f" ({times.envs} environment{'' if times.envs == 1 else 's'} a worker)"
+    parts = (
+        f"policy {_seconds(times.policy_s)}, simulation {_seconds(times.simulation_s)}, rendering "
+        f"{_seconds(times.rendering_s)}, wire {_seconds(times.wire_s)} over all trials{envs}"
+    )
+    return f"{parts}. {bottleneck_text(times, foreign=foreign, chosen=chosen)}"
+
+
+def bottleneck_text(times: RunTimes, *, foreign: bool, chosen: bool) -> str:
+    """Return the sentence that names the bottleneck of a run and its cure, as :func:`times_text` ends."""
+    if times.bottleneck == "policy" and times.envs is None:
+        return "The policy, which is computed in the workers, is the bottleneck: more --workers share it."
+    if times.bottleneck == "policy":
+        more = "more of them" if chosen else "more --envs, more of them"
+        return (
+            f"The policy is the bottleneck: the workers waited for it {100 * times.idle:.0f} % of their time. A faster "
+            f"server, {more} or, where the policy was trained for it, longer chunks (horizon=N) are the cure."
+        )
+    if times.bottleneck == "wire":
+        return (
+            "Messages are the bottleneck: images of the size that the policy needs (size=N), images=jpeg for vla-eval, "
+            "or more --workers are the cure."
+        )
+    if times.bottleneck == "rendering":
+        less = "" if foreign else ", --quality fast or --observation state_only (if the policy needs no images)"
+        return (
+            f"Rendering is the bottleneck: a graphics card{less}, or more processors with more --workers are the cure."
+        )
+    what = "Simulation (with its images, if the world draws at each step)" if foreign else "Simulation"
+    cure = "more processors with more --workers, or more machines with --engine ray"
+    return f"{what} is the bottleneck: {cure} are the cure."
+
+
+def _seconds(seconds: float) -> str:
+    return f"{seconds:.1f} s" if seconds < 90.0 else duration(seconds)

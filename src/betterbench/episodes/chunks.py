@@ -40,6 +40,7 @@ class Chunks:
         self._observe_s = 0.0
         self._began = self._resumed = began
         self._simulation_s = 0.0
+        self._world_steps: dict[bool, list[float]] = {False: [], True: []}  # times of a foreign world, by drawn or not
 
     def begin(self) -> Generator[Question | None, Reply | None, None]:
         """Tell the policy that an episode begins."""
@@ -104,17 +105,31 @@ class Chunks:
             return False
         return self._asks_ahead(step) if self._queue else not self._asked
 
+    def note_world_step(self, seconds: float, *, drawn: bool) -> None:
+        """Note how long a foreign world took for a control step, and whether it drew its images in it [s]."""
+        self._world_steps[drawn].append(seconds)
+
+    def _drawn_in_world_s(self) -> float:
+        """Return how long a foreign world drew: what steps with images took longer than those without [s].
+
+        It is 0 where every step was drawn, as nothing tells both parts of a step apart then.
+        """
+        plain, drawn = self._world_steps[False], self._world_steps[True]
+        return max(0.0, float(np.median(drawn) - np.median(plain))) * len(drawn) if plain and drawn else 0.0
+
     def wall_figures(self) -> dict[str, float]:
         """Return how long the episode and its parts took [s]."""
         now = time.perf_counter()
-        simulated = self._simulation_s + now - self._resumed - self._observe_s
+        drawn_s = self._drawn_in_world_s()
+        simulated = self._simulation_s + now - self._resumed - self._observe_s - drawn_s
         latencies = np.array(self._latencies or [0.0])
         return {
             "duration_s": round(now - self._began, 6),
             "policy_s": round(float(latencies.sum()), 6),
+            "policy_answers": float(len(self._latencies)),
             "policy_latency_p50_s": round(float(np.median(latencies)), 6),
             "policy_latency_max_s": round(float(latencies.max()), 6),
-            "observe_s": round(self._observe_s, 6),
+            "observe_s": round(self._observe_s + drawn_s, 6),
             "simulation_s": round(max(0.0, simulated), 6),
         }
 

@@ -143,9 +143,10 @@ def episode_steps(
             yield from chunks.begin()
         while state.step < limit and not judge.success and not (foreign is not None and foreign.over):
             action = (yield from chunks.next(state)) if privileged is None else chunks.next_of(privileged, state)
-            if foreign is not None:
-                foreign.draw_next(wanted=chunks.looks_at(state.step + 1))
-            applied = scene.step(action if disturb is None else disturb(action))
+            executed = action if disturb is None else disturb(action)
+            applied = (
+                scene.step(executed) if foreign is None else _world_step(foreign, chunks, executed, state.step + 1)
+            )
             if observer is not None:
                 chunks.look(state.step + 1)
             state = scene.state()
@@ -165,6 +166,16 @@ def episode_steps(
     judge.catch_up()
     record = _finished(scene, judge.builder, termination, error, success=judge.success)
     return EpisodeResult(record, chunks.wall_figures(), judge.builder.states)
+
+
+def _world_step(scene: ForeignScene, chunks: Chunks, action: np.ndarray, step: int) -> np.ndarray:
+    """Take the control step that leads to ``step`` in a foreign world, which draws in the middle of it."""
+    drawn = chunks.looks_at(step)
+    scene.draw_next(wanted=drawn)
+    began = time.perf_counter()
+    applied = scene.step(action)
+    chunks.note_world_step(time.perf_counter() - began, drawn=drawn)
+    return applied
 
 
 class _Judge:

@@ -40,7 +40,8 @@ _MAX_LISTED = 1000
 def run_context(plan: Plan, *, policy: Mapping[str, Any], engine: Mapping[str, Any]) -> dict[str, Any]:
     """Return the context of a run that starts now.
 
-    ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name", "workers" and "envs".
+    ``policy`` is what the policy declares, by :func:`describe_policy`; ``engine`` has "name",
+    "workers", "envs" and, where a warm-up chooses their number, "most_envs".
     """
     images = bool(observation_spec(plan.observation).cameras) and bool(policy.get("needs_images", False))
     unseen = {"problem": "no images are rendered in this run"}

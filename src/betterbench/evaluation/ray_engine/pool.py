@@ -83,6 +83,7 @@ class _WorkerActor:
     alone: bool = False  # its one trial was with a worker that died
     replica: int | None = None  # number of the replica of the policy that it asks
     broken: list[Trial] = field(default_factory=list)  # trials that have broken down
+    envs: int = 1  # trials that it can run at once, which it tells
 
 
 class RayPool:
@@ -148,7 +149,7 @@ class RayPool:
         remote = self._ray.remote(num_cpus=1, max_restarts=0, max_task_retries=0)(RemoteWorker)
         actor = remote.remote(settings, description, known)
         calls = deque([actor.__ray_ready__.remote(), actor.prepare.remote(self._replicas.environment)])
-        self._workers.append(_WorkerActor(actor, calls, replica=replica))
+        self._workers.append(_WorkerActor(actor, calls, replica=replica, envs=settings.envs))
         self._asked_at = time.monotonic()
 
     def _feed(self, worker: _WorkerActor) -> None:
@@ -160,9 +161,9 @@ class RayPool:
         elif self._ledger.suspects and not worker.trials:
             new, worker.alone = [self._ledger.take_suspect()], True
         else:
-            plenty = self._ledger.waiting > self._settings.envs * len(self._workers)
+            plenty = self._ledger.waiting > sum(other.envs for other in self._workers)
             left = self._ledger.waiting + sum(len(other.trials) for other in self._workers)
-            share = even_share(left, len(self._workers), self._settings.envs)
+            share = even_share(left, len(self._workers), worker.envs)
             new, worker.alone = self._ledger.take(max(0, share + plenty - len(worker.trials))), False
         worker.trials += new
         while worker.trials and len(worker.calls) < _CALLS:
@@ -187,6 +188,7 @@ class RayPool:
         worker.calls.remove(call)
         worker.placed = True
         if isinstance(found, Turn):
+            worker.envs = found.envs or worker.envs
             for scene, data in found.scenes.items():
                 if not self._run.scene_path(scene).exists():
                     self._write(self._run.scene_path(scene), data)

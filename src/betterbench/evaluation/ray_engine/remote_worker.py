@@ -40,11 +40,13 @@ class Turn:
         deliveries: The trials that have ended since its last report.
         scenes: Scenes that are new to this worker, by their hash.
         problem: Why the run has to stop, or None.
+        envs: Trials that it can run at once from now on; 0 where that is not known.
     """
 
     deliveries: tuple[Delivery, ...] = ()
     scenes: Mapping[str, bytes] = field(default_factory=dict)
     problem: BetterError | None = None
+    envs: int = 0
 
 
 def versions_here() -> dict[str, str]:
@@ -104,7 +106,7 @@ class RemoteWorker:
         except BetterError as error:
             return Turn(problem=error)
         deliveries = tuple(Delivery(entry, self._record(entry)) for entry in ended)
-        return Turn(deliveries, self._scenes() if ended else {}, self._worker.problem)
+        return Turn(deliveries, self._scenes() if ended else {}, self._worker.problem, self._worker.envs)
 
     def close(self) -> None:
         """Close the worker and delete its folder; harmless when closed."""

@@ -6,6 +6,7 @@ import itertools
 import logging
 import os
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -24,7 +25,7 @@ from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
-from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, fair_envs, usual_envs
+from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.recording import Journal, JournalEntry, RunFolder
 from betterbench.recording.durable import on_disk
@@ -89,7 +90,8 @@ def evaluate(
         workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
             always asked in a process of its own. None for one per processor of this machine
             or of the cluster, or for a single one if each would load the weights of a policy again.
-        envs: Environments of each worker; None for 1 where the policy answers at once, and a few where it does not.
+        envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
+            chooses the number from what the policy and the simulation take, within the memory that is free.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
         cluster: Where the actors are placed.
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
@@ -121,20 +123,20 @@ def evaluate(
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
         count = session.workers if session else workers or processors
-        settings = RunSettings.of(
-            plan, out, envs=envs or fair_envs(asked.envs, count), policy_timeout_s=policy_timeout_s
-        )
-        known = asked.info if is_remote(plan.policy) else None
-        settings = replace(settings, served_at=asked.host.address if asked.host else None, known=known)
+        settings = RunSettings.of(plan, out, policy_timeout_s=policy_timeout_s)
+        settings = _with_policy(settings, asked, workers=count, envs=envs)
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
-        running = {"name": engine, "workers": count, "envs": settings.envs}
+        running: dict[str, str | int] = {"name": engine, "workers": count, "envs": settings.envs}
+        if settings.most_envs > settings.envs:
+            running["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
         with on_disk(out):
             run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
             reopen_lost(run, journal)
+        settings = replace(settings, trials=sum(not journal.is_done(t.id) for t in plan.trials))
         for left in reversed(range(MAX_PASSES)):
             schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
             with closing(_entries(run, settings, schedule, count, asked=asked, session=session)) as entries:
@@ -217,6 +219,19 @@ def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, ti
         return _Asked(info, envs, host=host, shared=True, one_worker=one_worker)
 
 
+def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: int | None) -> RunSettings:
+    """Return settings with what is known of the policy, and the environments that were asked for or may be chosen."""
+    first, most = (envs, envs) if envs else envs_between(asked.envs, workers, foreign=settings.world is not None)
+    return replace(
+        settings,
+        envs=first,
+        most_envs=most,
+        workers=workers,
+        served_at=asked.host.address if asked.host else None,
+        known=asked.info if is_remote(settings.policy) else None,
+    )
+
+
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
     if workers is not None and not 1 <= workers <= MAX_WORKERS:
         raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
@@ -282,10 +297,10 @@ def _entries(
 
 
 def _in_this_process(worker: Worker, trials: list[Trial]) -> Iterator[JournalEntry]:
-    waiting, running = iter(trials), 0
+    waiting, running = deque(trials), 0
     while True:
-        while worker.free and (trial := next(waiting, None)) is not None:
-            worker.start(trial)
+        while worker.free and running < even_share(len(waiting) + running, 1, worker.envs) and waiting:
+            worker.start(waiting.popleft())
             running += 1
         if not running:
             if worker.problem is not None:

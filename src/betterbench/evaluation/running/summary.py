@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import Any, Literal
 
 from betterbench.recording import JournalEntry, RunFolder
 
@@ -29,12 +30,6 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
     """Return the entries of the trials that broke: without a record, or with an error of the policy at its end."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
-
-
-def rendering_share(entries: Iterable[JournalEntry]) -> float | None:
-    """Return the share of the time of trials that went into their observations, mostly images; None without trials."""
-    walls = [e.wall for e in entries if "observe_s" in e.wall and e.wall.get("total_s", 0.0) > 0.0]
-    return sum(w["observe_s"] for w in walls) / sum(w["total_s"] for w in walls) if walls else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,4 +68,85 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
         concurrency=asked_s / elapsed_s if elapsed_s > 0.0 else 0.0,
         retries=total("policy_retries"),
         reconnects=total("policy_reconnects"),
+    )
+
+
+RunPart = Literal["policy", "simulation", "rendering", "wire"]
+"""Where the time of a run goes."""
+
+WAITED = 0.2
+"""Share of the time of the workers that they wait, from which on the policy is the bottleneck."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunTimes:
+    """Where the time of all trials of a run went, those of earlier sessions included.
+
+    Attributes:
+        policy_s: Time from question to answer without ``wire_s``; the answers of several environments overlap [s].
+        simulation_s: Scenes, physics, privileged state and records [s].
+        rendering_s: Observations, mostly images [s].
+        wire_s: Processor time of this side for the messages: resizing, packing and sending images, reading answers;
+            the way through the network belongs to the policy [s].
+        idle_s: Time in which a worker had nothing to do but wait for the policy [s].
+        envs: Environments of each worker in the last trial, or None where the policy answers in the worker itself.
+    """
+
+    policy_s: float
+    simulation_s: float
+    rendering_s: float
+    wire_s: float
+    idle_s: float
+    envs: int | None
+
+    @property
+    def idle(self) -> float:
+        """Share of the time of the workers in which they waited for the policy."""
+        worked = self.simulation_s + self.rendering_s + self.idle_s
+        return self.idle_s / worked if worked > 0.0 else 0.0
+
+    @property
+    def bottleneck(self) -> RunPart:
+        """What a faster run has to begin with."""
+        if self.envs is not None and self.idle >= WAITED:
+            return "wire" if self.wire_s > self.policy_s else "policy"
+        parts: dict[RunPart, float] = {
+            "simulation": self.simulation_s,
+            "rendering": self.rendering_s,
+            "wire": self.wire_s,
+        }
+        if self.envs is None:
+            parts["policy"] = self.policy_s
+        return max(parts, key=parts.__getitem__)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with times in seconds."""
+        return {
+            "policy_s": round(self.policy_s, 3),
+            "simulation_s": round(self.simulation_s, 3),
+            "rendering_s": round(self.rendering_s, 3),
+            "wire_s": round(self.wire_s, 3),
+            "waited_s": round(self.idle_s, 3),
+            "envs": self.envs,
+            "bottleneck": self.bottleneck,
+        }
+
+
+def run_times(entries: Iterable[JournalEntry]) -> RunTimes | None:
+    """Return where the time of some trials went, from the journal; None if it tells of none."""
+    walls = [e.wall for e in entries if "simulation_s" in e.wall]
+    if not walls:
+        return None
+
+    def total(*names: str) -> float:
+        return sum(wall.get(name, 0.0) for wall in walls for name in names)
+
+    wire_s = total("wire_s")
+    return RunTimes(
+        policy_s=max(0.0, total("policy_s") - wire_s),
+        simulation_s=total("simulation_s", "setup_s", "write_s"),
+        rendering_s=total("observe_s"),
+        wire_s=wire_s,
+        idle_s=total("idle_s"),
+        envs=round(walls[-1]["envs"]) if "envs" in walls[-1] else None,
     )

@@ -19,6 +19,8 @@ from betterbench.interface import BatchPolicy, Policy, PolicyInfo, observation_s
 from betterbench.interface.actions import EE_DELTA
 from betterbench.learned import is_learned, is_seeing, learned_info, make_learned, make_seeing
 from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.connection import ConnectionLimits
 from betterbench.policies.handshake import space_cure
 from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
@@ -111,6 +113,11 @@ def runs_apart(address: str) -> bool:
 def needs_no_thread(address: str) -> bool:
     """Return whether a policy is built in and answers at once, so that the simulation waits for it."""
     return is_privileged(address) or is_learned(address) or address in PLAIN or address.startswith("replay:")
+
+
+def answer_limit_s(address: str, policy_timeout_s: float) -> float:
+    """Return the deadline of one answer [s]: that of the address of a server, else that of the run."""
+    return ConnectionLimits.of(PolicyAddress.parse(address)).timeout_s if is_remote(address) else policy_timeout_s
 
 
 class PolicyFactory:

@@ -25,13 +25,16 @@ class Answered:
 
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` gave to the question.
-        outcome: The reply, or what was raised instead.
+        outcome: The reply, or what was raised instead; None for :meth:`PolicyThread.connect` that went well.
         figures: What the policy counts about its connection since the episode began (retries, reconnects), by name.
+        wire_s: Processor time on this side for the messages: images are resized, packed and sent, the answer is read
+            [s].
     """
 
     ticket: int
-    outcome: Reply | BaseException
+    outcome: Reply | BaseException | None
     figures: Mapping[str, float]
+    wire_s: float = 0.0
 
 
 class PolicyThread:
@@ -56,7 +59,9 @@ class PolicyThread:
         self._make, self._outbox, self._tickets, self._client = make, outbox, tickets, client
         self._policy: Policy | None = None
         self._made_at = math.inf
-        self._inbox: queue.SimpleQueue[tuple[int, EpisodeStart | Observation | WorldState, TrialId] | None]
+        self._inbox: queue.SimpleQueue[
+            tuple[int, EpisodeStart | Observation | WorldState | None, TrialId | None] | None
+        ]
         self._inbox = queue.SimpleQueue()
         # A daemon thread: a policy that hangs does not keep the process alive.
         self._thread = threading.Thread(target=self._work, name="policy", daemon=True)
@@ -66,6 +71,12 @@ class PolicyThread:
         """Ask, and return the number under which the answer will be put into the outbox."""
         ticket = self._tickets()
         self._inbox.put((ticket, seen, trial))
+        return ticket
+
+    def connect(self) -> int:
+        """Make the policy without asking it anything, and return the number of the outcome in the outbox."""
+        ticket = self._tickets()
+        self._inbox.put((ticket, None, None))
         return ticket
 
     @property
@@ -99,18 +110,21 @@ class PolicyThread:
     def _work(self) -> None:
         while (item := self._inbox.get()) is not None:
             ticket, seen, trial = item
-            outcome: Reply | BaseException
+            outcome: Reply | BaseException | None = None
+            spent_s = time.thread_time() + shared_cost_s(self._policy)
             try:
                 if self._policy is None:
                     with POLICY_BOUNDARY:
                         self._policy = self._make()
                     self._made_at = time.perf_counter()
-                if self._client and isinstance(seen, EpisodeStart):
+                if self._client and isinstance(seen, EpisodeStart) and trial is not None:
                     name_trial(self._policy, trial)
-                outcome = answer(self._policy, seen)
+                if seen is not None:
+                    outcome = answer(self._policy, seen)
             except BaseException as problem:  # noqa: BLE001 - it is raised again in the thread of the simulation
                 outcome = problem
-            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy) if self._client else {}))
+            spent_s = max(0.0, time.thread_time() + shared_cost_s(self._policy) - spent_s)
+            self._outbox.put(Answered(ticket, outcome, figures_of(self._policy) if self._client else {}, spent_s))
         self.cut()
 
 
@@ -125,6 +139,12 @@ def ready_at(policy: object) -> float:
     """Return since when a policy can be asked [s]: one in a process of its own says it, and others always can."""
     told = getattr(policy, "ready_at", None)
     return told if isinstance(told, float) else -math.inf
+
+
+def shared_cost_s(policy: object) -> float:
+    """Return the processor time that another thread has spent on the messages of a shared policy so far [s]."""
+    cost = getattr(policy, "cost_s", 0.0)
+    return cost if isinstance(cost, float) else 0.0
 
 
 def no_answer(limit_s: float) -> PolicyError:

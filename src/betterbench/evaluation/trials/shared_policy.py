@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -32,7 +33,7 @@ class SharedPolicy:
     def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
         """Start the thread; ``batch`` is the largest number of observations in one call."""
         self._policy, self._deadline = policy, deadline
-        self._collector: BatchCollector[_Asked, np.ndarray] = BatchCollector(self._answer, limit=batch)
+        self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch)
 
     def seat(self) -> Policy:
         """Return the policy as one connection sees it."""
@@ -48,7 +49,8 @@ class SharedPolicy:
         close_policy(self._policy)
         self._collector.close(timeout_s=0.0)
 
-    def _answer(self, asked: Sequence[_Asked]) -> Sequence[np.ndarray]:
+    def _answer(self, asked: Sequence[_Asked]) -> Sequence[_Given]:
+        began = time.thread_time()
         for start, _ in asked:
             if start is not None:
                 self._policy.reset(start)
@@ -57,7 +59,17 @@ class SharedPolicy:
         else:
             answers = [self._policy.act(observation) for _, observation in asked]
         # A policy may reuse the memory of its answers before other threads have read them.
-        return [np.array(answer) for answer in answers]
+        copies = [np.array(answer) for answer in answers]
+        cost_s = (time.thread_time() - began) / max(1, len(asked))
+        return [_Given(actions, cost_s) for actions in copies]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Given:
+    """An answer, and its share of the processor time of its batch [s]."""
+
+    actions: np.ndarray
+    cost_s: float
 
 
 _Asked = tuple[EpisodeStart | None, Observation]
@@ -68,11 +80,13 @@ class _SharedClient:
     """A shared policy as one connection sees it."""
 
     def __init__(
-        self, policy: Policy, collector: BatchCollector[_Asked, np.ndarray], deadline: Deadline | None = None
+        self, policy: Policy, collector: BatchCollector[_Asked, _Given], deadline: Deadline | None = None
     ) -> None:
         self.info = policy.info
         self._policy, self._collector, self._deadline = policy, collector, deadline
         self._start: EpisodeStart | None = None
+        self.cost_s = 0.0
+        """Processor time of the messages of this connection so far: its share of the batches it was in [s]."""
 
     @property
     def ready_at(self) -> float:
@@ -87,10 +101,16 @@ class _SharedClient:
         """Return the answer to one observation."""
         start, self._start = self._start, None
         deadline = self._deadline
-        if deadline is None:
-            return self._collector.ask((start, observation))
         try:
-            return self._collector.ask((start, observation), timeout_s=deadline.limit_s, ready_at=lambda: self.ready_at)
+            given = self._collector.ask(
+                (start, observation),
+                timeout_s=None if deadline is None else deadline.limit_s,
+                ready_at=lambda: self.ready_at,
+            )
         except TimeoutError:
+            if deadline is None:
+                raise  # of the policy itself
             deadline.on_hang()
             raise no_answer(deadline.limit_s) from None
+        self.cost_s += given.cost_s
+        return given.actions

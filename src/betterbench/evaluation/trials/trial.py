@@ -21,7 +21,13 @@ from betterbench.episodes import (
 )
 from betterbench.errors import HandshakeError, PolicyKilledError, PolicyUnavailableError, PremiseError, StorageError
 from betterbench.evaluation.planning.plan import Plan, Trial
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy, is_privileged, needs_no_thread
+from betterbench.evaluation.trials.policy_factory import (
+    PolicyFactory,
+    answer_limit_s,
+    close_policy,
+    is_privileged,
+    needs_no_thread,
+)
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
@@ -52,13 +58,16 @@ class RunSettings:
     Attributes:
         run: Folder of the run.
         policy: Address of the policy, as the records name it.
-        envs: Environments that a worker keeps open at once.
+        envs: Environments that a worker keeps open at once, or begins with.
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the process that holds the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
         looks: Looks of objects and rooms.
         known: What the server of the policy said when the run began; None where there is no server, or the run's own.
         world: The foreign world in which the trials are run, or None for ours.
+        most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
+        workers: Workers of the run, which share the memory of their machine.
+        trials: Trials that are left when the run begins, at most; 0 where that is not known.
     """
 
     run: str
@@ -74,6 +83,9 @@ class RunSettings:
     looks: Looks = "seen"
     known: PolicyInfo | None = None
     world: WorldSettings | None = None
+    most_envs: int = 0
+    workers: int = 1
+    trials: int = 0
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
@@ -96,6 +108,11 @@ class RunSettings:
         """Address at which a worker asks the policy."""
         return self.served_at or self.policy
 
+    @property
+    def answer_limit_s(self) -> float:
+        """Deadline of one answer [s]: that of a server's address, or of a policy of this run."""
+        return answer_limit_s(self.policy, self.policy_timeout_s)
+
 
 class TrialRunner:
     """What the trials of one worker share."""
@@ -115,7 +132,7 @@ class TrialRunner:
         self.info: PolicyInfo = self.policies.check(settings.action_space, settings.observation)
         images = settings.observation if self.info.needs_images else "state_only"
         shown = observation_spec(images).only(self.info.cameras)
-        self._observer = Observer(shown, renderers=settings.envs + _SPARE_RENDERERS)
+        self._observer = Observer(shown, renderers=max(settings.envs, settings.most_envs) + _SPARE_RENDERERS)
         self._processes = WorldProcesses(() if settings.world is None else settings.world.command)
 
     def steps(self, trial: Trial) -> TrialSteps:

@@ -42,6 +42,14 @@ class WorkerProcess:
     alone: bool = False  # its one trial was in a process that died
     lost: bool = False  # its end of the pipe is closed
     ready: bool = False  # it has loaded what it needs
+    envs: int = 1  # trials that it can run at once, which it tells
+
+
+@dataclass(frozen=True, slots=True)
+class OpenEnvironments:
+    """A message of a worker process: how many trials it can run at once from now on."""
+
+    envs: int
 
 
 class WorkerPool:
@@ -120,10 +128,10 @@ class WorkerPool:
                 worker.alone = True
                 self._send(worker, self._ledger.take_suspect())
         left = self._ledger.waiting + sum(len(worker.trials) for worker in self._processes)
-        room = even_share(left, max(1, len(self._processes)), self._settings.envs)
-        for _ in range(room):
+        rooms = {w: even_share(left, max(1, len(self._processes)), w.envs) for w in self._processes}
+        for _ in range(max(rooms.values(), default=0)):
             for worker in self._processes:
-                if not worker.alone and not worker.lost and len(worker.trials) < room:
+                if not worker.alone and not worker.lost and len(worker.trials) < rooms[worker]:
                     for trial in self._ledger.take(1):
                         self._send(worker, trial)
 
@@ -143,6 +151,9 @@ class WorkerPool:
                     raise message
                 if message is None:
                     worker.ready, self._failed_starts = True, 0
+                    continue
+                if isinstance(message, OpenEnvironments):
+                    worker.envs = message.envs
                     continue
                 worker.trials.pop(message.key, None)
                 worker.alone = False
@@ -192,7 +203,7 @@ def start_worker(settings: RunSettings) -> WorkerProcess:
     with interrupts_blocked():
         process.start()
     theirs.close()
-    return WorkerProcess(process, ours)
+    return WorkerProcess(process, ours, envs=settings.envs)
 
 
 @contextlib.contextmanager
@@ -215,7 +226,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
         try:
             with Worker(settings) as worker:
                 connection.send(None)
-                _take_and_send(worker, settings.envs, connection)
+                _take_and_send(worker, connection)
         except PolicyProcessError as problem:  # there may be memory for fewer instances
             logger.warning("%s", problem)
             raise SystemExit(1) from None
@@ -223,14 +234,18 @@ def work(settings: RunSettings, connection: Connection) -> None:
             connection.send(problem)
 
 
-def _take_and_send(worker: Worker, envs: int, connection: Connection) -> None:
+def _take_and_send(worker: Worker, connection: Connection) -> None:
+    envs = worker.envs
     while True:
-        while worker.free and connection.poll(None if worker.free == envs else 0.0):
+        while worker.free and connection.poll(0.0 if worker.busy else None):
             trial = connection.recv()
             if trial is None:
                 return
             worker.start(trial)
         for entry in worker.finished(_TURN_S):
             connection.send(entry)
+        if worker.envs != envs:
+            envs = worker.envs
+            connection.send(OpenEnvironments(envs))
         if worker.problem is not None:
             raise worker.problem

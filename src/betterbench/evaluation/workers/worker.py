@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import math
+import os
 import queue
 import threading
 import time
@@ -14,27 +16,38 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.episodes import Question, Reply
-from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError, one_line
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
-from betterbench.interface import BatchPolicy, Policy
+from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, EnvironmentCount
+from betterbench.evaluation.workers.memory import room_for, used_bytes
+from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.recording import JournalEntry
 from betterbench.tasks import TrialId
 
+logger = logging.getLogger(__name__)
+
 USUAL_ENVS = 8
-"""Environments per worker for a policy that answers from another process: while some wait, the others are simulated.
-With two workers, two cameras and a server that takes 100 ms, a run with 4 environments took 1.49 times as long as the
-simulation alone, and with 8 it took 1.03 times as long."""
+"""Environments with which a worker begins for a policy that answers from another process: while some wait, the others
+are simulated. A warm-up then chooses the number (:mod:`betterbench.evaluation.workers.environment_count`)."""
+
+WORLD_ENVS = 2
+"""The same in a foreign world, where every environment is a process with a simulator that takes far longer."""
 
 MOST_WAITING = 32
-"""Environments of all workers together unless more are asked for: a server that answers one question at a time, in
-0.3 s, then answers the last one in its queue within 10 s, before the deadline."""
+"""Environments of all workers together at the beginning: a server that answers one question at a time, in 0.3 s, then
+answers the last one in its queue within 10 s, before the deadline."""
+
+MOST_CHOSEN = 96
+"""Environments of all workers together that a warm-up chooses at most: ``better serve`` takes 128 connections."""
 
 MAX_ENVS = 256
+
+_DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
 """How long the threads of the policies may take to end [s]."""
@@ -52,8 +65,20 @@ def usual_envs(policies: PolicyFactory) -> int:
 
 
 def fair_envs(envs: int, workers: int) -> int:
-    """Return how many environments each of several workers keeps open where one worker alone would keep ``envs``."""
+    """Return with how many environments each of several workers begins where one worker alone would with ``envs``."""
     return max(1, min(envs, MOST_WAITING // workers))
+
+
+def envs_between(envs: int, workers: int, *, foreign: bool = False) -> tuple[int, int]:
+    """Return with how many environments each of several workers begins, and how many a warm-up may choose.
+
+    ``envs`` is the usual number of one worker alone. A policy of which each environment has an instance of its own
+    stays at 1: instances may hold weights.
+    """
+    if envs == 1:
+        return 1, 1
+    first = fair_envs(WORLD_ENVS if foreign else envs, workers)
+    return first, max(first, min(MAX_ENVS, MOST_CHOSEN // workers))
 
 
 def even_share(left: int, workers: int, envs: int) -> int:
@@ -79,6 +104,8 @@ class _Slot:
     outcome: Reply | BaseException | None = None  # of the last question, until the trial takes it
     waits: bool = False  # the trial can do nothing before the outcome is there
     figures: Mapping[str, float] = field(default_factory=dict)  # what the policy counts about its connection
+    wire_s: float = 0.0  # processor time of the messages of the trial
+    connecting: bool = False  # a further environment, which takes no trial before its policy has been reached
 
 
 class Worker:
@@ -101,10 +128,21 @@ class Worker:
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
+        self._idle_s = 0.0  # since the last trial ended
+        self._ended = 0  # trials
+        used = used_bytes() if settings.most_envs > settings.envs else 0
+        self._count = EnvironmentCount(
+            settings.envs,
+            max(settings.envs, settings.most_envs),
+            longest_queue_s=min(LONGEST_QUEUE_S, settings.answer_limit_s / 3.0),
+            room=lambda envs: room_for(envs, used_before=used, sharing=min(settings.workers, os.cpu_count() or 1)),
+            left=lambda: math.ceil(settings.trials / settings.workers) - self._ended,
+        )
         self._ready: deque[_Slot] = deque()
         self._outbox: queue.SimpleQueue[Answered] = queue.SimpleQueue()
         self._numbers = itertools.count()
         self._stop: BetterError | None = None
+        self._leaving: list[PolicyThread] = []  # threads of environments that were closed
 
     def __enter__(self) -> Self:
         return self
@@ -115,9 +153,19 @@ class Worker:
         self.close()
 
     @property
+    def envs(self) -> int:
+        """Number of environments that are kept open: as settled, or as the warm-up has chosen."""
+        return self._count.number
+
+    @property
+    def busy(self) -> bool:
+        """Whether a trial is under way."""
+        return any(slot.steps is not None for slot in self._slots)
+
+    @property
     def free(self) -> int:
-        """Number of environments without a trial."""
-        return sum(slot.steps is None for slot in self._slots)
+        """Number of environments that can take a trial."""
+        return sum(slot.steps is None and not slot.connecting for slot in self._slots)
 
     @property
     def problem(self) -> BetterError | None:
@@ -127,9 +175,10 @@ class Worker:
     def start(self, trial: Trial) -> None:
         """Take a trial, which :meth:`finished` runs; InvalidInputError if no environment is free."""
         for slot in self._slots:
-            if slot.steps is None:
+            if slot.steps is None and not slot.connecting:
                 slot.steps, slot.trial = self._trial_runner.steps(trial), trial.id
-                slot.ticket, slot.outcome, slot.waits, slot.figures = -1, None, False, {}
+                slot.ticket, slot.outcome, slot.waits, slot.figures, slot.wire_s = -1, None, False, {}, 0.0
+                slot.question = None
                 self._ready.append(slot)
                 return
         raise InvalidInputError("trial", "no environment of the worker is free", "Check `free` first")
@@ -154,17 +203,18 @@ class Worker:
                 entry = self._advance(self._ready.popleft())
                 ended += [] if entry is None else [entry]
             else:
-                left = until - time.perf_counter()
-                if left <= 0.0 or self.free == len(self._slots):
+                now = time.perf_counter()
+                if until <= now or not self.busy:
                     break
-                self._collect(left)
+                self._collect(until - now)
+                self._idle_s += time.perf_counter() - now
             if time.perf_counter() >= until:
                 break
         return ended
 
     def close(self) -> None:
         """Drop the trials that have not ended, and close the policy, unless it hangs."""
-        threads = []
+        threads, self._leaving = self._leaving, []
         for slot in self._slots:
             if slot.steps is not None:
                 slot.steps.close()
@@ -190,6 +240,16 @@ class Worker:
         if steps is None:
             return None
         given, slot.outcome, slot.waits = slot.outcome, None, False
+        began, on_setup = time.perf_counter(), slot.question is None
+        try:
+            return self._advance_steps(slot, steps, given)
+        finally:
+            self._count.worked(time.perf_counter() - began, on_setup=on_setup)
+            self._resize()
+
+    def _advance_steps(
+        self, slot: _Slot, steps: TrialSteps, given: Reply | BaseException | None
+    ) -> JournalEntry | None:
         stop: BetterError | None = None
         try:
             while True:
@@ -208,10 +268,44 @@ class Worker:
         except StopIteration as end:
             entry: JournalEntry = end.value
         slot.steps, slot.ticket = None, -1
+        self._ended += 1
         if entry.message is not None and slot.thread is not None:
             slot.thread.distrust()  # the fault may have been found here, as that of an action of the wrong shape
         self._stop = self._stop or stop
-        return replace(entry, wall={**entry.wall, **slot.figures}) if slot.figures else entry
+        if not self._threaded:
+            return entry
+        idle_s, self._idle_s = self._idle_s, 0.0
+        loop = {"wire_s": round(slot.wire_s, 6), "idle_s": round(idle_s, 6), "envs": float(self.envs)}
+        return replace(entry, wall={**entry.wall, **slot.figures, **loop})
+
+    def _resize(self) -> None:
+        """Open further environments, or close free ones, until there are as many as were chosen."""
+        surplus = len(self._slots) - self._count.number
+        if surplus > 0:
+            for slot in [s for s in self._slots if s.steps is None and not s.connecting][:surplus]:
+                self._slots.remove(slot)
+                if slot.thread is not None:
+                    slot.thread.dismiss()
+                    self._leaving.append(slot.thread)
+        for _ in range(-surplus):
+            slot = _Slot(connecting=True)
+            self._slots.append(slot)
+            slot.thread = self._new_thread()
+            slot.ticket = slot.thread.connect()
+
+    def _connected(self, slot: _Slot, outcome: Reply | BaseException | None) -> None:
+        """Take a further environment into use; if the policy does not take its connection, do with those there are."""
+        slot.connecting = False
+        if isinstance(outcome, BaseException):
+            logger.warning(
+                "the policy takes no further connection (%s); this worker goes on with those it has",
+                one_line(str(outcome)),
+            )
+            self._slots.remove(slot)
+            if slot.thread is not None:
+                slot.thread.dismiss()
+                self._leaving.append(slot.thread)
+            self._count.limit(sum(not s.connecting for s in self._slots))
 
     def _collect(self, timeout_s: float) -> None:
         """Wait for an answer, take all that have come, and note which trials can go on."""
@@ -231,23 +325,39 @@ class Worker:
     def _note(self, answered: Answered) -> None:
         for slot in self._slots:
             if slot.ticket == answered.ticket:
-                slot.ticket, slot.outcome = -1, answered.outcome
-                slot.figures = answered.figures
+                slot.ticket = -1
+                if slot.connecting:
+                    self._connected(slot, answered.outcome)
+                    return
+                clean = not any(answered.figures.get(k, 0.0) > slot.figures.get(k, 0.0) for k in _DISTURBED)
+                slot.outcome, slot.figures = answered.outcome, answered.figures
+                slot.wire_s += answered.wire_s
+                if slot.question is not None and isinstance(slot.question.seen, Observation):
+                    self._count_answer(slot, answered.outcome, clean=clean)
                 if slot.waits:
                     self._ready.append(slot)
                 return
         # Otherwise the trial of the question has ended, or its deadline has passed.
+
+    def _count_answer(self, slot: _Slot, outcome: Reply | BaseException | None, *, clean: bool) -> None:
+        if isinstance(outcome, Reply):
+            self._count.answered(
+                id(slot), asked_at=slot.asked_at, now=time.perf_counter(), took_s=outcome.took_s, clean=clean
+            )
 
     def _ask(self, slot: _Slot, question: Question) -> None:
         """Put a question to the policy, in the thread of the environment."""
         if slot.trial is None:
             raise AssertionError("only a trial asks")
         if slot.thread is None:
-            make = self._share if self._trial_runner.policies.takes_batches else self._trial_runner.policies.take
-            client = is_remote(self._settings.asked)
-            slot.thread = PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
+            slot.thread = self._new_thread()
         slot.question, slot.asked_at, slot.outcome = question, time.perf_counter(), None
         slot.ticket = slot.thread.ask(question.seen, slot.trial)
+
+    def _new_thread(self) -> PolicyThread:
+        make = self._share if self._trial_runner.policies.takes_batches else self._trial_runner.policies.take
+        client = is_remote(self._settings.asked)
+        return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
         """Return the shared instance as one environment sees it; called in the threads of the environments."""

@@ -1,0 +1,173 @@
+"""How many environments a worker keeps open while its policy answers, from what a warm-up of the run measures.
+
+A worker with n environments is a closed queue: a chunk takes the worker S seconds, and the policy L seconds meanwhile.
+With fewer than the knee, (L + S) / S, the worker waits; near it, fluctuations still cost a quarter to a third. So about
+twice the knee are opened, if the policy can take them: a server that answers one question at a time only gets a longer
+queue, which is noticed by its throughput. Records do not depend on the number.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+
+logger = logging.getLogger(__name__)
+
+KNEES = 2.5
+"""Environments that are opened, in multiples of the knee."""
+
+LONGEST_QUEUE_S = 10.0
+"""Time in which the last of all requests under way has to be answered even by a server that answers one at a time [s]:
+a third of the usual deadline."""
+
+_ANSWERS = 16  # of a window at least
+_ANSWERS_PER_ENVIRONMENT = 2.0
+_WINDOW_S = 0.2
+_PRESENT = 0.75  # share of the number that has been answered when a window begins; trials are shared out evenly
+_ENOUGH = 1.25  # no change for a number that is larger by less
+_GAIN = 1.2  # of the throughput, by which three times as many environments have to pay
+_IDLE = 0.15  # share of its time that a worker waits, below which more environments cannot pay
+_UNHINDERED = 1.5  # latency in multiples of the least one, up to which the server takes all questions at once
+_STEP = 3  # times as many environments are tried at once where the server has a queue
+_LEFT_OVER = 1.5  # times as many environments are opened where that leaves no trial over
+_LONGEST_MEMORY = 64  # of the answers whose times count
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """What was measured with one number of environments.
+
+    Attributes:
+        envs: The number.
+        latency_s: Median time of an answer [s].
+        worker_s: Mean time that the worker spends on a chunk: physics, images and record [s].
+        rate: Answers per second of the time in which no trial was set up.
+    """
+
+    envs: int
+    latency_s: float
+    worker_s: float
+    rate: float
+
+    @property
+    def wanted(self) -> int:
+        """Environments with which the worker never waits: about twice the knee."""
+        return math.ceil(KNEES * (self.latency_s + self.worker_s) / max(self.worker_s, 1e-6))
+
+    @property
+    def idle(self) -> float:
+        """Share of its time that the worker waited."""
+        return max(0.0, 1.0 - self.rate * self.worker_s)
+
+
+class EnvironmentCount:
+    """Chooses the number of environments of one worker.
+
+    It begins with ``first``. What was asked before the first answer came does not count, because a server may compile
+    its model then, nor does an answer for which a connection was made again. As soon as most environments have been
+    answered, a window of answers is measured and the number is set; another window shows whether that paid, and if not
+    the number goes back.
+    """
+
+    def __init__(
+        self,
+        first: int,
+        most: int,
+        *,
+        longest_queue_s: float = LONGEST_QUEUE_S,
+        room: Callable[[int], int] = lambda _: 1_000_000,
+        left: Callable[[], int] = lambda: 1_000_000,
+    ) -> None:
+        """Begin.
+
+        ``room`` is given the number of now and returns how many the memory has room for; ``left`` returns how many
+        trials there are left for this worker, with those under way.
+        """
+        self.number = first
+        self.settled = most <= first
+        self._most, self._longest_queue_s = most, longest_queue_s
+        self._room, self._left = room, left
+        self._first_answer: float | None = None
+        self._least_s = math.inf
+        self._answered: set[int] = set()  # environments that have been answered with this number
+        self._before: Window | None = None
+        self._open_window()
+
+    def _open_window(self) -> None:
+        self._began: float | None = None
+        self._latencies: list[float] = []
+        self._worked_s = self._set_up_s = 0.0
+        self._answered = set()
+
+    def worked(self, seconds: float, *, on_setup: bool) -> None:
+        """Note that the worker has worked for so long, on setting a trial up or on a chunk [s]."""
+        if on_setup:
+            self._set_up_s += seconds
+        else:
+            self._worked_s += seconds
+
+    def answered(self, environment: int, *, asked_at: float, now: float, took_s: float, clean: bool) -> None:
+        """Note an answer to an observation.
+
+        Args:
+            environment: The number of the environment that had asked.
+            asked_at: When it had asked, and ``now``, on one clock [s].
+            now: When the answer came [s].
+            took_s: Time from question to answer [s].
+            clean: Whether it came without a retry or another connection.
+        """
+        if self.settled:
+            return
+        if self._first_answer is None:
+            self._first_answer = now
+            return
+        if asked_at < self._first_answer or not clean:
+            return
+        self._least_s = min(self._least_s, took_s)
+        if self._began is None:
+            self._answered.add(environment)
+            if len(self._answered) >= _PRESENT * self.number:
+                self._began, self._worked_s, self._set_up_s = now, 0.0, 0.0
+            return
+        self._latencies.append(took_s)
+        elapsed_s = now - self._began - self._set_up_s
+        if len(self._latencies) >= max(_ANSWERS, _ANSWERS_PER_ENVIRONMENT * self.number) and elapsed_s >= _WINDOW_S:
+            count = len(self._latencies)
+            latency_s = statistics.median(self._latencies[-_LONGEST_MEMORY:])
+            self._decide(Window(self.number, latency_s, self._worked_s / count, count / elapsed_s))
+            self._open_window()
+
+    def limit(self, most: int) -> None:
+        """Go back to so many at most, for good: the policy did not take more."""
+        self.number, self._most, self.settled = min(self.number, max(1, most)), max(1, most), True
+
+    def _decide(self, window: Window) -> None:
+        before, self._before = self._before, window
+        if before is not None and window.rate < _GAIN * before.rate and window.idle > _IDLE:
+            # The worker still waits, and the policy has given no more answers: it has as many questions as it can take.
+            self.number, self.settled = before.envs, True
+            return
+        goal, left = window.wanted, self._left()
+        if window.latency_s > _UNHINDERED * self._least_s:
+            goal = min(goal, _STEP * window.envs)  # the server may have a queue already
+        if goal < left <= _LEFT_OVER * goal:
+            goal = left  # a few trials that are left over would wait for their answers at the end, alone
+        goal = min(goal, self._most)
+        # Were the server to answer one question after the other, the latency would grow like their number.
+        goal = min(goal, int(window.envs * self._longest_queue_s / max(window.latency_s, 1e-6)))
+        if goal > window.envs:
+            goal = min(goal, self._room(window.envs))
+        if goal < _ENOUGH * window.envs:
+            self.settled = True
+            return
+        self.number = goal
+        logger.info(
+            "an answer takes %.0f ms and a chunk %.1f ms of this worker: %d environments instead of %d",
+            1e3 * window.latency_s,
+            1e3 * window.worker_s,
+            goal,
+            window.envs,
+        )
