@@ -33,7 +33,6 @@ PACKAGES = (
     "deepdiff==8.6.2",
     "diffusers==0.35.2",
     "dill==0.4.1",
-    "docopt==0.6.2",
     "draccus==0.10.0",
     "einops==0.8.2",
     "fsspec==2026.2.0",
