@@ -30,13 +30,34 @@ from lerobot.envs.utils import preprocess_observation
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+from lerobot.policies.smolvla.configuration_smolvla import SmolVLAConfig
+from lerobot.policies.tdmpc.configuration_tdmpc import TDMPCConfig
+from lerobot.policies.vqbet.configuration_vqbet import VQBeTConfig
+from lerobot.policies.xvla.configuration_xvla import XVLAConfig
+from safetensors.torch import load_file, save_file
+from tokenizers import Tokenizer
+from tokenizers.models import WordLevel
+from tokenizers.pre_tokenizers import Whitespace
+from transformers import (
+    PreTrainedTokenizerFast,
+    SmolVLMConfig,
+    SmolVLMImageProcessor,
+    SmolVLMProcessor,
+    SmolVLMVideoProcessor,
+)
 
-from betterbench.errors import BetterError, HandshakeError, InvalidInputError, UnknownNameError
+from betterbench.errors import (
+    BetterError,
+    HandshakeError,
+    InvalidInputError,
+    MissingDependencyError,
+    UnknownNameError,
+)
 from betterbench.evaluation import check_policy, evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
 from betterbench.policies import checkpoint as checkpoint_module
 from betterbench.policies import lerobot as lerobot_module
-from betterbench.policies import policy_process
+from betterbench.policies import lerobot_types, policy_process
 from betterbench.policies.connect import connect
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
@@ -361,7 +382,10 @@ def test_an_unknown_image_is_named_by_the_address(tmp_path):
         (lambda f: (f / "policy_preprocessor.json").unlink(), "the normalization of its numbers is not known"),
         (lambda f: (f / "config.json").write_text("{"), "config.json cannot be read"),
         (lambda f: (f / "config.json").write_text("[]"), "names no type of policy"),
-        (lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'), "LeRobot cannot load it"),
+        (
+            lambda f: (f / "config.json").write_text('{"type": "no_such_type"}'),
+            "type 'no_such_type' is not known to LeRobot",
+        ),
         (lambda f: (f / "config.json").unlink(), "holds no config.json"),
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
@@ -389,3 +413,202 @@ def test_a_checkpoint_that_cannot_be_fetched_is_one_clear_line():
 def test_an_unknown_option_is_answered_with_the_closest(act):
     with pytest.raises(UnknownNameError, match="Did you mean 'device'"):
         connect(f"lerobot:{act}?devise=cpu")
+
+
+# ------------------------------------------------------------------------------------------------ the types of policies
+
+
+def vqbet_config():
+    return VQBeTConfig(
+        **features(),
+        n_obs_steps=2,
+        n_action_pred_token=2,
+        action_chunk_size=3,
+        crop_shape=(84, 84),
+        pretrained_backbone_weights=None,
+        spatial_softmax_num_keypoints=4,
+        gpt_input_dim=32,
+        gpt_output_dim=32,
+        gpt_hidden_dim=32,
+        gpt_n_layer=1,
+        gpt_n_head=2,
+        vqvae_n_embed=4,
+        vqvae_embedding_dim=16,
+        vqvae_enc_hidden_dim=16,
+        device="cpu",
+    )
+
+
+def tdmpc_config():
+    # LeRobot 0.4.4 itself plays a TD-MPC only if its image has this name.
+    given = features()
+    inputs = given["input_features"]
+    given["input_features"] = {"observation.image": inputs.pop("observation.images.front"), **inputs}
+    return TDMPCConfig(
+        **given,
+        horizon=2,
+        n_action_steps=1,
+        image_encoder_hidden_dim=8,
+        state_encoder_hidden_dim=16,
+        latent_dim=8,
+        mlp_dim=16,
+        n_gaussian_samples=8,
+        n_pi_samples=2,
+        n_elites=4,
+        cem_iterations=1,
+        device="cpu",
+    )
+
+
+def tokenizer_in(folder):
+    """Write a tokenizer with a handful of words, in place of one that would be fetched."""
+    special = {
+        "fake_image_token": "<fake>",
+        "image_token": "<image>",
+        "global_image_token": "<global>",
+        "end_of_utterance_token": "<end>",
+    }
+    words = ["<pad>", "<s>", "</s>", "<unk>", *special.values(), "pack", "the", "apple"]
+    named = {"pad_token": "<pad>", "bos_token": "<s>", "eos_token": "</s>", "unk_token": "<unk>"}
+    made = Tokenizer(WordLevel({word: i for i, word in enumerate(words)}, named["unk_token"]))
+    made.pre_tokenizer = Whitespace()
+    tokenizer = PreTrainedTokenizerFast(tokenizer_object=made, **named, extra_special_tokens=special)
+    tokenizer.save_pretrained(folder)
+    return tokenizer
+
+
+def smolvla_config(folder):
+    text = {"vocab_size": 64, "hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 2, "head_dim": 16}
+    text |= {"model_type": "llama", "num_attention_heads": 2, "num_key_value_heads": 2, "pad_token_id": 0}
+    vision = {"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 1, "num_attention_heads": 2}
+    vision |= {"image_size": 64, "patch_size": 16}
+    SmolVLMConfig(text_config=text, vision_config=vision, image_token_id=5, scale_factor=2).save_pretrained(folder)
+    parts = {"image_processor": SmolVLMImageProcessor(), "video_processor": SmolVLMVideoProcessor()}
+    SmolVLMProcessor(tokenizer=tokenizer_in(folder), image_seq_len=4, **parts).save_pretrained(folder)
+    return SmolVLAConfig(
+        **features(),
+        vlm_model_name=str(folder),
+        num_vlm_layers=2,
+        load_vlm_weights=False,
+        chunk_size=8,
+        n_action_steps=4,
+        num_steps=2,
+        resize_imgs_with_padding=(64, 64),
+        device="cpu",
+    )
+
+
+def xvla_config(folder):
+    tokenizer_in(folder)
+    text = {"vocab_size": 64, "d_model": 32, "encoder_layers": 1, "decoder_layers": 1, "max_position_embeddings": 128}
+    text |= {
+        f"{side}_{name}": n for side in ("encoder", "decoder") for name, n in (("attention_heads", 2), ("ffn_dim", 32))
+    }
+    vision = {
+        "model_type": "davit",
+        "dim_embed": [16, 16, 16, 32],
+        "num_heads": [1, 1, 1, 2],
+        "num_groups": [1, 1, 1, 2],
+    }
+    vision |= {"depths": [1, 1, 1, 1], "patch_size": [7, 3, 3, 3], "patch_stride": [4, 2, 2, 2], "window_size": 12}
+    vision |= {"patch_padding": [3, 1, 1, 1], "patch_prenorm": [False, True, True, True], "projection_dim": 32}
+    vision |= {"visual_temporal_embedding": {"type": "COSINE", "max_temporal_embeddings": 100}}
+    vision |= {"image_pos_embed": {"type": "learned_abs_2d", "max_pos_embeddings": 50}}
+    vision |= {"image_feature_source": ["spatial_avg_pool", "temporal_avg_pool"]}
+    return XVLAConfig(
+        **features(),
+        florence_config={"text_config": text, "vision_config": vision, "projection_dim": 32, "vocab_size": 64},
+        tokenizer_name=str(folder),
+        tokenizer_max_length=16,
+        resize_imgs_with_padding=(224, 224),
+        hidden_size=32,
+        depth=1,
+        num_heads=2,
+        len_soft_prompts=2,
+        num_denoising_steps=2,
+        action_mode="auto",
+        chunk_size=8,
+        n_action_steps=4,
+        device="cpu",
+    )
+
+
+def with_every_weight(folder):
+    """Draw the weights that a model of this make leaves as the memory was (X-VLA's image projection)."""
+    file = folder / "model.safetensors"
+    weights = load_file(file)
+    torch.manual_seed(3)
+    for name in ("model.vlm.image_projection",):
+        weights[name] = 0.02 * torch.randn_like(weights[name])
+    save_file(weights, file, metadata={"format": "pt"})
+    return folder
+
+
+@pytest.mark.parametrize("make", [vqbet_config, tdmpc_config])
+def test_types_with_a_memory_are_asked_at_every_step(tmp_path, make):
+    folder = save(make(), tmp_path / "pretrained_model")
+    answers = []
+    for _ in range(2):
+        policy = connect(f"lerobot:{folder}")
+        policy.reset(START)
+        answers.append([policy.act(seen(step=step, seed=step)) for step in range(3)])
+    assert np.shape(answers) == (2, 3, 1, 7)
+    assert np.isfinite(answers).all()
+    assert np.allclose(*answers)
+    assert policy.info.metadata["policy type"] == make().type
+
+
+def test_a_small_smolvla_answers_chunks_to_many_at_once(tmp_path):
+    folder = save(smolvla_config(tmp_path / "backbone"), tmp_path / "pretrained_model")
+    policy = connect(f"lerobot:{folder}")
+    assert isinstance(policy, BatchPolicy)
+    policy.reset(START)
+    alone = [policy.act(seen(seed=seed)) for seed in range(3)]
+    together = policy.act_batch([seen(seed=seed) for seed in range(3)])
+    assert np.shape(alone) == (3, 8, 7)
+    assert np.allclose(alone, together, atol=1e-4)
+    assert not np.allclose(alone[0], alone[1], atol=1e-3)
+
+
+def test_a_small_x_vla_is_asked_at_every_step(tmp_path):
+    folder = with_every_weight(save(xvla_config(tmp_path / "tokenizer"), tmp_path / "pretrained_model"))
+    answers = []
+    for _ in range(2):
+        policy = connect(f"lerobot:{folder}")
+        policy.reset(START)
+        answers.append([policy.act(seen(step=step)) for step in range(2)])
+    assert np.shape(answers) == (2, 2, 1, 7)
+    assert np.isfinite(answers).all()
+    assert np.allclose(*answers)
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("wall_x", r"type wall_x, which needs .*qwen_vl_utils\. Run pip install 'lerobot\[wallx\]'"),
+        ("groot", r"type groot, which needs peft, timm\. Run pip install 'lerobot\[groot\]'"),
+    ],
+)
+def test_a_type_whose_packages_are_missing_names_its_extra(act, tmp_path, kind, text):
+    folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text(json.dumps({"type": kind})))
+    with pytest.raises(MissingDependencyError, match=text):
+        connect(f"lerobot:{folder}")
+
+
+def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypatch):
+    monkeypatch.setitem(lerobot_types.POLICY_TYPES, "pi0", lerobot_types.Needs("pi", ("no_such_module",)))
+    folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text('{"type": "pi0"}'))
+    with pytest.raises(MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: take LeRobot 0\.6"):
+        connect(f"lerobot:{folder}")
+
+
+@pytest.mark.parametrize("kind", ["sarm", "reward_classifier"])
+def test_a_reward_model_is_not_a_policy(act, tmp_path, kind):
+    folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text(json.dumps({"type": kind})))
+    with pytest.raises(InvalidInputError, match=f"{kind}, a reward model without actions"):
+        connect(f"lerobot:{folder}")
+
+
+def test_every_type_of_this_release_is_described():
+    known = set(PreTrainedConfig.get_known_choices()) - set(lerobot_types.REWARD_MODELS)
+    assert known - {"sac"} <= set(lerobot_types.POLICY_TYPES)

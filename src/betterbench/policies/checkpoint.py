@@ -20,6 +20,7 @@ import numpy as np
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
 from betterbench.json_form import parse_json
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.lerobot_types import require_type
 
 _PREPROCESSOR = "policy_preprocessor.json"
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
@@ -89,7 +90,12 @@ class Checkpoint:
         try:
             # LeRobot announces what it loads on stdout, which belongs to the tables of the command line.
             with contextlib.redirect_stdout(sys.stderr):
+                _import("lerobot.policies")  # registers the types
+                known = configs.PreTrainedConfig.get_known_choices()
+                if kind := _told_type(path):
+                    require_type(kind, known, where)
                 self.config = configs.PreTrainedConfig.from_pretrained(path)
+                require_type(str(self.config.type), known, where)
                 self._check_config(path, where)
                 self.config.device = self.device
                 # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
@@ -105,8 +111,8 @@ class Checkpoint:
                 )
         except ImportError as error:
             raise MissingDependencyError(
-                f"{where} needs a package that is not installed ({error}). "
-                "Install LeRobot with the extra of its type, such as pip install 'lerobot[smolvla]'."
+                f"{where} needs a package that is not installed ({error}). Install LeRobot with the extra of its type; "
+                "docs/policies.md lists them."
             ) from error
         except BetterError:
             raise
@@ -230,6 +236,13 @@ def _fingerprint(path: str) -> str:
         with file.open("rb") as opened:
             whole.update(hashlib.file_digest(opened, "sha256").digest())
     return whole.hexdigest()
+
+
+def _told_type(path: str) -> str:
+    """Return the type that the configuration in a folder names; an empty text for an id on the hub."""
+    file = Path(path) / "config.json"
+    form = parse_json(file.read_bytes()) if file.is_file() else {}
+    return str(form.get("type", "")) if isinstance(form, dict) else ""
 
 
 def _located(target: str, where: str) -> str:

@@ -3,6 +3,7 @@
 The checkpoint says which images, which state and how many numbers of an action it was trained with; from that comes
 an adapter, unless the address gives one. Normalization is done by the checkpoint's own processors.
 
+Which types of policies there are, and what each of them needs, is said in :mod:`betterbench.policies.lerobot_types`.
 Policies that answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many
 environments, and every answer depends on its observation alone, the noise of the flow policies included. All others
 (diffusion, VQ-BeT, TD-MPC and whatever has a memory of observations) are asked at every step and play their chunks

@@ -1,0 +1,105 @@
+"""The types of policies that LeRobot has, and what each of them needs beside LeRobot itself.
+
+Facts: LeRobot's ``pyproject.toml`` and ``src/lerobot/policies/factory.py``, 0.4.4 and 0.6.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError, MissingDependencyError, one_line
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """What a type needs: the extra of LeRobot that brings it, and modules by which one sees whether it is there."""
+
+    extra: str = ""
+    modules: tuple[str, ...] = ()
+
+
+_PI = Needs("pi", ("transformers", "scipy"))
+
+POLICY_TYPES: Mapping[str, Needs] = {
+    "act": Needs(),
+    "vqbet": Needs(),
+    "tdmpc": Needs(),
+    "diffusion": Needs("diffusion", ("diffusers",)),
+    "multi_task_dit": Needs("multi_task_dit", ("transformers", "diffusers")),
+    "smolvla": Needs("smolvla", ("transformers", "num2words")),
+    "pi0": _PI,
+    "pi05": _PI,
+    "pi0_fast": _PI,
+    "groot": Needs("groot", ("transformers", "peft", "timm")),
+    "xvla": Needs("xvla", ("transformers",)),
+    "wall_x": Needs("wallx", ("transformers", "peft", "torchdiffeq", "qwen_vl_utils")),
+    "molmoact2": Needs("molmoact2", ("transformers", "peft")),
+    "eo1": Needs("eo1", ("transformers", "qwen_vl_utils")),
+    "evo1": Needs("evo1", ("transformers",)),
+    "fastwam": Needs("fastwam", ("transformers", "diffusers")),
+    "vla_jepa": Needs("vla_jepa", ("transformers", "diffusers", "qwen_vl_utils")),
+    "lingbot_va": Needs("lingbot_va", ("transformers", "diffusers", "accelerate")),
+}
+"""Types of policies by name; which of them an installed LeRobot has depends on its release."""
+
+REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
+"""What LeRobot keeps beside its policies, and what answers no actions."""
+
+
+def require_type(kind: str, known: Collection[str], where: str) -> None:
+    """Check that the installed LeRobot can load a type of policy, before anything large is read.
+
+    Args:
+        kind: The type that a checkpoint names.
+        known: The types that the installed LeRobot knows, those of plugins among them.
+        where: What messages call the checkpoint.
+
+    Raises:
+        InvalidInputError: If it is not a policy, or not known.
+        MissingDependencyError: If a package that the type needs is not installed; the text names the extra.
+    """
+    release = _release()
+    if kind in REWARD_MODELS:
+        raise InvalidInputError(where, f"it is of the type {kind}, a reward model without actions", "Name a policy")
+    if kind not in known:
+        listed = ", ".join(_with_extra(name) for name in sorted(set(known) - set(REWARD_MODELS)))
+        raise InvalidInputError(
+            where,
+            f"its type {one_line(kind, most=60)!r} is not known to LeRobot {release}",
+            f"Name a checkpoint of one of these types: {listed}; or install a release that has it",
+        )
+    needs = POLICY_TYPES.get(kind, Needs())
+    missing = [module for module in needs.modules if importlib.util.find_spec(module) is None]
+    if missing:
+        raise MissingDependencyError(
+            f"{where} is of the type {kind}, which needs {', '.join(missing)}. {_install(needs.extra, release)}"
+        )
+
+
+def _with_extra(kind: str) -> str:
+    extra = POLICY_TYPES.get(kind, Needs()).extra
+    return f"{kind} (lerobot[{extra}])" if extra else kind
+
+
+def _install(extra: str, release: str) -> str:
+    """Return how the packages of an extra are installed; not every release has all of them."""
+    try:
+        offered = importlib.metadata.metadata("lerobot").get_all("Provides-Extra") or []
+    except importlib.metadata.PackageNotFoundError:
+        offered = []
+    if offered and extra not in offered:
+        return (
+            f"LeRobot {release} has no extra for it: take LeRobot 0.6 on Python 3.12, pip install 'lerobot[{extra}]', "
+            "or serve the checkpoint from such an environment with better serve lerobot:CHECKPOINT."
+        )
+    return f"Run pip install 'lerobot[{extra}]'."
+
+
+def _release() -> str:
+    try:
+        return importlib.metadata.version("lerobot")
+    except importlib.metadata.PackageNotFoundError:
+        return "(of no release)"
