@@ -457,7 +457,7 @@ def checkout_root(named: Path) -> Path:
             "--calvin-env", f"{named} is the package inside the checkout", f"Give --calvin-env {named.resolve().parent}"
         )
     clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
-    if clone is not None:
+    if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
         raise InvalidInputError(
             "--calvin-env",
             f"{clone} is a clone of mees/calvin whose submodule calvin_env is empty",
