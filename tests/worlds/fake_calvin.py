@@ -4,10 +4,15 @@ Everything of that process is the real one but for ``make_environment``. The env
 ``PlayTableSimEnv``, and a scene in which an action names a subtask, as in tests/calvin/fake_world.py: 100 times its
 first component is the number of the subtask, a negative one does nothing. It runs where betterbench is not installed.
 
-``FAKE_FAULT`` (fake_faults.py) names the yaw of the red block, ``FAKE_ORDER`` the order of the blocks, and
-``FAKE_SHIFT`` how far beside their places blocks come to stand.
+As in PyBullet, something of the steps before is left after a reset, and only a new process is without it.
+
+``FAKE_FAULT`` (fake_faults.py) names the yaw of the red block, ``FAKE_ORDER`` the order of the blocks, ``FAKE_SHIFT``
+how far beside their places blocks come to stand, ``FAKE_EGL`` what becomes of EGL ("dies", "black"), ``FAKE_COMMIT``
+the commit of the checkout, and ``FAKE_MISSING`` a module that the environment lacks.
 """
 
+import contextlib
+import importlib
 import json
 import math
 import os
@@ -57,6 +62,8 @@ class FakeEngine:
 class FakeEnv:
     """The parts of PlayTableSimEnv that are used."""
 
+    left = 0.0
+
     def __init__(self):
         order = (os.environ.get("FAKE_ORDER") or "block_red,block_blue,block_pink").split(",")
         blocks = [Block(self, name) for name in order]
@@ -73,7 +80,9 @@ class FakeEnv:
             SimpleNamespace(name="gripper", width=84, height=84),
         ]
         self.cid, self.p = 0, FakeEngine()
-        self.at, self.place, self.yaw = {}, {}, {}
+        self.at, self.place, self.steps = {}, {name: [0.0, 0.0, 0.0] for name in BODIES}, 0
+        self.yaw = dict.fromkeys(BODIES, 0.0)
+        self.state, self.robot_obs = np.zeros(24), np.zeros(15)
 
     def reset(self, robot_obs, scene_obs):
         assert robot_obs.shape == (15,)
@@ -81,6 +90,7 @@ class FakeEnv:
         assert not self.button.prev_is_pressed
         self.robot.target_pos, self.button.prev_is_pressed = robot_obs[:3], True
         self.robot_obs, self.state = robot_obs.copy(), scene_obs.copy()
+        self.robot_obs[7:14] += FakeEnv.left
         self.steps = 0
         for i, block in enumerate(self.scene.movable_objects):
             x, y, z, _, _, yaw = scene_obs[6 + 6 * i : 12 + 6 * i].tolist()
@@ -103,6 +113,8 @@ class FakeEnv:
     def get_obs(self):
         rng = np.random.default_rng([self.steps, int(abs(self.yaw["block_red"]) * 1e6)])
         sides = {"static": 200, "gripper": 84}
+        if os.environ.get("FAKE_EGL") == "black":
+            rng = SimpleNamespace(integers=lambda _low, _high, shape, dtype: np.zeros(shape, dtype))
         rgb = {f"rgb_{c.name}": rng.integers(0, 256, (sides[c.name],) * 2 + (3,), dtype=np.uint8) for c in self.cameras}
         blocks = [[*self.place[b.name], 0.0, 0.0, self.yaw[b.name]] for b in self.scene.movable_objects]
         scene = np.concatenate([self.state[:6], *blocks])
@@ -152,6 +164,7 @@ class FakeEnv:
         assert action.shape == (7,)
         assert action[6] in (-1, 1)
         self.steps += 1
+        FakeEnv.left += 1e-4
         self.robot_obs[14] = self.robot.gripper_action = action[6]
         self.robot.target_pos = self.robot.target_pos + 0.02 * action[:3]
         number = round(float(action[0]) * 100)
@@ -194,12 +207,24 @@ class FakeEnv:
 class FakeCalvin(CalvinSimulator):
     def make_environment(self):
         print("this is printed to standard output")  # noqa: T201 - what simulators do
+        if self._egl and os.environ.get("FAKE_EGL") == "dies":
+            os.abort()
+        missing = os.environ.get("FAKE_MISSING")
+        if missing:
+            try:
+                importlib.import_module(missing)
+            except ImportError as error:
+                raise RuntimeError("Error locating target 'calvin_env.envs'; see the chained exception") from error
         return FakeEnv()
 
     def versions(self):
-        return {"calvin_env": "0" * 40, "config": "fake"}
+        commit = os.environ.get("FAKE_COMMIT") or "0" * 40
+        return {"calvin_env": commit, "config": "fake", "renderer": "EGL" if self._egl else "TinyRenderer"}
 
 
 def main():
     checkout, config, egl, descriptor = sys.argv[1:]
-    answer_requests(FakeCalvin(Path(checkout), Path(config) if config else None, egl=egl == "egl"), int(descriptor))
+    simulator = FakeCalvin(Path(checkout), Path(config) if config else None, egl=egl == "egl")
+    with contextlib.suppress(Exception):
+        simulator.prepare()
+    answer_requests(simulator, int(descriptor))

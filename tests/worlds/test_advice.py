@@ -57,7 +57,7 @@ WORLDS = pytest.mark.parametrize("planned", [in_libero, in_calvin])
 @pytest.fixture(autouse=True)
 def _worlds_that_only_accept(monkeypatch):
     monkeypatch.setattr(world_plan, "_described", _accept)
-    monkeypatch.setattr(world_plan, "WorldProcess", _accept)
+    monkeypatch.setattr(world_plan, "describe_chains", _accept)
 
 
 def addresses_advised(address: str, message: str) -> list[str]:
@@ -207,8 +207,8 @@ FLAGS = {
         else []
     )
 }  # fmt: skip
-NOT_OURS = {"upgrade", "key", "device", "ahead", "size", "ee_offset"}
-"""Of pip, and where a message repeats what it was given."""
+NOT_OURS = {"upgrade", "key", "device", "ahead", "size", "ee_offset", "python", "init", "recursive"}
+"""Of pip, uv and git, and where a message repeats what it was given."""
 
 
 def advised_in_words(pattern: str) -> set[tuple[str, str]]:

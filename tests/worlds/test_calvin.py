@@ -1,21 +1,31 @@
 """Chains of CALVIN by the runner of betterbench: its process with an environment that has no physics."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from betterbench.across import read_suite_runs, world_table
 from betterbench.calvin import calvin_chains, resampled_start_of, start_of, subtasks
 from betterbench.calvin.resampling import APART_M, TRAINING_RANGE
 from betterbench.calvin.starts import BLOCKS
-from betterbench.errors import InvalidInputError, MissingDependencyError, PremiseError, UnknownNameError
+from betterbench.errors import (
+    InvalidActionError,
+    InvalidInputError,
+    MissingDependencyError,
+    PremiseError,
+    RunConflictError,
+    UnknownNameError,
+)
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import make_plan
 from betterbench.evaluation.planning.world_plan import make_chain_plan
-from betterbench.interface.actions import CALVIN_RELATIVE
-from betterbench.worlds import calvin_command, process
-from betterbench.worlds.calvin import from_euler
+from betterbench.interface.actions import CALVIN_RELATIVE, EE_DELTA
+from betterbench.recording import RunFolder
+from betterbench.worlds import WorldProcesses, calvin_command, process
+from betterbench.worlds.calvin import checkout_root, from_euler
 from betterbench.worlds.registry import start_code
 
 POLICY = """
@@ -41,6 +51,25 @@ class Reads:
 """
 
 
+FAR = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class Far:
+    info = PolicyInfo("far", action_space="calvin_relative")
+    def reset(self, start):
+        pass
+    def act(self, seen):
+        return np.array([-1.8, 0, 0, 0, 0, 0, 1.0])
+"""
+
+
+def _scene(world, processes, number):
+    return world.open_scene(
+        processes, task="calvin", condition="base", seed=number, action_space=CALVIN_RELATIVE, images=False
+    )
+
+
 @pytest.fixture(scope="module")
 def command():
     folder = str(Path(__file__).parent)
@@ -56,7 +85,8 @@ def plan_of(command, tmp_path_factory):
         file = folder / f"reads{len(cannot)}.py"
         file.write_text(f"CANNOT = {set(cannot) or 'set()'}\n{POLICY}")
         options = {"trials": 3, **options}
-        return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, command=command, **options)
+        options.setdefault("command", command)
+        return make_chain_plan(options.pop("policy", f"python:{file}:Reads"), suite=suite, **options)
 
     return plan
 
@@ -97,9 +127,122 @@ def test_a_chain_ends_with_the_first_subtask_that_takes_too_long(plan_of, tmp_pa
 
 
 def test_results_do_not_depend_on_environments_or_the_trials_before(plan_of, tmp_path, undisturbed):
+    """The stand-in keeps something of a chain until its process ends, as PyBullet does."""
     assert _bytes(undisturbed) == _bytes(evaluate(plan_of(), tmp_path / "side by side", workers=1, envs=2))
     alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone", workers=1, envs=1))
     assert alone.items() <= _bytes(undisturbed).items()
+
+
+def test_results_do_not_depend_on_the_order_of_the_chains(plan_of, tmp_path, undisturbed):
+    plan = plan_of()
+    run = evaluate(replace(plan, trials=plan.trials[::-1]), tmp_path / "backwards", workers=1, envs=1)
+    assert _bytes(run) == _bytes(undisturbed)
+
+
+def test_a_run_that_goes_on_later_has_the_records_of_one_that_was_not_interrupted(plan_of, tmp_path, undisturbed):
+    evaluate(plan_of(trials=1), tmp_path / "run", workers=1, envs=1)
+    assert _bytes(evaluate(plan_of(), tmp_path / "run", workers=1, envs=1)) == _bytes(undisturbed)
+
+
+def test_a_chain_that_is_begun_again_is_in_a_new_process(plan_of):
+    """As after the death of the policy: the runner resets the same scene."""
+    world = plan_of(trials=1).world
+    processes = WorldProcesses(world.command)
+    scene = _scene(world, processes, 0)
+    rows, ids = [], []
+    for _ in range(2):
+        scene.reset()
+        ids.append(scene._process.pid)
+        rows.append([scene.simulator_state()["qpos"]])
+        for _ in range(3):
+            scene.step(np.array([-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]))
+            rows[-1].append(scene.simulator_state()["qpos"])
+    assert np.array_equal(rows[0], rows[1])
+    assert ids[0] != ids[1]
+    assert not Path(f"/proc/{ids[0]}").exists()
+    scene.close(well=True)
+    processes.close()
+    assert not Path(f"/proc/{ids[1]}").exists()
+
+
+def test_a_process_refuses_a_second_chain(plan_of):
+    world = plan_of(trials=1).world
+    processes = WorldProcesses(world.command)
+    scene = _scene(world, processes, 0)
+    scene.reset()
+    start = scene.start()
+    with pytest.raises(process.WorldError, match="a chain needs a process of its own"):
+        scene._process.start({"robot": start.robot.tolist(), "scene": start.scene.tolist(), "images": False})
+    scene.close(well=False)
+    processes.close()
+
+
+def test_a_checkout_that_changes_during_a_run_costs_the_chains_that_follow(plan_of, tmp_path, monkeypatch):
+    plan = plan_of(trials=1)
+    monkeypatch.setenv("FAKE_COMMIT", "1" * 40)
+    (entry,) = evaluate(plan, tmp_path / "run", workers=1, envs=1).entries()
+    assert entry.status == "error"
+    assert f"calvin_env is {'1' * 40} in the simulator, and was {'0' * 40} when the run began" in entry.message
+
+
+def test_actions_are_applied_as_they_are_and_counted(plan_of, tmp_path):
+    """CALVIN clips none: ten steps of 1.8 lead 1.8 times as far as ten of 1."""
+    file = tmp_path / "far.py"
+    file.write_text(FAR)
+    plan = plan_of(policy=f"python:{file}:Far", trials=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("betterbench.worlds.calvin.STEPS_PER_SUBTASK", 10)
+        record = next(evaluate(plan, tmp_path / "run", workers=1, envs=1).records())
+    assert record.action[1:, 0].tolist() == [-1.8] * 10
+    assert record.outcome.clipped_actions == 10
+    assert record.ctrl[-1, 0] - record.ctrl[0, 0] == pytest.approx(-10 * 0.02 * 1.8)
+
+
+def test_the_action_space_of_calvin_checks_and_does_not_clip():
+    far = np.array([1.8, -3.0, 0.5, 0.0, 0.0, 0.0, 2.0])
+    assert CALVIN_RELATIVE.clip(far).tolist() == far.tolist()
+    assert EE_DELTA.clip(far).tolist() == [1.0, -1.0, 0.5, 0.0, 0.0, 0.0, 1.0]
+    assert CALVIN_RELATIVE.count_clipped(np.array([far, 0.1 * far])) == 1
+    for wrong in (far[:6], np.full(7, np.nan), np.full(7, -np.inf)):
+        with pytest.raises(InvalidActionError):
+            CALVIN_RELATIVE.clip(wrong)
+
+
+@pytest.mark.parametrize("fault", ["dies", "black"])
+def test_egl_is_used_where_it_starts(plan_of, command, monkeypatch, caplog, fault):
+    said = {"dies": "status -6", "black": "of one color"}[fault]
+    auto = (*command[:-1], "auto")
+    world = plan_of(command=auto).world
+    assert world.command == (*command[:-1], "egl")
+    assert world.versions["renderer"] == "EGL"
+    assert not caplog.records
+    monkeypatch.setenv("FAKE_EGL", fault)
+    world = plan_of(command=auto).world
+    assert world.command == command
+    assert world.versions["renderer"] == "TinyRenderer"
+    assert said in caplog.text
+    assert "drawn by TinyRenderer because EGL" in caplog.text
+    with pytest.raises(process.WorldError, match=said):
+        plan_of(command=(*command[:-1], "egl"))
+
+
+def test_renderers_are_not_mixed(plan_of, command, tmp_path):
+    egl, tiny = plan_of(trials=1, command=(*command[:-1], "egl")), plan_of(trials=1)
+    run = evaluate(egl, tmp_path / "egl", workers=1, envs=1)
+    assert next(run.records()).metadata.engine["renderer"] == "EGL"
+    assert run.plan["world"]["versions"]["renderer"] == "EGL"
+    with pytest.raises(RunConflictError, match='renderer is "EGL" there and "TinyRenderer" here'):
+        evaluate(tiny, tmp_path / "egl", workers=1, envs=1)
+    evaluate(tiny, tmp_path / "tiny", workers=1, envs=1)
+    with pytest.raises(RunConflictError, match="renderer"):
+        world_table(read_suite_runs([RunFolder.open(tmp_path / r) for r in ("egl", "tiny")], names=["one", "other"]))
+
+
+def test_a_missing_module_is_named_with_its_cure(plan_of, monkeypatch):
+    """Hydra wraps the error in one that does not name its cause."""
+    monkeypatch.setenv("FAKE_MISSING", "a_module_of_nobody")
+    with pytest.raises(process.WorldError, match=r"No module named 'a_module_of_nobody'.*uv pip install --python"):
+        plan_of()
 
 
 @pytest.mark.slow
@@ -189,6 +332,26 @@ def test_a_policy_of_another_world_is_refused(plan_of, tmp_path):
         evaluate(plan_of(policy="noop"), tmp_path / "run")
     with pytest.raises(UnknownNameError, match="calvin_relative"):
         make_plan("noop", action_space="calvin_relative")
+
+
+def test_a_clone_of_calvin_is_a_checkout_too(tmp_path):
+    clone = tmp_path / "calvin"
+    (clone / "calvin_env").mkdir(parents=True)
+    with pytest.raises(InvalidInputError, match="neither"):
+        checkout_root(clone)
+    (clone / ".gitmodules").write_text('[submodule "calvin_env"]\n\tpath = calvin_env\n')
+    for named in (clone, clone / "calvin_env"):
+        with pytest.raises(InvalidInputError, match=rf"`git -C {clone} submodule update --init --recursive`"):
+            checkout_root(named)
+    module = clone / "calvin_env" / "calvin_env" / "envs" / "play_table_env.py"
+    module.parent.mkdir(parents=True)
+    module.touch()
+    assert checkout_root(clone) == checkout_root(clone / "calvin_env") == clone / "calvin_env"
+    (clone / "calvin_models").mkdir()
+    with pytest.raises(InvalidInputError, match=r"neither.*Give the root"):
+        checkout_root(clone / "calvin_models")
+    with pytest.raises(InvalidInputError, match=rf"Give --calvin-env {clone / 'calvin_env'}\W*$"):
+        checkout_root(clone / "calvin_env" / "calvin_env")
 
 
 def test_the_checkout_is_asked_for(tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from betterbench.calvin import calvin_chains, start_of
 from betterbench.evaluation.planning.world_plan import make_chain_plan
 from betterbench.interface.actions import CALVIN_RELATIVE
 from betterbench.worlds import WorldProcesses, world_named
+from betterbench.worlds.process import WorldError
 from betterbench.worlds.registry import start_code
 
 CAMERA = "calvin_env.envs.play_table_env.Camera"
@@ -32,8 +33,8 @@ defaults:
 """,
     "cameras/no_cameras.yaml": "{}\n",
     "cameras/static_and_gripper.yaml": "defaults:\n  - cameras@static: static\n  - cameras@gripper: gripper\n",
-    "cameras/cameras/static.yaml": f"_target_: {CAMERA}\nname: static\nwidth: 400\nheight: 400\n",
-    "cameras/cameras/gripper.yaml": f"_target_: {CAMERA}\nname: gripper\nwidth: 200\nheight: 200\n",
+    "cameras/cameras/static.yaml": f"_target_: {CAMERA}\nname: static\nwidth: 200\nheight: 200\n",
+    "cameras/cameras/gripper.yaml": f"_target_: {CAMERA}\nname: gripper\nwidth: 84\nheight: 84\n",
     "env/play_table_env.yaml": """
 _target_: calvin_env.envs.play_table_env.PlayTableSimEnv
 _recursive_: false
@@ -49,9 +50,9 @@ use_egl: true
     "scene/calvin_scene_D.yaml": """
 objects:
   movable_objects:
-    block_pink: {file: blocks/block_pink_small.urdf, initial_pos: any, initial_orn: any}
-    block_blue: {file: blocks/block_blue_big.urdf, initial_pos: any, initial_orn: any}
     block_red: {file: blocks/block_red_middle.urdf, initial_pos: any, initial_orn: any}
+    block_blue: {file: blocks/block_blue_small.urdf, initial_pos: any, initial_orn: any}
+    block_pink: {file: blocks/block_pink_big.urdf, initial_pos: any, initial_orn: any}
 """,
 }
 
@@ -143,10 +144,26 @@ def _python() -> str:
     return named or str(world.folder / "bin" / "python")
 
 
+SCENE_A = """
+objects:
+  movable_objects:
+    block_pink: {file: blocks/block_pink_small.urdf, initial_pos: any, initial_orn: any}
+    block_blue: {file: blocks/block_blue_big.urdf, initial_pos: any, initial_orn: any}
+    block_red: {file: blocks/block_red_middle.urdf, initial_pos: any, initial_orn: any}
+"""
+
+
 @pytest.fixture(scope="module")
 def command(tmp_path_factory):
-    python, git = _python(), shutil.which("git")
-    checkout = tmp_path_factory.mktemp("calvin_env")
+    return _command(_checkout(tmp_path_factory.mktemp("calvin_env")))
+
+
+def _command(checkout):
+    return (_python(), "-c", start_code("betterbench.worlds.calvin_simulator"), str(checkout), "", "")
+
+
+def _checkout(checkout):
+    git = shutil.which("git")
     for name, text in CONF.items():
         (checkout / "conf" / name).parent.mkdir(parents=True, exist_ok=True)
         (checkout / "conf" / name).write_text(text)
@@ -157,7 +174,11 @@ def command(tmp_path_factory):
     who = ["-c", "user.name=nobody", "-c", "user.email=nobody@localhost"]
     for words in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "first"]):
         subprocess.run([git, "-C", checkout, *words], check=True)
-    return (python, "-c", start_code("betterbench.worlds.calvin_simulator"), str(checkout), "", "")
+    return checkout
+
+
+def _plan(checkout):
+    return make_chain_plan("python:none.py:None", suite="calvin", command=_command(checkout))
 
 
 def _scene(command, processes, number):
@@ -200,3 +221,24 @@ def test_the_process_composes_the_configuration_and_plays_chains_that_leave_noth
     assert versions["renderer"] == "TinyRenderer"
     assert len(versions["calvin_env"]) == 40
     processes.close()
+
+
+@pytest.mark.slow
+def test_a_checkout_that_cannot_play_scene_d_is_refused_with_the_reason(tmp_path):
+    """Hydra's own message names neither the module nor the cause."""
+    checkout = _checkout(tmp_path / "calvin_env")
+    scene = checkout / "conf" / "scene" / "calvin_scene_D.yaml"
+    right = scene.read_text()
+    scene.write_text(SCENE_A)  # as before calvin_env@93aeae6, where A and D had each other's names
+    with pytest.raises(WorldError, match=r"the blocks of scene A \(pink small, blue big, red middle\)"):
+        _plan(checkout)
+    scene.write_text(right)
+    module = checkout / "calvin_env" / "envs" / "play_table_env.py"
+    text = module.read_text()
+    module.write_text("import a_module_of_nobody\n" + text)
+    with pytest.raises(WorldError, match=r"No module named 'a_module_of_nobody'.*uv pip install --python"):
+        _plan(checkout)
+    module.write_text(text)
+    shutil.rmtree(checkout / ".git")
+    with pytest.raises(WorldError, match=r"is in no git repository.*clone it with git"):
+        _plan(checkout)

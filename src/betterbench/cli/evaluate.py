@@ -67,17 +67,18 @@ class WorldOptions:
         protocol: In LIBERO, whose protocol.
         broken_premises: What happens where a scene does not show what its sentence presupposes: refuse stops the run,
             run goes on and notes it in the record.
-        calvin_env: In CALVIN, your checkout of calvin_env.
+        calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it the checkout's own
-            configuration is composed, with the blocks of the data set.
-        calvin_egl: In CALVIN, draw on the graphics card, as the published numbers were; other pixels than without.
+            configuration of scene D is composed.
+        calvin_renderer: In CALVIN, what draws the images: egl as CALVIN does, PyBullet's tiny renderer, whose pixels
+            differ, or auto for EGL where it starts.
     """
 
     protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
     broken_premises: Literal["refuse", "run"] = "refuse"
     calvin_env: Path | None = None
     calvin_config: Path | None = None
-    calvin_egl: bool = False
+    calvin_renderer: Literal["auto", "egl", "tiny"] = "auto"
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +233,7 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     from betterbench.worlds import calvin_command
 
     _refuse_changed(
-        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_egl=False),
+        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_renderer="auto"),
         "it is for LIBERO",
         "Leave out {option}",
     )
@@ -241,7 +242,11 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     plan = make_chain_plan(
         policy,
         suite=chosen.suite,
-        command=calvin_command(world.calvin_env, world.calvin_config, egl=world.calvin_egl),
+        command=calvin_command(
+            world.calvin_env,
+            world.calvin_config,
+            egl=None if world.calvin_renderer == "auto" else world.calvin_renderer == "egl",
+        ),
         trials=chosen.trials,
         seed=chosen.seed,
         action_space=chosen.action_space,

@@ -40,8 +40,8 @@ class ActionSpace:
         name: Name of the action space ("ee_delta").
         components: Name of each number, in order; the last one is always "gripper".
         units: Unit of each number after multiplication with its scale ("m", "rad", "1").
-        low: Smallest allowed value of each number; smaller ones are clipped.
-        high: Largest allowed value of each number; larger ones are clipped.
+        low: Smallest allowed value of each number; smaller ones are clipped, except in CALVIN (:attr:`clips`).
+        high: Largest allowed value of each number; larger ones are clipped, except in CALVIN.
         scale: What one unit of each number amounts to, in ``units``.
         convention: Frame, reference and polarity in words, compared at every handshake.
     """
@@ -86,8 +86,13 @@ class ActionSpace:
         """Whether actions are changes (zero means stay) rather than absolute targets."""
         return self.name in _DELTAS
 
+    @property
+    def clips(self) -> bool:
+        """Whether numbers out of bounds are clipped; CALVIN applies them as they are, and they are only counted."""
+        return self.name not in WORLD_ACTION_SPACES
+
     def clip(self, action: object) -> np.ndarray:
-        """Return the action as it is applied: a new array, (dim,) float64, inside the bounds.
+        """Return the action as it is applied: a new array, (dim,) float64, inside the bounds if the space clips.
 
         Clipping is idempotent, so a recorded action can be applied again and gives the same bits.
 
@@ -116,11 +121,12 @@ class ActionSpace:
             if not low <= value <= high:
                 if not math.isfinite(value):
                     self._refuse(values)
-                values[i] = low if value < low else high
+                if self.clips:
+                    values[i] = low if value < low else high
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return how many actions, shape (n, dim), have a number out of bounds, which :meth:`clip` changes."""
+        """Return how many actions, shape (n, dim), have a number out of bounds, clipped or not."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))

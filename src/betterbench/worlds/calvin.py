@@ -8,8 +8,9 @@ anywhere in the range of the training data.
 from __future__ import annotations
 
 import json
+import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATE
 from betterbench.state import Contact, ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks import Truth
 from betterbench.worlds.libero import FieldProtocol, Suite
-from betterbench.worlds.process import WorldError, WorldProcesses
+from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
 from betterbench.worlds.registry import world_named
 from betterbench.worlds.scene import (
     PANDA_OPENING_M,
@@ -48,6 +49,8 @@ from betterbench.worlds.scene import (
     require_finite,
     vector_of,
 )
+
+logger = logging.getLogger(__name__)
 
 CALVIN = "calvin"
 
@@ -65,8 +68,8 @@ CHAIN_SUITES: Mapping[str, Suite] = {
 """The suites of CALVIN by name."""
 
 OURS = (
-    "nothing of a chain is left in the next one (contacts of the solver, a button that was held down, the gripper's "
-    "last action in the first observation), so that a chain does not depend on those before it"
+    "every chain is played in a process of its own, as the first one of CALVIN's evaluation is, so that it does not "
+    "depend on the chains before it"
 )
 """Where every run here differs from CALVIN's own evaluation."""
 
@@ -85,6 +88,9 @@ _SPLITS = {
 
 _HALF_CLOSED = 0.5
 """Gripper command below which X-VLA's client takes the gripper for closed."""
+_MODULE = "envs/play_table_env.py"
+_RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
+"""What the command says of the renderer at its end."""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -114,7 +120,13 @@ class ChainTask(WorldTask):
 
 @dataclass(frozen=True, slots=True)
 class ChainSettings(WorldSettings):
-    """What a worker needs to play chains in CALVIN."""
+    """What a worker needs to play chains in CALVIN.
+
+    Attributes:
+        objects: The blocks, then what is fixed.
+    """
+
+    objects: tuple[ObjectInfo, ...] = ()
 
     @property
     def control_rate_hz(self) -> float:
@@ -133,7 +145,7 @@ class ChainSettings(WorldSettings):
         """Return the conventions of the world in words."""
         return {
             **WorldSettings.conventions(self),
-            "controller": "calvin_env: relative actions are added to the last target, absolute ones are it; 30 Hz",
+            "controller": "calvin_env: relative actions are added to the last target, absolute ones are it; unclipped",
             "images": "CALVIN's, as it draws them: upright; RGB, uint8",
             "poses": "CALVIN's world frame [m]",
         }
@@ -155,9 +167,11 @@ class ChainSettings(WorldSettings):
 class ChainScene(ForeignScene):
     """One chain of CALVIN: its instruction changes when a subtask is done."""
 
+    settings: ChainSettings
+
     def __init__(
         self,
-        settings: WorldSettings,
+        settings: ChainSettings,
         processes: WorldProcesses,
         *,
         task: str,
@@ -176,7 +190,6 @@ class ChainScene(ForeignScene):
         self._name = f"{task}/{condition}"
         self._begun: PlayTable | None = None
         self._now: PlayTable | None = None
-        self._sizes: dict[str, Vector] = {}
         self._commanded = np.zeros(6)
         self._instruct()
 
@@ -187,7 +200,8 @@ class ChainScene(ForeignScene):
 
     @property
     def _process_key(self) -> object:
-        return OFFICIAL
+        """None: PyBullet keeps something of a chain that neither restoreState nor a reset clears."""
+        return None
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -211,7 +225,10 @@ class ChainScene(ForeignScene):
 
     def files(self) -> dict[str, bytes]:
         """Return what is stored of a scene: the chain, and what the simulator says of its objects."""
-        known = {name: self._fixed[name] for name in ("objects", "engine")}
+        objects = [
+            {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
+        ]
+        known = {"objects": objects, "engine": self._fixed["engine"]}
         form = {**known, "chain": self.chain.number, "start": dict(self.chain.start), "subtasks": self.chain.names}
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
@@ -224,30 +241,31 @@ class ChainScene(ForeignScene):
 
         Raises:
             PremiseError: If a block, a door or a light is elsewhere, and that is refused.
-            WorldError: If the simulator fails.
+            WorldError: If the simulator fails, or is made of something else than when the run began.
         """
         start = self.start()
-        self._process = self._processes.take(self._process_key)
         asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), **self._shown}
-        self._take(self._process.start(asked))
+        self._take(self._take_process().start(asked))
         self._fixed = self._document
+        self._require_same_versions()
+        self.instructed_anew = False
         self._step = self._done = self._steps_of_subtask = 0
         self._gripper_command = -1.0
         self._begun = self._now = self._read()
         self._instruct()
         self._commanded = self._measured()
-        self._info = self._describe()
+        self._info = SceneInfo(self.settings.objects, (), vector_of(self._arrays["robot"][:3]), PANDA_OPENING_M)
         self.broken_premises = self._misplaced(start)
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
                 f"chain {self.chain.number}: {', '.join(self.broken_premises)} after the reset. Its configuration or "
-                "version of calvin_env is another one: take commit 797142c and the validation/.hydra/"
+                "version of calvin_env is another one: take commit 797142c or 1431a46 and the validation/.hydra/"
                 "merged_config.yaml of the data (--calvin-config), or give --broken-premises run to go on by the book."
             )
         return self.state()
 
     def step(self, action: np.ndarray) -> np.ndarray:
-        """Apply an action for one control step, and return it as it was applied.
+        """Apply an action for one control step, and return it as it was applied: as it is, since CALVIN clips none.
 
         Where a subtask is done by it, the next one begins, and ``instructed_anew`` is set.
         """
@@ -379,6 +397,16 @@ class ChainScene(ForeignScene):
         require_finite(arrays)
         self._document, self._arrays = document, dict(arrays)
 
+    def _require_same_versions(self) -> None:
+        """Raise WorldError if the process is made of something else than the plan says."""
+        found = {**self._fixed["engine"], "code": self._fixed.get("code")}
+        for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
+            if str(found.get(name)) != planned:
+                raise WorldError(
+                    f"{name} is {found.get(name)} in the simulator, and was {planned} when the run began. Put the "
+                    "checkout and the configuration back as they were, or begin a new run"
+                )
+
     def _read(self) -> PlayTable:
         try:
             return read_play_table(self._document["info"])
@@ -390,31 +418,9 @@ class ChainScene(ForeignScene):
 
     def _bottom(self, name: str, center: Vector) -> Vector:
         """Return the center of the bottom of a block in the world frame [m]; its body's origin is its middle."""
-        down = (0.0, 0.0, -0.5 * self._sizes[name][2])
+        down = (0.0, 0.0, -0.5 * self._info.object(name).size_m[2])
         turned = rotate(self._now.blocks[name].rotation, down) if self._now is not None else down
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
-
-    def _describe(self) -> SceneInfo:
-        try:
-            objects = tuple(
-                ObjectInfo(
-                    name=str(o["name"]),
-                    kind=str(o["name"]).removeprefix("block_") + " block" if not o["fixed"] else str(o["name"]),
-                    asset=str(o["name"]),
-                    category="fixture" if o["fixed"] else "block",
-                    color="" if o["fixed"] else str(o["name"]).removeprefix("block_"),
-                    shape="" if o["fixed"] else "box",
-                    role="fixture" if o["fixed"] else "item",
-                    fixed=bool(o["fixed"]),
-                    mass_kg=float(o["mass"]),
-                    size_m=vector_of(o["size"]),
-                )
-                for o in sorted(self._fixed["objects"], key=lambda o: bool(o["fixed"]))
-            )
-        except (KeyError, TypeError, ValueError) as problem:
-            raise WorldError(f"the simulator described its objects otherwise than agreed: {problem}") from problem
-        self._sizes = {o.name: o.size_m for o in objects}
-        return SceneInfo(objects, (), vector_of(self._arrays["robot"][:3]), PANDA_OPENING_M)
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
         """Return what is not where the start has it, in words."""
@@ -458,8 +464,14 @@ class ChainScene(ForeignScene):
         return tuple(Contact(a, b, force) for (a, b), force in sorted(sums.items()))
 
 
-def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool) -> tuple[str, ...]:
+def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool | None = None) -> tuple[str, ...]:
     """Return the command of CALVIN's process.
+
+    Args:
+        checkout: A checkout of calvin_env, or of mees/calvin, which contains one.
+        config: ``merged_config.yaml`` of a data set, or None for the configuration of the checkout.
+        egl: Whether EGL draws the images, or PyBullet's TinyRenderer; None for EGL where it starts
+            (:func:`describe_chains` decides).
 
     Raises:
         InvalidInputError: If no checkout of calvin_env is named, or what is named is none.
@@ -471,16 +483,94 @@ def calvin_command(checkout: Path | None, config: Path | None, *, egl: bool) -> 
             "the path of your checkout of calvin_env is not given; no package index has it",
             "Clone https://github.com/mees/calvin_env and give --calvin-env PATH",
         )
-    if not (checkout / "calvin_env" / "envs" / "play_table_env.py").is_file():
-        raise InvalidInputError(
-            "--calvin-env", f"{checkout} has no calvin_env/envs/play_table_env.py", "Give the root of the checkout"
-        )
+    root = checkout_root(checkout)
     if config is not None and not config.is_file():
         raise InvalidInputError(
             "--calvin-config", f"{config} is no file", "Give validation/.hydra/merged_config.yaml of the data set"
         )
     chosen = "" if config is None else str(config.resolve())
-    return (*world_named(CALVIN).command(), str(checkout.resolve()), chosen, "egl" if egl else "")
+    return (*world_named(CALVIN).command(), str(root.resolve()), chosen, _RENDERER_WORDS[egl])
+
+
+def checkout_root(named: Path) -> Path:
+    """Return the root of the checkout of calvin_env that a path names: itself, or a part of mees/calvin.
+
+    Raises:
+        InvalidInputError: If there is none, as in a clone without its submodules.
+    """
+    for root in (named, named / "calvin_env"):
+        if (root / "calvin_env" / _MODULE).is_file():
+            return root
+    if (named / _MODULE).is_file():
+        raise InvalidInputError(
+            "--calvin-env", f"{named} is the package inside the checkout", f"Give --calvin-env {named.resolve().parent}"
+        )
+    clone = next((p for p in (named, named.resolve().parent) if _names_calvin_env(p / ".gitmodules")), None)
+    if clone is not None and not (clone / "calvin_env" / "calvin_env" / _MODULE).is_file():
+        raise InvalidInputError(
+            "--calvin-env",
+            f"{clone} is a clone of mees/calvin whose submodule calvin_env is empty",
+            f"Run `git -C {clone} submodule update --init --recursive`",
+        )
+    raise InvalidInputError(
+        "--calvin-env",
+        f"{named} has neither calvin_env/{_MODULE} nor calvin_env/calvin_env/{_MODULE}",
+        "Give the root of a clone of mees/calvin_env or mees/calvin",
+    )
+
+
+def describe_chains(command: Sequence[str], suite: str) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the command with its renderer decided, and what the process says of a suite.
+
+    Where the command leaves the renderer open, EGL is tried in a process of its own, which a broken driver may end.
+
+    Raises:
+        WorldError: If the process fails, with TinyRenderer too where the renderer is open.
+    """
+    if command[-1] != _RENDERER_WORDS[None]:
+        with WorldProcess(command) as process:
+            return tuple(command), process.suite(suite)
+    try:
+        return describe_chains((*command[:-1], _RENDERER_WORDS[True]), suite)
+    except WorldError as error:
+        found = describe_chains((*command[:-1], _RENDERER_WORDS[False]), suite)
+        logger.warning(
+            "CALVIN is drawn by TinyRenderer because EGL, which CALVIN uses, does not start here (%s). Its images are "
+            "others: 21 of 255 apart on average. Install Mesa's EGL (libegl1) or the driver of the graphics card.",
+            error,
+        )
+        return found
+
+
+def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, ...]:
+    """Return the objects that the process describes, the blocks before what is fixed.
+
+    Raises:
+        WorldError: If a description is malformed.
+    """
+    try:
+        return tuple(
+            ObjectInfo(
+                name=str(o["name"]),
+                kind=str(o["name"]).removeprefix("block_") + " block" if not o["fixed"] else str(o["name"]),
+                asset=str(o["name"]),
+                category="fixture" if o["fixed"] else "block",
+                color="" if o["fixed"] else str(o["name"]).removeprefix("block_"),
+                shape="" if o["fixed"] else "box",
+                role="fixture" if o["fixed"] else "item",
+                fixed=bool(o["fixed"]),
+                mass_kg=float(o["mass"]),
+                size_m=vector_of(o["size"]),
+            )
+            for o in sorted(described, key=lambda o: bool(o["fixed"]))
+        )
+    except (KeyError, TypeError, ValueError) as problem:
+        raise WorldError(f"the simulator described its objects otherwise than agreed: {problem}") from problem
+
+
+def _names_calvin_env(modules: Path) -> bool:
+    """Return whether a file ``.gitmodules`` lists calvin_env as a submodule."""
+    return modules.is_file() and "calvin_env" in modules.read_text(errors="replace")
 
 
 def from_euler(angles: np.ndarray) -> Quaternion:

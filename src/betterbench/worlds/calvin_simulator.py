@@ -10,6 +10,7 @@ Sources: calvin_env@797142c ``envs/play_table_env.py`` (``get_env``, ``step``, `
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
 import sys
@@ -25,14 +26,20 @@ from betterbench.worlds.simulator_loop import FrameContent, answer_requests
 CAMERAS = {"front": ("static", 200), "wrist": ("gripper", 84)}
 """CALVIN's two cameras by the names that our observations use, with the side of their images [pixel]."""
 
-BLOCKS = {
-    "block_red": "blocks/block_red_middle.urdf",
-    "block_blue": "blocks/block_blue_small.urdf",
-    "block_pink": "blocks/block_pink_big.urdf",
-}
-"""The blocks of scene D, as the configuration of the published data has them, in the order of ``scene_obs``."""
+BLOCKS = {"block_red": "middle", "block_blue": "small", "block_pink": "big"}
+"""The blocks of scene D with their sizes, in the order of its ``scene_obs``."""
 
-OWN_CONFIG = "conf/ of the checkout, with the blocks and image sizes of the published data"
+_OTHER_SCENES = {
+    "A": {"block_red": "middle", "block_blue": "big", "block_pink": "small"},
+    "B": {"block_red": "small", "block_blue": "big", "block_pink": "middle"},
+    "C": {"block_red": "big", "block_blue": "small", "block_pink": "middle"},
+}
+"""The blocks of the training scenes (calvin_env@797142c, ``conf/scene``).
+
+Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's names.
+"""
+
+OWN_CONFIG = "conf/ of the checkout: scene D"
 """What stands for the configuration of the published data where none is named."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
@@ -42,22 +49,32 @@ _OVERRIDES = ["cameras=static_and_gripper", "scene=calvin_scene_D", "robot=panda
 
 
 class CalvinSimulator:
-    """One environment of CALVIN, kept for all chains."""
+    """One environment of CALVIN, for one chain.
+
+    After a chain PyBullet keeps something that neither ``restoreState`` nor calvin_env's ``reset`` and ``load`` clear:
+    in the same process, the next chain differs by up to 0.5 rad.
+    """
 
     def __init__(self, checkout: Path, config: Path | None, *, egl: bool) -> None:
         self._checkout, self._config, self._egl = checkout, config, egl
         self._env: Any = None
         self._cameras: list[Any] = []
-        self._sizes: dict[str, tuple[list[float], float]] = {}
-        self._fresh: Any = None
+        self._code = ""
+        self._problem: Exception | None = None
+        self._used = False
         self._split: list[int] | None = None
         self._depth = False
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return what runs the chains; making the environment shows at once whether checkout and packages are whole."""
-        self._make()
-        task = {"name": name, "fingerprint": self._fingerprint()}
-        return {"tasks": [task], "versions": self.versions()}
+        """Return what runs the chains; making the environment shows at once whether checkout and packages are whole.
+
+        The process is used up by it.
+        """
+        self.prepare()
+        if self._egl:
+            self._require_images()
+        task = {"name": name, "fingerprint": self._code}
+        return {"tasks": [task], "versions": self.versions(), "objects": self._measure()}
 
     def versions(self) -> dict[str, str]:
         """Return the versions of all that can change the numbers."""
@@ -76,28 +93,31 @@ class CalvinSimulator:
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
         """Begin a chain: set robot and scene. With "next", begin its next instruction where things stand now."""
-        self._make()
+        self.prepare()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
         self._split, self._depth = request["split"], bool(request["depth"])
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
+        if self._used:
+            raise ValueError("this process has been used, and a chain needs a process of its own")
+        self._used = True
         names = self._block_names()
         blocks = dict(zip(BLOCKS, np.split(np.array(request["scene"][_SCENE_HEAD:], float), len(BLOCKS)), strict=True))
         # calvin_env takes the blocks in the order of its own configuration.
         scene = np.concatenate([request["scene"][:_SCENE_HEAD], *(blocks[name] for name in names)])
-        self._forget()
-        seen = env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
-        document, arrays = self._row(seen, env.get_info())
-        objects = [
-            {"name": name, "size": size, "mass": mass, "fixed": name not in BLOCKS}
-            for name, (size, mass) in self._sizes.items()
-        ]
+        # calvin_env's reset leaves both as they are. This is what the first chain of CALVIN's own evaluation has.
+        env.robot.gripper_action = 1
+        for button in env.scene.buttons:
+            button.prev_is_pressed = False
+        env.reset(robot_obs=np.array(request["robot"], float), scene_obs=scene)
+        # As CALVIN's `rollout` does: with EGL, the first image of a process is another one than those that follow.
+        document, arrays = self._row(env.get_obs(), env.get_info())
         fixed = {
-            "objects": objects,
             "fingers": [int(i) for i in env.robot.gripper_joint_ids],
             "flange": int(env.robot.end_effector_link_id),
             "engine": self.versions(),
+            "code": self._code,
         }
         return {**fixed, **document}, arrays
 
@@ -118,6 +138,10 @@ class CalvinSimulator:
             raise FileNotFoundError(
                 f"{self._checkout} is no checkout of calvin_env: it has no calvin_env/envs/play_table_env.py"
             )
+        if not any((folder / ".git").exists() for folder in (self._checkout, *self._checkout.parents)):
+            raise FileNotFoundError(
+                f"{self._checkout} is in no git repository, and calvin_env asks git for its commit: clone it with git"
+            )
         sys.path.insert(0, str(self._checkout))
         hydra = importlib.import_module("hydra")
         omega = importlib.import_module("omegaconf").OmegaConf
@@ -130,53 +154,59 @@ class CalvinSimulator:
         wanted = {camera for camera, _ in CAMERAS.values()}
         for name in [n for n in config.cameras if n not in wanted]:
             del config.cameras[name]
-        if self._config is None:
-            # calvin_env's own scene D has blocks of other sizes in another order than the data were recorded with.
-            moved = {name: {"file": f, "initial_pos": "any", "initial_orn": "any"} for name, f in BLOCKS.items()}
-            config.scene.objects.movable_objects = moved
-            for camera, side in CAMERAS.values():
-                config.cameras[camera].width = config.cameras[camera].height = side
+        _require_scene_d(config.scene.objects.movable_objects)
         return hydra.utils.instantiate(config.env, show_gui=False, use_vr=False, use_scene_info=True, use_egl=self._egl)
 
-    def _make(self) -> None:
+    def prepare(self) -> None:
+        """Make the environment once; where that failed, fail in the same way again."""
+        if self._problem is not None:
+            raise self._problem
         if self._env is not None:
             return
+        try:
+            self._make()
+        except Exception as problem:
+            self._problem = problem
+            raise
+
+    def _make(self) -> None:
+        self._code = self._fingerprint()
         env = self.make_environment()
-        self._env, self._cameras = env, list(env.cameras)
-        names = self._block_names()
+        self._cameras = list(env.cameras)
+        names = [str(block.name) for block in env.scene.movable_objects]
         if sorted(names) != sorted(BLOCKS):
             raise ValueError(f"the scene has the blocks {', '.join(names)}; CALVIN's has {', '.join(BLOCKS)}")
         cameras = {camera.name: (camera.width, camera.height) for camera in self._cameras}
         for camera, side in CAMERAS.values():
             if cameras.get(camera) != (side, side):
                 raise ValueError(f"the camera {camera} has {cameras.get(camera)} pixels, and CALVIN's {side} x {side}")
-        sizes = {str(thing.name): self._measure(thing) for thing in env.scene.get_objects()}
-        self._sizes = {name: sizes[name] for name in (*BLOCKS, *sorted(sizes.keys() - BLOCKS.keys()))}
-        self._fresh = env.p.saveState(physicsClientId=env.cid)
+        self._env = env
 
-    def _forget(self) -> None:
-        """Forget the chain before.
-
-        calvin_env's own reset leaves the solver's contacts, the gripper's last action in the first observation, and
-        whether a button was held down.
-        """
-        env = self._env
-        env.p.restoreState(self._fresh, physicsClientId=env.cid)
-        env.robot.gripper_action = 1
-        for button in env.scene.buttons:
-            button.prev_is_pressed = False
+    def _require_images(self) -> None:
+        """Draw once; ValueError if an image is of one color, as it is where EGL starts and draws nothing."""
+        for name, image in self._env.get_obs()["rgb_obs"].items():
+            if np.ptp(image) == 0:
+                raise ValueError(f"EGL starts, but its image {name} is of one color")
 
     def _block_names(self) -> list[str]:
         return [str(block.name) for block in self._env.scene.movable_objects]
 
-    def _measure(self, thing: Any) -> tuple[list[float], float]:  # noqa: ANN401 - an object of calvin_env
-        """Return the extents of an object along its own axes [m], and its mass [kg]; it is left unturned."""
+    def _measure(self) -> list[dict[str, Any]]:
+        """Return the objects, blocks first, with their extents along their own axes [m] and their mass [kg].
+
+        It turns the objects. That leaves a trace in the solver even where all is put back, so that no chain may follow.
+        """
+        self._used = True
         p, cid = self._env.p, self._env.cid
-        place, _ = p.getBasePositionAndOrientation(thing.uid, physicsClientId=cid)
-        p.resetBasePositionAndOrientation(thing.uid, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=cid)
-        low, high = np.array(p.getAABB(thing.uid, -1, physicsClientId=cid))
-        mass = float(p.getDynamicsInfo(thing.uid, -1, physicsClientId=cid)[0])
-        return [float(s) for s in high - low], mass
+        found = {}
+        for thing in self._env.scene.get_objects():
+            place, _ = p.getBasePositionAndOrientation(thing.uid, physicsClientId=cid)
+            p.resetBasePositionAndOrientation(thing.uid, place, (0.0, 0.0, 0.0, 1.0), physicsClientId=cid)
+            low, high = np.array(p.getAABB(thing.uid, -1, physicsClientId=cid))
+            mass = float(p.getDynamicsInfo(thing.uid, -1, physicsClientId=cid)[0])
+            found[str(thing.name)] = {"size": _floats(high - low), "mass": mass}
+        names = (*BLOCKS, *sorted(found.keys() - BLOCKS.keys()))
+        return [{"name": name, "fixed": name not in BLOCKS, **found[name]} for name in names]
 
     def _row(self, seen: Mapping[str, Any], info: Mapping[str, Any]) -> FrameContent:
         """Return the state now: what ``get_info`` says, as JSON, and robot, scene and images as arrays."""
@@ -203,10 +233,27 @@ class CalvinSimulator:
         return str(git.Repo(self._checkout, search_parent_directories=True).head.object.hexsha)
 
     def _fingerprint(self) -> str:
-        """Return one digest of the code of the checkout that decides about physics and success."""
-        files = sorted((self._checkout / "calvin_env").rglob("*.py"))
+        """Return one digest of the files of the checkout that decide about physics: code, configuration, models."""
+        patterns = ("calvin_env/**/*.py", "conf/**/*.yaml", "data/**/*.urdf")
+        files = sorted(file for pattern in patterns for file in self._checkout.glob(pattern))
         parts = [f"{file.relative_to(self._checkout).as_posix()} {_digest(file)}" for file in files]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def _require_scene_d(blocks: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raise ValueError if the configured blocks are not those of scene D."""
+    found = {str(name): Path(block["file"]).stem.rpartition("_")[2] for name, block in blocks.items()}
+    if found != BLOCKS:
+        scene = next((f"scene {name}" for name, known in _OTHER_SCENES.items() if known == found), "no scene of CALVIN")
+        raise ValueError(
+            f"the configuration has the blocks of {scene} ({_listed(found)}), and ABC to D is played in scene D "
+            f"({_listed(BLOCKS)}). Take calvin_env 797142c or 1431a46, and validation/.hydra/merged_config.yaml if a "
+            "configuration is given"
+        )
+
+
+def _listed(blocks: Mapping[str, str]) -> str:
+    return ", ".join(f"{name.removeprefix('block_')} {size}" for name, size in blocks.items())
 
 
 def _plain_info(info: Mapping[str, Any]) -> dict[str, Any]:
@@ -252,4 +299,6 @@ def main() -> None:
     """Answer over a socket. Arguments: checkout, configuration or "", "egl" or "", and the number of the socket."""
     checkout, config, egl, descriptor = sys.argv[1:]
     simulator = CalvinSimulator(Path(checkout), Path(config) if config else None, egl=egl == "egl")
+    with contextlib.suppress(Exception):  # the first request meets it again, and answers with it
+        simulator.prepare()
     answer_requests(simulator, int(descriptor))

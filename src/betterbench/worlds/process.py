@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import socket
 import subprocess
 import tempfile
@@ -25,6 +26,7 @@ STEP_LIMIT_S = 120.0
 """Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
+_MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
@@ -36,7 +38,7 @@ class WorldProcess:
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
         """Start the process; WorldError if that is not possible."""
-        self._start_limit_s = start_limit_s
+        self._start_limit_s, self._python = start_limit_s, command[0]
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         self._link, theirs = socket.socketpair()
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME")}
@@ -69,6 +71,11 @@ class WorldProcess:
     def pid(self) -> int:
         """Its process id."""
         return self._process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended, by itself or from outside."""
+        return self._process.poll() is not None
 
     def suite(self, name: str) -> dict[str, Any]:
         """Return the tasks of a suite; WorldError if the simulator fails."""
@@ -118,11 +125,22 @@ class WorldProcess:
             document, answer = receive_frame(self._link)
         except FrameError as error:
             raise WorldError(
-                f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}"
+                self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
             ) from None
         if "problem" in document:
-            raise WorldError(f"the simulator failed: {str(document['problem'])[:400]}")
+            raise WorldError(self._with_cure(f"the simulator failed: {str(document['problem'])[:400]}"))
         return document, answer
+
+    def _with_cure(self, message: str) -> str:
+        """Return a message with what to do about a module that the simulator's environment lacks."""
+        missing = _MISSING.search(message)
+        if missing is None:
+            return message
+        name = missing[1].partition(".")[0]
+        return (
+            f"{message}. The environment of the simulator has no module {name}: if its lock does not name it, add the "
+            f"package that holds it (`uv pip install --python {self._python} {name}`)"
+        )
 
     def _last_words(self) -> str:
         """Return how the process ended, and the last line that it said; an empty text if it runs."""
@@ -135,25 +153,55 @@ class WorldProcess:
 
 
 class WorldProcesses:
-    """The processes of one worker: one for every trial under way, kept for the next trial of the same task."""
+    """The processes of one worker: one for every trial under way, kept for the next trial of the same task.
+
+    Under the key None a process runs one trial and ends. The next one is started at the same time, so that it has
+    loaded when its trial begins.
+    """
 
     def __init__(self, command: Sequence[str]) -> None:
         """Prepare; a process is started when a trial needs one."""
         self._command = tuple(command)
         self._idle: list[tuple[object, WorldProcess]] = []
+        self._next: WorldProcess | None = None
 
     def take(self, key: object) -> WorldProcess:
-        """Return an idle process, one that ran the same ``key`` if there is one, or a new one."""
+        """Return an idle process, one that ran the same ``key`` if there is one, or a new one.
+
+        Raises:
+            WorldError: If a process cannot be started.
+        """
+        if key is None:
+            return self._take_fresh()
         if not self._idle:
             return WorldProcess(self._command)
         best = next((i for i, (known, _) in enumerate(self._idle) if known == key), 0)
         return self._idle.pop(best)[1]
 
     def give_back(self, key: object, process: WorldProcess) -> None:
-        """Keep a process whose trial has ended well."""
-        self._idle.append((key, process))
+        """Keep a process whose trial has ended well, or end it if its ``key`` is None."""
+        if key is None:
+            process.kill()
+        else:
+            self._idle.append((key, process))
 
     def close(self) -> None:
         """End all idle processes."""
         while self._idle:
             self._idle.pop()[1].close()
+        self._drop_next()
+
+    def _take_fresh(self) -> WorldProcess:
+        """Return a process that has run no trial, and start the next one."""
+        if self._next is not None and self._next.has_ended:
+            self._drop_next()
+        process = WorldProcess(self._command) if self._next is None else self._next
+        self._next = None
+        with contextlib.suppress(WorldError):  # the trial that needs it tries again, and reports why it fails
+            self._next = WorldProcess(self._command)
+        return process
+
+    def _drop_next(self) -> None:
+        process, self._next = self._next, None
+        if process is not None:
+            process.kill()

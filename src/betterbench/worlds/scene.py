@@ -231,7 +231,7 @@ class ForeignScene:
 
     @property
     def _process_key(self) -> object:
-        """What a process is kept for: the next trial of the same task."""
+        """What a process is kept for: the next trial of the same task; None if it runs one trial alone."""
         return (self.task.suite, self.task.number)
 
     @property
@@ -274,8 +274,7 @@ class ForeignScene:
             WorldError: If the simulator fails.
         """
         protocol = self.settings.protocol
-        self._process = self._processes.take(self._process_key)
-        answer = self._process.start(
+        answer = self._take_process().start(
             {
                 "suite": self.task.suite,
                 "task": self.task.number,
@@ -398,6 +397,12 @@ class ForeignScene:
             "controller_axis_angle": np.array([x, y, z]),
             "controller_rotation_6d": np.concatenate([turned[:, 0], turned[:, 1]]),
         }
+
+    def _take_process(self) -> WorldProcess:
+        """Return the process for a new episode; that of an episode which its policy's end cut off is given back."""
+        self.close(well=True)
+        self._process = self._processes.take(self._process_key)
+        return self._process
 
     def close(self, *, well: bool) -> None:
         """Give the process back if the trial ended ``well``, or end it."""

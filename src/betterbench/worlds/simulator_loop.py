@@ -57,9 +57,17 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
                 document, answer = _answered(simulator, request, arrays)
             except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
                 traceback.print_exc()
-                text = " ".join(f"{type(problem).__name__}: {problem}".split())
-                document, answer = {"problem": text[:_LONGEST_PROBLEM]}, {}
+                document, answer = {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
             send_frame(link, document, answer)
+
+
+def _told(problem: BaseException) -> str:
+    """Return an error in one line: its first cause, and how it showed where libraries wrap it."""
+    first = problem
+    while first.__cause__ is not None:
+        first = first.__cause__
+    told = [" ".join(f"{type(error).__name__}: {error}".split()) for error in (first, problem)]
+    return told[0] if first is problem else f"{told[0]} (it showed as {told[1]})"
 
 
 def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FrameContent:

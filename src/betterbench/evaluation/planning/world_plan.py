@@ -26,7 +26,15 @@ from betterbench.worlds import (
     suite_named,
     world_named,
 )
-from betterbench.worlds.calvin import CALVIN, CHAIN_SUITES, PROTOCOL, ChainSettings, ChainTask
+from betterbench.worlds.calvin import (
+    CALVIN,
+    CHAIN_SUITES,
+    PROTOCOL,
+    ChainSettings,
+    ChainTask,
+    chain_objects,
+    describe_chains,
+)
 from betterbench.worlds.libero import STATES
 from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.scene import task_id
@@ -143,11 +151,11 @@ def make_chain_plan(
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", *_CALVIN_OBSERVATIONS))
     _check_policy(policy, "CALVIN")
     space = _action_space(policy, CALVIN, action_space)
-    with WorldProcess(command) as process:
-        said = process.suite(suite)
+    started, said = describe_chains(command, suite)
     try:
         task = ChainTask(suite, 0, suite, "five instructions in a row", str(said["tasks"][0]["fingerprint"]))
         versions = {str(name): str(found) for name, found in said["versions"].items()}
+        objects = chain_objects(said["objects"])
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
     planned = tuple(
@@ -155,7 +163,9 @@ def make_chain_plan(
         for number in range(seed, seed + count)
     )
     tasks = {f"{task.id}/{task.condition}": task}
-    settings = ChainSettings(CALVIN, tuple(command), PROTOCOL, tasks, versions, (), refuse_broken=refuse_broken)
+    settings = ChainSettings(
+        CALVIN, started, PROTOCOL, tasks, versions, (), refuse_broken=refuse_broken, objects=objects
+    )
     return Plan(policy, planned, space, shown, "standard", world=settings)
 
 
