@@ -21,10 +21,12 @@ def collected(tmp_path_factory):
     return collect(["morning_coffee"], tmp_path_factory.mktemp("collected") / "run", demos=4)
 
 
-def exported(run, out, name, form):
+def exported(run, out, name, form, most=None):
     """Exports without images, which the audit does not read and which take nearly all of the time."""
     layout = dataclasses.replace(layout_of(name), images=(), copies={})
-    export_dataset(ExportPlan([run], select_demonstrations([run]), layout=layout, to=form, out=out))
+    selection = select_demonstrations([run])
+    selection = dataclasses.replace(selection, demonstrations=selection.demonstrations[:most])
+    export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
     return out
 
 
@@ -33,9 +35,8 @@ def test_an_export_in_every_preset_is_read_alike(collected, tmp_path, form):
     counted = {}
     layouts = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in PRESETS}
     for name in ("native", *layouts.values()):
-        read = read_lerobot(exported(collected, tmp_path / f"{form} {name} {len(counted)}", name, form))
-        count = len(select_demonstrations([collected]).demonstrations)
-        assert (read.reading.episodes, read.reading.of) == (count, count), name
+        read = read_lerobot(exported(collected, tmp_path / f"{form} {name} {len(counted)}", name, form, 2))
+        assert (read.reading.episodes, read.reading.of) == (2, 2), name
         ((gripper,), (place,)) = read.reading.grippers, read.reading.places
         assert gripper.never == 0, name
         assert not read.reading.warnings, name

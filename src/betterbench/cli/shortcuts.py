@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from betterbench.shortcuts.examine import ShortcutAudit
     from betterbench.shortcuts.facts import EpisodeFacts
     from betterbench.shortcuts.prediction import Prediction
-    from betterbench.shortcuts.reading import Reading
+    from betterbench.shortcuts.reading import DataReading
 
 
 def shortcuts_command(
@@ -56,19 +56,10 @@ def shortcuts_command(
         sign: Private SSH key with which prediction.json is signed.
         json: Print the audit as one JSON document.
     """
-    from betterbench.shortcuts.examine import audit_dataset
-    from betterbench.shortcuts.prediction import predict
-    from betterbench.tasks import task_names
-
     if sign is not None and out is None:
         raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
-    facts, hashed, reading = _facts_of(
-        data,
-        {"instruction": instruction, "grippers": gripper, "places": place, "closed": closed, "seed": seed},
-    )
-    audit = audit_dataset(str(data), facts, reading)
-    known = {group.group for group in audit.groups} & set(task_names())
-    prediction = predict(audit, dataset_sha256=hashed) if known else None
+    choices = {"instruction": instruction, "grippers": gripper, "places": place, "closed": closed, "seed": seed}
+    facts, audit, prediction = _audited(data, choices)
     if out is not None:
         _write(out, audit, prediction, sign)
     if json:
@@ -86,7 +77,19 @@ def shortcuts_command(
         OUT.print(f"written to {out}", markup=False, soft_wrap=True)
 
 
-def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, Reading]:
+def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
+    """Return what the demonstrations show, what goes together in them, and what follows for the variations."""
+    from betterbench.shortcuts.examine import audit_dataset
+    from betterbench.shortcuts.prediction import predict
+    from betterbench.tasks import task_names
+
+    facts, hashed, reading = _facts_of(data, choices)
+    audit = audit_dataset(str(data), facts, reading)
+    known = {group.group for group in audit.groups} & set(task_names())
+    return facts, audit, predict(audit, dataset_sha256=hashed) if known else None
+
+
+def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
     """Return what the demonstrations show, the hash of the set if it is ours, and how they were read."""
     from betterbench.demonstrations.production import set_hash
     from betterbench.recording import RunFolder

@@ -16,7 +16,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.interventions import resolve_condition
 from betterbench.shortcuts.association import Association, association, codes_of, entropy_bits, strongest_of
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_condition
-from betterbench.shortcuts.pairs import Pair, least_share, telling_pairs
+from betterbench.shortcuts.pairs import WordPair, least_share, telling_pairs
 from betterbench.shortcuts.questions import (
     COUNT,
     FIRST_PLACE,
@@ -26,8 +26,8 @@ from betterbench.shortcuts.questions import (
     Question,
     handled_kinds,
 )
-from betterbench.shortcuts.reading import Reading
-from betterbench.shortcuts.words import is_spaced, overlap, shown_as, without_joined, words_of
+from betterbench.shortcuts.reading import DataReading
+from betterbench.shortcuts.words import instruction_words, is_spaced, overlapping, shown_as, without_joined
 from betterbench.tasks import get_task, task_names
 
 ALPHA = 0.05
@@ -129,7 +129,7 @@ class ShortcutAudit:
     source: str
     facts_sha256: str
     groups: tuple[GroupAudit, ...]
-    reading: Reading | None = None
+    reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form; how the data were read comes first."""
@@ -145,7 +145,7 @@ def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: Reading | None = None) -> ShortcutAudit:
+def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
     """Return what goes together in a dataset; a function of the facts alone.
 
     Args:
@@ -257,7 +257,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
     sizes = np.bincount(of_text, minlength=len(texts))
     said: dict[str, int] = {}
     for text, i in texts.items():
-        for word in words_of(text):
+        for word in instruction_words(text):
             said[word] = said.get(word, 0) | 1 << i
     said = without_joined(said)
     alike: dict[int, list[str]] = {}
@@ -338,7 +338,7 @@ def _answers_about_pairs(question: str, said: _Said, outcomes: Sequence[str]) ->
     return raw
 
 
-def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: Pair) -> Association:
+def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
     """Return how the presence of both words goes with an outcome, with the p-value of the pair."""
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
@@ -462,8 +462,8 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
     if len(those) > len(these):
         return False
     return any(
-        all(overlap(a, b) or set(a) & set(b) for a, b in zip(order, those, strict=False))
-        and any(overlap(a, b) for a, b in zip(order, those, strict=False))
+        all(overlapping(a, b) or set(a) & set(b) for a, b in zip(order, those, strict=False))
+        and any(overlapping(a, b) for a, b in zip(order, those, strict=False))
         for order in itertools.permutations(these)
     )
 

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import RecordError
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import Record, subgoal_segments
-from betterbench.shortcuts.words import words_of
+from betterbench.shortcuts.words import instruction_words
 from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS
 
@@ -74,8 +74,8 @@ class EpisodeFacts:
 
     @property
     def words(self) -> frozenset[str]:
-        """The words of the instruction in lower case, as :func:`~betterbench.shortcuts.words.words_of` finds them."""
-        return words_of(self.instruction)
+        """The words of the instruction, see :func:`~betterbench.shortcuts.words.instruction_words`."""
+        return instruction_words(self.instruction)
 
     @property
     def privileged(self) -> bool:

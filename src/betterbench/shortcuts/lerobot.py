@@ -1,7 +1,7 @@
 """What a stranger's LeRobot dataset shows, versions 2.0 to 3.0: instruction, actions and proprioception, and no state.
 
 Objects have no names there. A place is where a gripper closes or opens. Which columns are the instruction, the gripper
-and the place is told by names, and refused where they do not tell; :class:`Reading` says what was taken.
+and the place is told by names, and refused where they do not tell; :class:`DataReading` says what was taken.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
 from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of
-from betterbench.shortcuts.lerobot_choice import Columns, Grip, Place, choose_grippers, choose_places
+from betterbench.shortcuts.lerobot_choice import ArmPlace, Columns, Grip, choose_grippers, choose_places
 from betterbench.shortcuts.lerobot_files import (
     CURE,
     FrameColumn,
@@ -31,14 +31,14 @@ from betterbench.shortcuts.lerobot_files import (
     read_info,
     read_json,
     read_tasks,
-    require_finite,
+    require_finite_column,
     runs,
     task_columns,
     texts_in,
 )
-from betterbench.shortcuts.numbers import Number, columns_of, find_column
+from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
 from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
-from betterbench.shortcuts.reading import GripperReading, PlaceReading, Reading
+from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
 
 MOST_EPISODES = 5000
 """Most episodes that are read; the test needs no more."""
@@ -80,7 +80,7 @@ class LeRobotFacts:
     """What a data set shows, and how it was read."""
 
     facts: tuple[EpisodeFacts, ...]
-    reading: Reading
+    reading: DataReading
 
 
 def is_lerobot_dataset(path: Path) -> bool:
@@ -211,7 +211,8 @@ class _Said:
                 problem = f"{self.column} holds no texts"
                 raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
             values = numbers_in(file, self.column, column, 1)
-            require_finite(file, self.column, values)
+            require_finite_column(file, self.column, values)
+            values = np.clip(values, -_MOST_COUNT, 2.0 * _MOST_COUNT)
             unique, codes = np.unique(values.astype(np.int64), return_inverse=True)
             unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
             if unknown:
@@ -266,7 +267,7 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     for file in frames.files:
         columns = read_columns(file, {"episode_index": 1, said.column: 1})
         numbers = numbers_in(file, "episode_index", columns["episode_index"], 1)
-        require_finite(file, "episode_index", numbers)
+        require_finite_column(file, "episode_index", numbers)
         index = numbers.astype(np.int64)
         codes = said.codes(file, columns[said.column], known)
         texts = list(known)
@@ -322,7 +323,7 @@ class _Episode:
 
 
 def _read(
-    chosen: Sequence[_Stretch], grips: Sequence[Grip], places: Sequence[Place], widths: Mapping[str, int]
+    chosen: Sequence[_Stretch], grips: Sequence[Grip], places: Sequence[ArmPlace], widths: Mapping[str, int]
 ) -> list[_Episode]:
     """Return the numbers of some episodes."""
     by_file: dict[Path, list[_Stretch]] = {}
@@ -335,12 +336,12 @@ def _read(
         rows = {}
         for name, width in widths.items():
             values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
-            require_finite(file, name, values)
+            require_finite_column(file, name, values)
             rows[name] = values
         for stretch in stretches:
             cut = {name: values[stretch.start : stretch.stop] for name, values in rows.items()}
 
-            def of(number: Number, cut: Mapping[str, _Floats] = cut) -> _Floats:
+            def of(number: NamedNumber, cut: Mapping[str, _Floats] = cut) -> _Floats:
                 return cut[number.column][:, used[number.column].index(number.index)]
 
             ways = {}
@@ -351,7 +352,7 @@ def _read(
     return episodes
 
 
-def _all(grips: Sequence[Grip], places: Sequence[Place]) -> Iterator[Number]:
+def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNumber]:
     yield from (grip.number for grip in grips)
     yield from (number for place in places for number in place.numbers)
 
@@ -372,7 +373,7 @@ class _Arm:
     """
 
     grip: Grip
-    place: Place
+    place: ArmPlace
     jaws: Jaws | None
     closings: tuple[tuple[int, ...], ...]
     openings: tuple[tuple[int, ...], ...]
@@ -382,7 +383,7 @@ class _Arm:
     span: float
 
     @classmethod
-    def of(cls, chosen: tuple[Grip, Place], jaws: Jaws | None, episodes: Sequence[_Episode], shortest: int) -> _Arm:
+    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws | None, episodes: Sequence[_Episode], shortest: int) -> _Arm:
         """Return what an arm does.
 
         Args:
@@ -483,7 +484,7 @@ class _Read:
         return total if known else None
 
 
-def _reading(read: _Read) -> Reading:
+def _reading(read: _Read) -> DataReading:
     """Return how a data set was read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
@@ -496,7 +497,7 @@ def _reading(read: _Read) -> Reading:
         shown = ", ".join(one_line(other, most=60) for other in read.said.others[:4])
         instruction += f" (also there: {shown}; --instruction COLUMN reads another one)"
     moving = [arm for arm in read.arms if arm.jaws is not None]
-    return Reading(
+    return DataReading(
         episodes,
         max(read.listed or 0, read.scanned.there),
         observations,

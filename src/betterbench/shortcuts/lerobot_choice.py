@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.shortcuts.numbers import Number, Part, arm_of, named_numbers, parts_of, tokens
+from betterbench.shortcuts.numbers import NamedNumber, NumberRole, arm_in, named_numbers, parts_of, tokens
 
 MOST_SHOWN = 8
 STEPS = "+"
@@ -30,13 +30,13 @@ class Columns:
         steps: Whether the actions are known to be steps of the tool, so that their sums are places.
     """
 
-    numbers: Mapping[str, tuple[Number, ...]]
-    parts: Mapping[str, Sequence[Part]]
+    numbers: Mapping[str, tuple[NamedNumber, ...]]
+    parts: Mapping[str, Sequence[NumberRole]]
     where: str
     steps: bool = False
 
     @classmethod
-    def of(cls, numbers: Mapping[str, tuple[Number, ...]], where: str, *, steps: bool) -> Columns:
+    def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
         """Return the columns with what their numbers are."""
         return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
 
@@ -53,7 +53,7 @@ class Columns:
         left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
         return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
 
-    def pairs(self, column: str) -> list[tuple[Number, Part]]:
+    def pairs(self, column: str) -> list[tuple[NamedNumber, NumberRole]]:
         """Return the numbers of a column with what they are."""
         return list(zip(self.numbers[column], self.parts[column], strict=True))
 
@@ -63,16 +63,16 @@ class Grip:
     """The number that tells how far the gripper of an arm is closed, and why that one."""
 
     arm: str
-    number: Number
+    number: NamedNumber
     by: str
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ArmPlace:
     """The numbers that tell where an arm is, what they are (as in ``PlaceReading``), and why these."""
 
     arm: str
-    numbers: tuple[Number, ...]
+    numbers: tuple[NamedNumber, ...]
     space: str
     by: str
 
@@ -112,13 +112,13 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
     return tuple(found)
 
 
-def _arm(number: Number) -> str:
-    return next((arm for label in (*number.labels, number.column) if (arm := arm_of(label))), "")
+def _arm(number: NamedNumber) -> str:
+    return next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
 
 
 def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     """Return the grippers of a column, one per arm; InvalidInputError if an arm has two."""
-    by_arm: dict[str, list[tuple[Number, Part]]] = {}
+    by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
     hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
     for number, part in columns.pairs(column):
         if part.kind == kind and not (kind == "finger" and part.arm in hands):
@@ -142,7 +142,7 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
     return found
 
 
-def _require_agreement(columns: Columns, number: Number, part: Part) -> None:
+def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
     """Raise InvalidInputError if two names of a number say different things."""
     for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
         if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
@@ -174,7 +174,7 @@ def _cure_gripper(columns: Columns) -> str:
     return f"Say which number it is with --gripper 'COLUMN[NUMBER]' or 'COLUMN:NAME', such as --gripper '{example}'"
 
 
-def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[Place, ...]:
+def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
     """Return where the arm of each gripper is: as a user says, by positions of its end effector, or by its joints.
 
     Raises:
@@ -186,7 +186,7 @@ def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
     return tuple(_place_of(columns, grip, alone=len(grips) == 1) for grip in grips)
 
 
-def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[Place, ...]:
+def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
     sums = {text.startswith(STEPS) for text in named}
     if len(sums) > 1:
         raise InvalidInputError("--place", "some numbers are steps and some are not", "Give a + before all or none")
@@ -197,27 +197,29 @@ def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str])
         raise InvalidInputError("--place", problem, "Give two or three numbers (x, y, z) per gripper, in their order")
     space = "steps" if sums == {True} else "position" if each <= 3 else "numbers"
     cut = [tuple(numbers[i * each : (i + 1) * each]) for i in range(len(grips))]
-    return tuple(Place(grip.arm, some, space, "--place") for grip, some in zip(grips, cut, strict=True))
+    return tuple(ArmPlace(grip.arm, some, space, "--place") for grip, some in zip(grips, cut, strict=True))
 
 
-def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> Place:
+def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     """Return the place of one arm."""
     states = columns.states
     for column in states:
         for arm in _arms(columns, column, "xyz", grip.arm, alone=alone):
             found = _axes(columns, column, arm)
             if found is not None:
-                return Place(grip.arm, found[0], "position", found[1])
+                return ArmPlace(grip.arm, found[0], "position", found[1])
     for column in states:
         for arm in _arms(columns, column, ("joint",), grip.arm, alone=alone):
             joints = [(n, part) for n, part in columns.pairs(column) if part.kind == "joint" and part.arm == arm]
             if len(joints) >= 2:
-                return Place(grip.arm, tuple(n for n, _ in joints), "joints", joints[0][1].by)
+                return ArmPlace(grip.arm, tuple(n for n, _ in joints), "joints", joints[0][1].by)
     if columns.steps and not states:
         for column in columns.actions:
             found = _axes(columns, column, grip.arm)
             if found is not None:
-                return Place(grip.arm, found[0], "steps", "names in meta/info.json; meta/betterbench.json says steps")
+                return ArmPlace(
+                    grip.arm, found[0], "steps", "names in meta/info.json; meta/betterbench.json says steps"
+                )
     return _unnamed(columns, grip, alone=alone)
 
 
@@ -231,7 +233,7 @@ def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alon
     return ()
 
 
-def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[Number, ...], str] | None:
+def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
     """Return x, y and, if there is one, z of an arm; InvalidInputError if one stands twice."""
     found = {
         axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
@@ -248,7 +250,7 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[Number, ...], 
     return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
 
 
-def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> Place:
+def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     """Return all numbers of the state if it has no names, and there is one gripper; InvalidInputError otherwise."""
     cure = "Say where the gripper is with --place, such as --place 'COLUMN[0]' 'COLUMN[1]' 'COLUMN[2]'"
     if not columns.states:
@@ -267,10 +269,10 @@ def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> Place:
         if telling:
             problem += f"; {column} has {', '.join(n.shown for n in telling[:3])}"
         raise InvalidInputError(columns.where, problem, cure)
-    return Place(grip.arm, tuple(left), "numbers", f"{column} has no names that tell")
+    return ArmPlace(grip.arm, tuple(left), "numbers", f"{column} has no names that tell")
 
 
-def polarity_of(number: Number) -> tuple[str, str] | None:
+def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
     """Return on which side a gripper is closed by its name, ``low`` or ``high``, and the word that says so."""
     for label in number.labels:
         words = set(tokens(label))

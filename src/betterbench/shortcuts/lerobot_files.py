@@ -12,6 +12,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -108,24 +109,34 @@ def read_tasks(path: Path, column: str | None = None) -> Tasks:
         RecordError: If the file cannot be read, or no column of it is known to hold the instructions.
         UnknownNameError: If there is no such column.
     """
+    where, rows = _task_rows(path)
+    with _one_line(where):
+        return _tasks(where, rows, column)
+
+
+def task_columns(path: Path) -> tuple[str, ...]:
+    """Return the columns of texts beside the numbers of the instructions; RecordError if the file cannot be read."""
+    _, rows = _task_rows(path)
+    return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
+
+
+def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
+    """Return the file with the instructions, and its columns; RecordError if it cannot be read."""
     lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
     where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
     if is_pointer(where):
         raise RecordError(f"{where}: the instructions cannot be read. {FETCH}.")
+    with _one_line(where):
+        return where, _parquet_rows(table) if where == table else _json_rows(lines)
+
+
+@contextmanager
+def _one_line(where: Path) -> Iterator[None]:
+    """Turn what is raised while the instructions are read into one line."""
     try:
-        rows = _parquet_rows(table) if where == table else _json_rows(lines)
-        return _tasks(where, rows, column)
+        yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
         raise RecordError(f"{where}: the instructions cannot be read ({one_line(error)}). {CURE}.") from error
-
-
-def task_columns(path: Path) -> tuple[str, ...]:
-    """Return the columns of texts beside the numbers of the instructions; none if the file cannot be read."""
-    try:
-        tasks = read_tasks(path)
-    except (RecordError, InvalidInputError):
-        return ()
-    return tuple(sorted({*tasks.others, tasks.source.partition(" ")[0]}))
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
@@ -313,7 +324,7 @@ def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
     return values if width == 1 else values.reshape(len(flat), width)
 
 
-def require_finite(file: Path, name: str, values: _Floats) -> None:
+def require_finite_column(file: Path, name: str, values: _Floats) -> None:
     """Raise RecordError if some number of a column is not finite."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:

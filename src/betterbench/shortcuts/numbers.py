@@ -46,7 +46,7 @@ _NUMBERED = re.compile(r"(?:arm|robot|gripper|agent|follower)[_.\s]?(\d+)")
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class NamedNumber:
     """One number of a column.
 
     Attributes:
@@ -70,7 +70,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class NumberRole:
     """What a number is, and of which arm.
 
     Attributes:
@@ -93,7 +93,7 @@ def tokens(name: str) -> list[str]:
     return re.findall(r"[a-z]+|\d+", split.lower())
 
 
-def arm_of(name: str) -> str:
+def arm_in(name: str) -> str:
     """Return the arm that a name speaks of: ``left``, ``right``, a number as text, or "" for none."""
     found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
     if len(found) == 1:
@@ -113,9 +113,9 @@ def size_of(feature: object) -> int:
     return (wide or [1])[0] if len(wide) <= 1 and all(0 < n <= MOST_NUMBERS for n in shape) else 0
 
 
-def names_of(feature: Mapping[str, Any]) -> list[str]:
+def names_of(feature: object) -> list[str]:
     """Return the names of the numbers of a column, of lists and maps within each other in their order."""
-    found = list(_names(feature.get("names"), "", 0))
+    found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
     return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
 
 
@@ -130,19 +130,19 @@ def _names(form: object, prefix: str, depth: int) -> Iterable[str]:
     elif isinstance(form, list) and depth < 4:
         for value in form:
             yield from _names(value, prefix, depth + 1)
-    elif form is not None and not isinstance(form, list | dict):
-        yield prefix + str(form)
+    elif not isinstance(form, list | dict) and (depth or form is not None):
+        yield prefix + str(form) if form is not None else ""
 
 
-def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict[str, tuple[Number, ...]]:
+def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict[str, tuple[NamedNumber, ...]]:
     """Return the numbers of each column of floating-point numbers."""
     spans = _spans(modality)
     found = {}
     for column, feature in features.items():
         size = size_of(feature)
-        names = names_of(feature)[:size]
-        if len(names) == 1 and size > 1:
-            names = []  # one name for the whole column, as openpi's sets have it
+        names = names_of(feature)
+        if (len(names) == 1 and size > 1) or len(names) > size:
+            names = []  # one name for the whole column, as openpi's sets have it, or names of something else
         numbers = []
         for index in range(size):
             name = names[index] if index < len(names) else ""
@@ -152,7 +152,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
                 ("name of the column", f"{column}.{index}" if size > 1 else column),
             ]
             kept = [(by, label) for by, label in labels if label]
-            numbers.append(Number(column, index, name, tuple(x for _, x in kept), tuple(by for by, _ in kept)))
+            numbers.append(NamedNumber(column, index, name, tuple(x for _, x in kept), tuple(by for by, _ in kept)))
         if size:
             found[column] = tuple(numbers)
     return found
@@ -175,7 +175,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
     return found
 
 
-def parts_of(numbers: Sequence[Number]) -> list[Part]:
+def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
     """Return what each number of a column is."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
@@ -185,12 +185,12 @@ def parts_of(numbers: Sequence[Number]) -> list[Part]:
         # The gripper at the end of a slice called "left_arm" is told by its own name.
         named = next((one for one in said if one[0] == "gripper" and said[0][0] == "joint"), None)
         kind, by = named or (said[0] if said else ("", ""))
-        arm = next((arm for label in (*number.labels, number.column) if (arm := arm_of(label))), "")
-        parts.append(Part(kind, arm, by, tuple(found)))
+        arm = next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
+        parts.append(NumberRole(kind, arm, by, tuple(found)))
     return parts
 
 
-def _parts(numbers: Sequence[Number], level: int) -> list[str]:
+def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
     """Return what each number is by its label of one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
@@ -241,7 +241,7 @@ def find_column(option: str, name: str, known: Iterable[str]) -> str:
     return name
 
 
-def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[Number]]) -> tuple[Number, ...]:
+def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNumber]]) -> tuple[NamedNumber, ...]:
     """Return the numbers that a user names: ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
 
     Raises:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
 from betterbench.shortcuts.prediction import Prediction
-from betterbench.shortcuts.reading import Reading
+from betterbench.shortcuts.reading import DataReading
 
 ABOUT = (
     "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
@@ -26,7 +26,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
     return lines
 
 
-def _reading_lines(reading: Reading) -> list[str]:
+def _reading_lines(reading: DataReading) -> list[str]:
     """Return the paragraph with which an audit begins; a stranger's names are no markup."""
     return [re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", reading.paragraph)]
 

@@ -18,7 +18,7 @@ _Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class WordPair:
     """Two features that together go with an outcome.
 
     Attributes:
@@ -35,7 +35,7 @@ class Pair:
     p_value: float
 
 
-def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Pair]:
+def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
     """Return the pairs of features with their outcome, the clearest first.
 
     A feature that is where two others are together is left out: it is such a pair itself.
@@ -67,7 +67,7 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Pair
             _more_frequent_p(together, (int(each_of[k, a] - both_of[k, i, j]), int(each[a] - both[i, j])), logs)
             for a in (i, j)
         )
-        found.append(Pair(int(kept[i]), int(kept[j]), k, min(1.0, p * len(rows) * len(kinds))))
+        found.append(WordPair(int(kept[i]), int(kept[j]), k, min(1.0, p * len(rows) * len(kinds))))
     return sorted(found, key=lambda pair: (pair.p_value, pair.first, pair.second))
 
 

@@ -48,7 +48,7 @@ class PlaceReading:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class DataReading:
     """How an audit read its data.
 
     Attributes:

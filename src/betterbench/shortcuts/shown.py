@@ -11,7 +11,7 @@ from betterbench.errors import RecordError
 from betterbench.interventions import condition_names, resolve_condition
 from betterbench.recording import Record, RunFolder
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_record
-from betterbench.shortcuts.reading import Reading
+from betterbench.shortcuts.reading import DataReading
 from betterbench.state import WorldState
 from betterbench.tasks import Condition, Task, TrialId, get_task
 from betterbench.tasks.balanced import balanced_conditions, with_slots_of
@@ -98,10 +98,10 @@ def facts_of_run(
         yield trial, facts_of_record(record, shown[0])
 
 
-def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> Reading:
+def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
     """Return how the demonstrations of a run are read, of which some trials were successful."""
     left = trials - len(facts)
-    return Reading(
+    return DataReading(
         len(facts),
         trials,
         "",

@@ -25,7 +25,7 @@ _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
 """Variation selectors, joiners and spaces without width, which do not change what is said."""
 
 
-def words_of(text: str) -> frozenset[str]:
+def instruction_words(text: str) -> frozenset[str]:
     """Return the words of a text, whatever their case and their form in Unicode."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
@@ -38,7 +38,7 @@ def is_spaced(word: str) -> bool:
 def shown_as(words: Iterable[str], text: str) -> str:
     """Return how some words of a text that are always said together are shown: in the order of the text.
 
-    Of runs of characters the short ones are shown, those that overlap as one.
+    Of runs of characters the short ones are shown, those that overlapping as one.
     """
     kept = frozenset(words)
     short = max(2, min((len(word) for word in kept if not is_spaced(word)), default=2))
@@ -77,7 +77,7 @@ def without_joined(where: Mapping[str, int]) -> dict[str, int]:
     return {word: texts for word, texts in where.items() if is_spaced(word) or not joins(word)}
 
 
-def overlap(first: Iterable[str], second: Iterable[str]) -> bool:
+def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
     """Tell whether some run of characters of the one is part of one of the other; words with spaces never are."""
     runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
     return any(a in b or b in a for a in runs[0] for b in runs[1])
