@@ -13,7 +13,7 @@ from tests.looping import each
 from betterbench.cli.main import main
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.shortcuts.examine import audit_dataset
-from betterbench.shortcuts.lerobot import facts_of_lerobot
+from betterbench.shortcuts.lerobot import facts_of_lerobot, read_lerobot
 
 CUPS, VERBS, TARGETS = ("red", "blue"), ("put", "move"), ("box", "tray")
 STEPS = 40
@@ -133,17 +133,26 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
     first, last = (path / "data" / "chunk-000" / f"episode_{number:06d}.parquet" for number in (0, 11))
     kept = last.read_bytes()
     last.unlink()
-    with pytest.raises(RecordError, match=r"info\.json: total_episodes is 12, and the data hold 11\. Fetch"):
-        facts_of_lerobot(path)
+    reading = read_lerobot(path).reading
+    assert (reading.episodes, reading.of) == (11, 12)
+    assert reading.left_out == ("1 episodes whose frames are not in the folder",)
     last.write_bytes(first.read_bytes())
     with pytest.raises(RecordError, match=r"episode_000011\.parquet: episode 0 stands in the data twice"):
         facts_of_lerobot(path)
     last.write_bytes(kept)
     assert len(facts_of_lerobot(path)) == 12
     info = json.loads((path / "meta" / "info.json").read_text())
-    (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": 10**6}))
-    with pytest.raises(RecordError, match="total_episodes is 1000000, and the data hold 12"):
-        facts_of_lerobot(path)
+    for total, of, told in (
+        (10**6, 10**6, "left out: 999,988 episodes"),
+        (5, 12, "says 5 episodes, and the files hold"),
+    ):
+        (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": total}))
+        reading = read_lerobot(path).reading
+        assert (reading.episodes, reading.of) == (12, of)
+        assert told in reading.paragraph.replace("Left", "left")
+    for total in (10**400, -3, "many", True, 2.5):
+        (path / "meta" / "info.json").write_text(json.dumps({**info, "total_episodes": total}))
+        assert "is no count of episodes" in read_lerobot(path).reading.paragraph
 
 
 def test_instructions_that_cannot_be_read_are_one_clear_line(tmp_path):

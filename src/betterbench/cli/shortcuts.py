@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -14,11 +14,17 @@ if TYPE_CHECKING:
     from betterbench.shortcuts.examine import ShortcutAudit
     from betterbench.shortcuts.facts import EpisodeFacts
     from betterbench.shortcuts.prediction import Prediction
+    from betterbench.shortcuts.reading import DataReading
 
 
 def shortcuts_command(
     data: Annotated[Path, tyro.conf.Positional],
     *,
+    instruction: str | None = None,
+    gripper: tuple[str, ...] = (),
+    place: tuple[str, ...] = (),
+    closed: Literal["low", "high"] | None = None,
+    seed: int = 0,
     out: Path | None = None,
     sign: Path | None = None,
     json: bool = False,
@@ -26,8 +32,12 @@ def shortcuts_command(
     """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
 
     Of a run, each record is told by its states: what stood where, what was taken and where it was put. Of a LeRobot
-    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read: which words go with where
-    the gripper first closes, where it last opens, and how it sets out. For runs, each rule is held against the
+    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read: which words, and which pairs of
+    words, go with where the gripper first closes, where it last opens, and how it sets out. The audit begins with how
+    the data were read; what names do not tell is not guessed, but asked for by --instruction, --gripper, --place and
+    --closed. They name numbers as COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of a column.
+
+    For runs, each rule is held against the
     variations: those that break it tell a policy that understands from one that goes by the rule. From that follows a
     prediction, which ranks the variations by how likely a learner of this dataset fails them, and by which label.
 
@@ -35,54 +45,77 @@ def shortcuts_command(
 
     Args:
         data: Folder of a run, or of a LeRobot dataset.
+        instruction: Column with the instructions of a LeRobot dataset: of the frames (texts, or numbers of tasks), or
+            of meta/tasks.
+        gripper: Number that tells how far the gripper is closed, such as action:gripper; one per arm.
+        place: Numbers of the position of the gripper, x first, such as observation.state[0,1,2]; as many for each
+            --gripper, in the same order. A + before them adds up steps.
+        closed: End of the gripper's numbers at which it is closed.
+        seed: Seed of the sample that is drawn of more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
         json: Print the audit as one JSON document.
     """
-    from betterbench.shortcuts.examine import audit_dataset
-    from betterbench.shortcuts.prediction import predict
-    from betterbench.tasks import task_names
-
     if sign is not None and out is None:
         raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
-    facts, hashed = _facts_of(data)
-    audit = audit_dataset(str(data), facts)
-    known = {group.group for group in audit.groups} & set(task_names())
-    prediction = predict(audit, dataset_sha256=hashed) if known else None
+    choices = {"instruction": instruction, "grippers": gripper, "places": place, "closed": closed, "seed": seed}
+    facts, audit, prediction = _audited(data, choices)
     if out is not None:
         _write(out, audit, prediction, sign)
     if json:
         print_json(audit.to_json())
         return
+    if audit.reading is not None:
+        OUT.print(audit.reading.paragraph, markup=False, soft_wrap=not OUT.is_terminal)
     for group in audit.groups:
         if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
             say(f"{group.group} has one instruction: whether words are followed cannot be told from it")
+        for note in group.notes:
+            say(f"{group.group}: {note}")
     _tell(audit, prediction)
     if out is not None:
         OUT.print(f"written to {out}", markup=False, soft_wrap=True)
 
 
-def _facts_of(data: Path) -> tuple[tuple[EpisodeFacts, ...], str]:
-    """Return what the demonstrations show, and the hash of the set if it is ours."""
+def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
+    """Return what the demonstrations show, what goes together in them, and what follows for the variations."""
+    from betterbench.shortcuts.examine import audit_dataset
+    from betterbench.shortcuts.prediction import predict
+    from betterbench.tasks import task_names
+
+    facts, hashed, reading = _facts_of(data, choices)
+    audit = audit_dataset(str(data), facts, reading)
+    known = {group.group for group in audit.groups} & set(task_names())
+    return facts, audit, predict(audit, dataset_sha256=hashed) if known else None
+
+
+def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
+    """Return what the demonstrations show, the hash of the set if it is ours, and how they were read."""
     from betterbench.demonstrations.production import set_hash
     from betterbench.recording import RunFolder
-    from betterbench.shortcuts.lerobot import facts_of_lerobot, is_lerobot_dataset
-    from betterbench.shortcuts.shown import facts_of_run
+    from betterbench.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
+    from betterbench.shortcuts.shown import facts_of_run, reading_of_run
 
     if is_lerobot_dataset(data):
-        return facts_of_lerobot(data), ""
+        found = read_lerobot(data, Choices(**choices))
+        return found.facts, "", found.reading
     folder = data / "demonstrations" if (data / "recipe.json").exists() else data
     if not (folder / "run.json").exists():
         problem = "it is neither a run nor a LeRobot dataset"
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
+    for option in ("instruction", "grippers", "places", "closed"):
+        if choices[option]:
+            problem = f"belongs to LeRobot datasets, and {data} is a run, whose records tell this themselves"
+            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
     run = RunFolder.open(folder)
-    trials = [e.key for e in run.entries() if e.status == "done" and run.succeeded(e.key, e)]
+    entries = list(run.entries())
+    trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]
     facts = []
     with progress_bar("read", len(trials)) as (bar, shown):
-        for _, found in facts_of_run(run, trials):
-            facts.append(found)
+        for _, fact in facts_of_run(run, trials):
+            facts.append(fact)
             bar.update(shown, completed=len(facts))
-    return tuple(facts), set_hash(run)
+    return tuple(facts), set_hash(run), reading_of_run(facts, len(entries))
 
 
 def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: Path | None) -> None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
 from betterbench.interventions import resolve_condition
-from betterbench.shortcuts.association import Association, association, strongest_of
+from betterbench.shortcuts.association import Association, association, codes_of, entropy_bits, strongest_of
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_condition
+from betterbench.shortcuts.pairs import WordPair, least_share, telling_pairs
 from betterbench.shortcuts.questions import (
     COUNT,
     FIRST_PLACE,
@@ -23,6 +26,8 @@ from betterbench.shortcuts.questions import (
     Question,
     handled_kinds,
 )
+from betterbench.shortcuts.reading import DataReading
+from betterbench.shortcuts.words import instruction_words, is_spaced, overlapping, shown_as, without_joined
 from betterbench.tasks import get_task, task_names
 
 ALPHA = 0.05
@@ -34,7 +39,14 @@ RARE = 0.05
 """Share below which something counts as not shown by the data."""
 FEWEST = 8
 """Fewest demonstrations of a group for which anything is said."""
+NEARLY_ALWAYS = 0.9
+"""Share of what is open about an outcome that a word tells where it is said, from which it counts as a sure sign."""
 MOST_LINES = 8
+MOST_WORDS = 1000
+"""Most words of a group that are asked about: those that the most episodes tell apart."""
+MOST_PAIRS = 20
+PAIRS = "_together"
+"""What follows the name of a question about words in that about pairs of them."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
 """What was found: a rule that some variation breaks, or a stranger's test could; one that every variation of the task
@@ -79,11 +91,19 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class GroupAudit:
-    """The findings on one task, or on one stranger's dataset."""
+    """The findings on one task, or on one stranger's dataset.
+
+    Attributes:
+        group: Name of the task or of the dataset.
+        episodes: Demonstrations, or segments of some.
+        findings: What was found.
+        notes: What could not be asked, or not be found, and why.
+    """
 
     group: str
     episodes: int
     findings: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
 
     def of(self, question: str) -> tuple[Finding, ...]:
         """Return the findings to a question."""
@@ -103,15 +123,20 @@ class ShortcutAudit:
         source: What was audited.
         facts_sha256: Hash of the facts that it rests on.
         groups: One per task.
+        reading: How the data were read.
     """
 
     source: str
     facts_sha256: str
     groups: tuple[GroupAudit, ...]
+    reading: DataReading | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form."""
-        return {**asdict(self), "alpha": ALPHA, "strong": STRONG}
+        """Return the JSON form; how the data were read comes first."""
+        form = asdict(self)
+        del form["reading"]
+        read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
+        return {**read, **form, "alpha": ALPHA, "strong": STRONG}
 
 
 def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
@@ -120,8 +145,13 @@ def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
-def audit_dataset(source: str, episodes: Sequence[EpisodeFacts]) -> ShortcutAudit:
+def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
     """Return what goes together in a dataset; a function of the facts alone.
+
+    Args:
+        source: What is audited.
+        episodes: What its demonstrations show.
+        reading: How they were read, which the audit repeats.
 
     Raises InvalidInputError if there is no group with enough demonstrations.
     """
@@ -133,23 +163,50 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts]) -> ShortcutAudi
         most = max(map(len, groups.values()), default=0)
         problem = f"the largest group has {most} demonstrations, and {FEWEST} are needed to say anything"
         raise InvalidInputError(source, problem, "Give more demonstrations")
-    return ShortcutAudit(source, facts_hash(episodes), tuple(_judged(audited)))
+    judged = list(_judged(audited))
+    few = {name: len(found) for name, found in groups.items() if len(found) < FEWEST}
+    if few and reading is not None:
+        told = ", ".join(f"{name} ({count})" for name, count in sorted(few.items()))
+        reading = replace(reading, left_out=(*reading.left_out, f"groups of fewer than {FEWEST}: {told}"))
+    return ShortcutAudit(source, facts_hash(episodes), tuple(judged), reading)
 
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """A finding before the correction, with the rules that it rests on."""
+    """A finding before the correction.
+
+    Attributes:
+        finding: What was found.
+        rules: What it rests on.
+        certain: Whether one of the rules holds always, or nearly.
+        parts: Of a question about words, the words of the one or of the two that it is about.
+    """
 
     finding: Finding
     rules: Rules
+    certain: bool = False
+    parts: tuple[tuple[str, ...], ...] = ()
 
 
-def _audit_group(name: str, episodes: Sequence[EpisodeFacts]) -> tuple[str, Sequence[EpisodeFacts], list[_Raw]]:
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """A group of demonstrations, what was found in it, and which questions were asked about pairs of words."""
+
+    name: str
+    episodes: Sequence[EpisodeFacts]
+    found: list[_Raw]
+    notes: list[str]
+    pairs: set[str]
+
+
+def _audit_group(name: str, episodes: Sequence[EpisodeFacts]) -> _Group:
     handled = handled_kinds(episodes)
-    raw = [found for q in QUESTIONS if (found := _answer(name, q, episodes, handled)) is not None]
-    raw += [found for q in WORD_OUTCOMES for found in _answers_about_words(name, q, episodes)]
-    raw += _constants(episodes)
-    return name, episodes, raw
+    group = _Group(name, episodes, [], [], set())
+    group.found.extend(raw for q in QUESTIONS if (raw := _answer(name, q, episodes, handled)) is not None)
+    for question in WORD_OUTCOMES:
+        group.found.extend(_answers_about_words(group, question))
+    group.found.extend(_constants(episodes))
+    return group
 
 
 def _draw(group: str, question: str) -> np.random.Generator:
@@ -178,25 +235,138 @@ def _answer(name: str, q: Question, episodes: Sequence[EpisodeFacts], handled: f
     return _Raw(_finding(q.name, q.title, "", found, lines), rules)
 
 
-def _answers_about_words(name: str, question: str, episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return what each word of the instructions says about one outcome; words that always go together are one."""
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """Words of the instructions: those that are always said together are one.
+
+    Attributes:
+        words: The words of each, apart.
+        shown: How each is shown.
+        presence: (episodes, words) in which episodes each is said.
+    """
+
+    words: tuple[tuple[str, ...], ...]
+    shown: tuple[str, ...]
+    presence: npt.NDArray[np.bool_]
+
+
+def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
+    """Return the words that some demonstrations say and some do not; a note tells if some are left out."""
+    texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
+    of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
+    sizes = np.bincount(of_text, minlength=len(texts))
+    said: dict[str, int] = {}
+    for text, i in texts.items():
+        for word in instruction_words(text):
+            said[word] = said.get(word, 0) | 1 << i
+    said = without_joined(said)
+    alike: dict[int, list[str]] = {}
+    for word in sorted(said):
+        alike.setdefault(said[word], []).append(word)
+    rows = {where: np.flatnonzero([where >> i & 1 for i in range(where.bit_length())]) for where in alike}
+    counts = {where: int(sizes[rows[where]].sum()) for where in alike}
+    told = [where for where in alike if 2 <= counts[where] <= len(known) - 2]
+    if len(told) > MOST_WORDS:
+        ranked = sorted(told, key=lambda where: -min(counts[where], len(known) - counts[where]))[:MOST_WORDS]
+        note = f"of {len(told):,} words, the {MOST_WORDS:,} that tell the most episodes apart were asked about"
+        notes.extend([note] if note not in notes else [])
+        kept = set(ranked)
+        told = [where for where in told if where in kept]
+    presence = np.zeros((len(known), len(told)), dtype=np.bool_)
+    listed, shown = list(texts), []
+    for column, where in enumerate(told):
+        has = np.zeros(len(texts), dtype=np.bool_)
+        has[rows[where]] = True
+        presence[:, column] = has[of_text]
+        words = alike[where]
+        plain = all(map(is_spaced, words))
+        shown.append(" ".join(words[:6]) if plain else shown_as(words, listed[int(rows[where][0])]))
+    return _Said(tuple(tuple(alike[where]) for where in told), tuple(shown), presence)
+
+
+def _answers_about_words(group: _Group, question: str) -> list[_Raw]:
+    """Return what each word of the instructions says about one outcome; words that always go together are one.
+
+    Of a stranger's dataset, also what pairs of words say together.
+    """
     title, wording, outcome = WORD_OUTCOMES[question]
-    known = [facts for facts in episodes if outcome(facts)]
-    alike: dict[frozenset[str], list[str]] = {}
-    for word in sorted({word for facts in known for word in facts.words}):
-        alike.setdefault(frozenset(f.episode for f in known if word in f.words), []).append(word)
-    told = [(" ".join(words), has) for has, words in alike.items() if 2 <= len(has) <= len(known) - 2]
+    known = [facts for facts in group.episodes if outcome(facts)]
     outcomes = [outcome(facts) for facts in known]
-    if not told or len(set(outcomes)) < 2:
+    if len(set(outcomes)) < 2:
         return []
-    presence = np.array([[facts.episode in has for _, has in told] for facts in known])
-    raw = []
-    for (words, has), found in zip(told, strongest_of(presence, outcomes, _draw(name, question)), strict=True):
-        seen = Counter(outcome(facts) for facts in known if facts.episode in has)
-        shown = " ".join(words.split()[:6])
-        line = f"with “{shown}”, {wording.format(y=_shares(seen))}"
-        raw.append(_Raw(_finding(question, title, shown, found, [line]), {words: seen}))
+    said = _said_in(known, group.notes)
+    if not said.words:
+        return []
+    raw, every = [], Counter(outcomes)
+    tested = strongest_of(said.presence, outcomes, _draw(group.name, question))
+    for i, found in enumerate(tested):
+        seen = Counter(outcomes[row] for row in np.flatnonzero(said.presence[:, i]).tolist())
+        line = f"with “{said.shown[i]}”, {wording.format(y=_shares(seen))}"
+        finding = _finding(question, title, said.shown[i], found, [line])
+        raw.append(_Raw(finding, {" ".join(said.words[i]): seen}, _nearly_always(seen, every), (said.words[i],)))
+    if any(facts.privileged for facts in group.episodes):
+        return raw
+    group.notes.extend(_least_found(title, len(known), len(said.words)))
+    group.pairs.add(question + PAIRS)
+    return raw + _answers_about_pairs(question, said, outcomes)
+
+
+def _answers_about_pairs(question: str, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
+    """Return the pairs of words that tell an outcome where neither word does."""
+    title, wording, _ = WORD_OUTCOMES[question]
+    codes, kinds = codes_of(outcomes)
+    pairs = telling_pairs(said.presence, codes, fewest=FEWEST)
+    every = Counter(outcomes)
+    # Of pairs that are said in the same episodes, that with the longer words is shown.
+    length = [max(map(len, words)) for words in said.words]
+    pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
+    raw: list[_Raw] = []
+    known = set[bytes]()
+    for pair in (p for p in pairs if p.p_value <= ALPHA):
+        both = said.presence[:, pair.first] & said.presence[:, pair.second]
+        if both.tobytes() in known or len(raw) == MOST_PAIRS:
+            continue
+        known.add(both.tobytes())
+        seen = Counter(outcomes[row] for row in np.flatnonzero(both).tolist())
+        shown = [said.shown[i] for i in (pair.first, pair.second)]
+        line = f"with “{shown[0]}” and “{shown[1]}” together, {wording.format(y=_shares(seen))}"
+        finding = _finding(
+            question + PAIRS, f"two {title}", " + ".join(shown), _together(both, codes, kinds, pair), [line]
+        )
+        parts = (said.words[pair.first], said.words[pair.second])
+        raw.append(_Raw(finding, {" ".join(itertools.chain(*parts)): seen}, _nearly_always(seen, every), parts))
     return raw
+
+
+def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
+    """Return how the presence of both words goes with an outcome, with the p-value of the pair."""
+    joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
+    hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
+    bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
+    return Association(round(bits, 6), 0.0, round(min(1.0, bits / max(min(hx, hy), 1e-9)), 6), pair.p_value, len(both))
+
+
+def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
+    """Tell whether an outcome follows from what was seen: at least :data:`NEARLY_ALWAYS` of what was open about it."""
+    (value, count), n = seen.most_common(1)[0], sum(seen.values())
+    usual = every[value] / sum(every.values())
+    return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
+
+
+def _least_found(title: str, n: int, words: int) -> list[str]:
+    """Return a note if so few demonstrations cannot show every rule that would count as strong."""
+    tests = words * 2 * len(WORD_OUTCOMES)
+    share = least_share(n, tests, ALPHA)
+    if share is None:
+        return [f"{title}: {n} demonstrations and {words} words are too few to show even a rule without an exception"]
+    if share <= _SHARE_OF_STRONG:
+        return []
+    least = f"that {100.0 * share:.0f} % of the demonstrations follow"
+    return [f"{title}: with {n} demonstrations and {words} words, the weakest rule that could be found is one {least}"]
+
+
+_SHARE_OF_STRONG = 0.89
+"""Share of demonstrations that follow a rule of strength :data:`STRONG` between two even words and two even places."""
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
@@ -214,7 +384,7 @@ def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
     if len(counts) == 1:
         line = f"{next(iter(counts))} loose things stand on the table at the start"
         raw.append(_constant(COUNT, "number of things at the start", "", line, {"": counts}))
-    places = Counter(f.steps[0].origin for f in episodes if not f.privileged and f.steps)
+    places = Counter(f.steps[0].origin for f in episodes if not f.privileged and f.steps and f.steps[0].origin)
     if len(places) == 1 and len({f.instruction for f in episodes}) > 1:
         line = f"whatever is asked for, the gripper first closes at {next(iter(places))}"
         raw.append(_constant(FIRST_PLACE, "first place", "", line, {"": places}))
@@ -244,20 +414,58 @@ def _shares(seen: Counter[str]) -> str:
     return ", ".join(listed) + (f" and {len(ranked) - 3} more" if len(ranked) > 3 else "")
 
 
-def _judged(groups: Sequence[tuple[str, Sequence[EpisodeFacts], list[_Raw]]]) -> list[GroupAudit]:
+def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
     """Correct the p-values of all groups together, and give the verdicts."""
-    questions = len({(name, r.finding.question) for name, _, found in groups for r in found if r.finding.p_value})
+    asked = {(group.name, raw.finding.question) for group in groups for raw in group.found if raw.finding.p_value}
+    asked |= {(group.name, question) for group in groups for question in group.pairs}
     judged = []
-    for name, episodes, found in groups:
-        tests = _tests_of(name)
+    for group in groups:
+        tests = _tests_of(group.name)
         findings = []
-        for raw in found:
+        for raw in group.found:
             p = raw.finding.p_value
-            adjusted = None if p is None else round(min(1.0, p * questions), 6)
+            adjusted = None if p is None else round(min(1.0, p * len(asked)), 6)
             seen = {x: dict(sorted(ys.items())) for x, ys in sorted(raw.rules.items())}
-            findings.append(_verdict(replace(raw.finding, p_adjusted=adjusted, seen=seen), raw.rules, tests))
-        judged.append(GroupAudit(name, len(episodes), tuple(findings)))
+            finding = replace(raw.finding, p_adjusted=adjusted, seen=seen)
+            findings.append(_verdict(finding, raw, tests))
+        judged.append(GroupAudit(group.name, len(group.episodes), _clearest(findings, group.found), tuple(group.notes)))
     return judged
+
+
+def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
+    """Return the findings; what is found of a run of characters that is part of a clearer one's is none.
+
+    In a script without spaces a part of a word, and a run that has a word in it, tell in part what the word tells.
+    """
+    verdicts = [finding.verdict for finding in findings]
+    ranked = sorted(
+        (i for i, raw in enumerate(found) if raw.parts and findings[i].verdict != "none"),
+        key=lambda i: (len(found[i].parts), -findings[i].strength),
+    )
+    kept: list[int] = []
+    for i in ranked:
+        about = findings[i].question.removesuffix(PAIRS)
+        clearer = (
+            j
+            for j in kept
+            if findings[j].question.removesuffix(PAIRS) == about and findings[j].strength > findings[i].strength
+        )
+        if any(_is_part(found[i].parts, found[j].parts) for j in clearer):
+            verdicts[i] = "none"
+        else:
+            kept.append(i)
+    return tuple(replace(finding, verdict=verdict) for finding, verdict in zip(findings, verdicts, strict=True))
+
+
+def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
+    """Tell whether each of the words of those overlaps with another one of these, and one at least by characters."""
+    if len(those) > len(these):
+        return False
+    return any(
+        all(overlapping(a, b) or set(a) & set(b) for a, b in zip(order, those, strict=False))
+        and any(overlapping(a, b) for a, b in zip(order, those, strict=False))
+        for order in itertools.permutations(these)
+    )
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
@@ -268,9 +476,10 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
     return {name: facts_of_condition(resolve_condition(group, name).condition) for name in names}
 
 
-def _verdict(finding: Finding, rules: Rules, tests: Mapping[str, EpisodeFacts] | None) -> Finding:
+def _verdict(finding: Finding, raw: _Raw, tests: Mapping[str, EpisodeFacts] | None) -> Finding:
+    rules = raw.rules
     sure = finding.p_adjusted is None or finding.p_adjusted <= ALPHA
-    if not sure or (finding.strength < STRONG and not _certain(rules)):
+    if not sure or (finding.strength < STRONG and not raw.certain and not _certain(rules)):
         return finding
     if tests is None:
         return replace(finding, verdict="shortcut")

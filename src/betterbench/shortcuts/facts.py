@@ -7,7 +7,6 @@ from actions, instruction and proprioception: then things have no names, and pla
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -19,6 +18,7 @@ from pydantic import TypeAdapter
 from betterbench.errors import RecordError
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import Record, subgoal_segments
+from betterbench.shortcuts.words import instruction_words
 from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS
 
@@ -29,8 +29,6 @@ SET_OUT_M = 0.05
 """Way of the tool after which the direction in which it set out is taken [m]."""
 HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
 """Directions seen from the robot, counterclockwise from above: x points away from it, y to its left."""
-
-_WORD = re.compile(r"[^\W_]+", re.UNICODE)
 
 
 @strict_form
@@ -76,8 +74,8 @@ class EpisodeFacts:
 
     @property
     def words(self) -> frozenset[str]:
-        """The words of the instruction in lower case."""
-        return frozenset(found.group().lower() for found in _WORD.finditer(self.instruction))
+        """The words of the instruction, see :func:`~betterbench.shortcuts.words.instruction_words`."""
+        return instruction_words(self.instruction)
 
     @property
     def privileged(self) -> bool:

@@ -1,81 +1,86 @@
 """What a stranger's LeRobot dataset shows, versions 2.0 to 3.0: instruction, actions and proprioception, and no state.
 
-Things have no names there. A place is where the gripper closes or opens: a cell of the plane in which the tool moves,
-cut at the gaps between the places that are found. Files are laid out as huggingface/lerobot 0.4 writes them.
+Objects have no names there. A place is where a gripper closes or opens. Which columns are the instruction, the gripper
+and the place is told by names, and refused where they do not tell; :class:`DataReading` says what was taken.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
-from betterbench.json_form import parse_json, read_bounded, read_object
+from betterbench.json_form import parse_json, read_bounded
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
+from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of
+from betterbench.shortcuts.lerobot_choice import ArmPlace, Columns, Grip, choose_grippers, choose_places
+from betterbench.shortcuts.lerobot_files import (
+    CURE,
+    FrameColumn,
+    Frames,
+    Tasks,
+    is_pointer,
+    numbers_in,
+    read_columns,
+    read_info,
+    read_json,
+    read_tasks,
+    require_finite_column,
+    runs,
+    task_columns,
+    texts_in,
+)
+from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
+from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
+from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
 
-GAP_SHARE = 0.08
-"""Gap between neighboring values, as a share of the range of the longer axis, at which an axis is cut into cells."""
-NARROW_SHARE = 0.2
-"""Range of an axis, as a share of that of the longer one, below which it is not cut."""
-LEAST_SHARE = 0.05
-"""Least share of all values in a cell."""
-CELLS = 3
-"""Cells of an axis without gaps, each with as many values."""
-SET_OUT_SHARE = 0.1
-"""Way of the tool, as a share of the range of all its positions, after which its direction is taken."""
-DIRECTIONS = 8
-SHORTEST_S = 0.3
-"""Time for which a gripper is closed or open at least [s]: shorter commands, as teleoperators give, are no grasps."""
-USUAL_FPS = 10.0
-MOST_NUMBERS = 10_000
-"""Most numbers of a column per frame."""
 MOST_EPISODES = 5000
-"""Most episodes that are read, evenly chosen; the test needs no more."""
-_MAX_JSON_BYTES = 256 * 1024 * 1024
-_CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
+"""Most episodes that are read; the test needs no more."""
+USUAL_FPS = 10.0
+_MOST_COUNT = 10**9
+_MAX_JSON_BYTES = 64 * 1024 * 1024
+_SPACES = {
+    "position": "",
+    "joints": " in joint space (places are the two principal components of the joints)",
+    "numbers": " (places are the two principal components of these numbers)",
+    "steps": " added up from the start of each episode",
+}
 
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
-class _Columns:
-    """Which columns and numbers of them are looked at.
+class Choices:
+    """What a user says about how a data set is read; what is not given is told by names.
 
     Attributes:
-        widths: How many numbers each column has that is read: 1, or as many as the features say.
-        state: Name of the column with the proprioception.
-        action: Name of the column with the actions.
-        position: Numbers of it that are x and y of the tool; None where its names do not tell.
-        grip: Number of the action that moves the gripper.
-        gripless: Numbers of the state that are not the gripper.
+        instruction: Column with the instruction, of the frames or of the file of tasks.
+        grippers: Numbers of the grippers, one per arm.
+        places: Numbers of the places, as many for each gripper.
+        closed: End at which the grippers are closed.
+        seed: Seed of the sample that is taken of more than :data:`MOST_EPISODES` episodes.
     """
 
-    widths: Mapping[str, int]
-    state: str
-    action: str
-    position: tuple[int, int] | None
-    grip: int
-    gripless: tuple[int, ...]
+    instruction: str | None = None
+    grippers: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    closed: Literal["low", "high"] | None = None
+    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class _Episode:
-    index: int
-    task: int
-    state: _Floats
-    grip: _Floats
+class LeRobotFacts:
+    """What a data set shows, and how it was read."""
+
+    facts: tuple[EpisodeFacts, ...]
+    reading: DataReading
 
 
 def is_lerobot_dataset(path: Path) -> bool:
@@ -84,46 +89,337 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return what each episode of a LeRobot dataset shows; of a very large one, of as many as the test needs.
+    """Return what each episode of a LeRobot dataset shows, as :func:`read_lerobot` does with nothing chosen."""
+    return read_lerobot(path).facts
+
+
+def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
+    """Return what each episode of a LeRobot dataset shows, or each segment of one whose instruction changes.
+
+    With two arms there is a group of facts for each, and one about which of them closes its gripper first.
+
+    Args:
+        path: Folder of the data set.
+        choices: What a user says about how it is read.
 
     Raises:
-        InvalidInputError: If the folder is no such dataset, or has no instruction, action or proprioception.
+        InvalidInputError: If the folder is no such dataset, or instruction, gripper or places cannot be told.
+        UnknownNameError: If a user names a column that there is not.
         RecordError: If a file of it cannot be read.
     """
-    info = _info(path)
-    columns = _columns(path, info)
-    tasks = _tasks(path)
-    episodes = list(_episodes(path, info, columns))
-    if not episodes:
-        raise InvalidInputError(str(path / "data"), "it holds no episode", _CURE)
-    unknown = sorted({e.task for e in episodes} - tasks.keys())
-    if unknown:
-        raise RecordError(f"{path / 'meta'}: it names no task {unknown[0]}, which the data has. Write the file again.")
-    plane = _Plane([e.state for e in episodes], columns)
-    rest, shortest = _rest(episodes), _shortest(info)
-    closed = [_closings(e.grip, rest, shortest) for e in episodes]
-    where = [plane.of(e.state) for e in episodes]
-    origins = _places([w[start] for w, found in zip(where, closed, strict=True) for start, _ in found])
-    targets = _places([w[stop] for w, found in zip(where, closed, strict=True) for _, stop in found])
-    group, facts, k = f"LeRobot dataset {path.absolute().name}", [], 0
-    for e, points, found in zip(episodes, where, closed, strict=True):
-        steps = tuple(ShownStep("", "", origins[k + i], targets[k + i]) for i in range(len(found)))
-        k += len(found)
-        heading = _direction(points, plane.span)
-        facts.append(EpisodeFacts(f"episode {e.index}", group, tasks[e.task], steps, heading=heading))
-    return tuple(facts)
+    given = choices if choices is not None else Choices()
+    info = read_info(path)
+    where = str(path / "meta" / "info.json")
+    numbers = columns_of(info["features"], _modality(path))
+    columns = Columns.of(numbers, where, steps=_says_steps(path))
+    grips = choose_grippers(columns, given.grippers)
+    places = choose_places(columns, grips, given.places)
+    said = _Said.of(path, info, given.instruction)
+    scanned = _scan(path, said)
+    chosen = _sample(scanned.episodes, given.seed)
+    widths = {
+        n.column: len(numbers[n.column]) for n in (*(g.number for g in grips), *(n for p in places for n in p.numbers))
+    }
+    episodes = _read(chosen, grips, places, widths)
+    arms = []
+    for pair in zip(grips, places, strict=True):
+        jaws = jaws_of(pair[0], [e.grips[pair[0].arm] for e in episodes], given.closed, where)
+        arms.append(_Arm.of(pair, jaws, episodes, _shortest(info)))
+    moving = [arm for arm in arms if arm.jaws is not None]
+    if not moving:
+        still = ", ".join(arm.grip.number.shown for arm in arms)
+        raise InvalidInputError(str(path), f"the gripper ({still}) never moves", "Say which it is with --gripper")
+    name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
+    facts: list[EpisodeFacts] = []
+    for arm in moving:
+        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(arms) > 1 else name, arm, episodes)
+    if len(moving) > 1:
+        facts += _facts_on_arms(name, moving, episodes)
+    return LeRobotFacts(tuple(facts), _reading(_Read(info, said, scanned, tuple(episodes), tuple(arms), given.seed)))
 
 
-def _info(path: Path) -> Mapping[str, Any]:
-    file = path / "meta" / "info.json"
-    info = read_object(file, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
-    if not isinstance(info.get("features"), dict):
-        raise InvalidInputError(str(file), "it lists no features", _CURE)
-    version = info.get("codebase_version", "v3.0")
-    if not re.match(r"v[23]\.", str(version)):
-        problem = f"codebase_version is {one_line(version, most=40)!r}, and 2.0 to 3.0 are read"
-        raise InvalidInputError(str(file), problem, "Convert the dataset with lerobot's own scripts")
-    return info
+def _modality(path: Path) -> Mapping[str, Any]:
+    file = path / "meta" / "modality.json"
+    return read_json(file) if file.exists() else {}
+
+
+def _says_steps(path: Path) -> bool:
+    """Tell whether ``meta/betterbench.json`` says that the actions are steps of the tool."""
+    file = path / "meta" / "betterbench.json"
+    if not file.is_file() or is_pointer(file):
+        return False
+    try:
+        form = parse_json(read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE))
+        return str(form["layout"]["adapter"]["answer"]["space"]).startswith("ee_delta")
+    except (InvalidInputError, ValueError, KeyError, TypeError):
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """Where the instructions stand.
+
+    Attributes:
+        column: Column of the frames.
+        tasks: The texts of its numbers, None if it holds the texts themselves.
+        others: Further columns that may hold instructions.
+    """
+
+    column: str
+    tasks: Tasks | None
+    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
+        """Return where they stand: in the file of tasks, or where a user says."""
+        features = info["features"]
+        texts = [
+            name
+            for name, feature in features.items()
+            if isinstance(feature, dict)
+            and (str(feature.get("dtype")) in ("string", "large_string") or name.startswith("annotation."))
+        ]
+        if named is None or named == "task_index":
+            tasks = read_tasks(path)
+            return cls("task_index", tasks, (*tasks.others, *texts))
+        if named in features:
+            numbers = str(features[named].get("dtype") if isinstance(features[named], dict) else "").startswith("int")
+            return cls(named, read_tasks(path) if numbers else None, ())
+        in_tasks = task_columns(path)
+        if named not in in_tasks:
+            find_column("--instruction", named, (*texts, *in_tasks, "task_index"))
+            return cls(named, None, ())
+        return cls("task_index", read_tasks(path, named), ())
+
+    @property
+    def source(self) -> str:
+        """Where they were read, for people."""
+        if self.tasks is None:
+            return f"column {self.column} of the frames"
+        return f"{self.tasks.source}, by {self.column} of the frames"
+
+    def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
+        """Return the number of each row's instruction in ``known``, to which new ones are added.
+
+        Raises RecordError if a number has no text.
+        """
+        texts = texts_in(file, self.column, column)
+        if texts is not None:
+            codes, listed = texts
+        else:
+            if self.tasks is None:
+                problem = f"{self.column} holds no texts"
+                raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
+            values = numbers_in(file, self.column, column, 1)
+            require_finite_column(file, self.column, values)
+            values = np.clip(values, -_MOST_COUNT, 2.0 * _MOST_COUNT)
+            unique, codes = np.unique(values.astype(np.int64), return_inverse=True)
+            unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
+            if unknown:
+                raise RecordError(
+                    f"{file}: {self.column} has {unknown[0]}, and {self.tasks.source} names no such task. "
+                    "Write the file of tasks again."
+                )
+            listed = [self.tasks.texts[int(n)] for n in unique]
+        clean = [text if text is not None and text.strip() else None for text in (*listed, None)]
+        numbers = np.array([known.setdefault(text, len(known)) for text in clean], dtype=np.int64)
+        return np.asarray(numbers[codes], dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The rows of an episode in a file, and its segments: rows from its start, and the instruction."""
+
+    file: Path
+    index: int
+    start: int
+    stop: int
+    segments: tuple[tuple[int, int, str], ...]
+
+
+@dataclass(slots=True)
+class _Scanned:
+    """All episodes that can be read, and what cannot.
+
+    Attributes:
+        episodes: Those that can.
+        short: Episodes of less than two frames.
+        silent: Episodes without an instruction.
+        pointers: Files that are pointers of Git LFS.
+    """
+
+    episodes: list[_Stretch] = field(default_factory=list)
+    short: int = 0
+    silent: int = 0
+    pointers: int = 0
+
+    @property
+    def there(self) -> int:
+        """How many episodes the files hold."""
+        return len(self.episodes) + self.short + self.silent
+
+
+def _scan(path: Path, said: _Said) -> _Scanned:
+    """Return the episodes of all files with their instructions; RecordError if one stands there twice."""
+    frames = Frames.of(path)
+    frames.require_some(path)
+    found, seen, known = _Scanned(pointers=len(frames.pointers)), set[int](), dict[str | None, int]()
+    for file in frames.files:
+        columns = read_columns(file, {"episode_index": 1, said.column: 1})
+        numbers = numbers_in(file, "episode_index", columns["episode_index"], 1)
+        require_finite_column(file, "episode_index", numbers)
+        index = numbers.astype(np.int64)
+        codes = said.codes(file, columns[said.column], known)
+        texts = list(known)
+        for start, stop in runs(index):
+            number = int(index[start])
+            if number in seen:
+                raise RecordError(f"{file}: episode {number} stands in the data twice. Fetch the files again.")
+            seen.add(number)
+            cut = [(a, b, texts[codes[start + a]]) for a, b in runs(codes[start:stop])]
+            segments = tuple((a, b, text) for a, b, text in cut if text is not None and b - a >= 2)
+            if stop - start < 2:
+                found.short += 1
+            elif not segments:
+                found.silent += 1
+            else:
+                found.episodes.append(_Stretch(file, number, start, stop, segments))
+    if not found.episodes and found.silent:
+        problem = f"none of the {found.silent} episodes has an instruction"
+        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
+    if not found.episodes:
+        raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
+    return found
+
+
+def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
+    """Return at most :data:`MOST_EPISODES` episodes, each instruction in proportion, drawn by their rank."""
+    if len(episodes) <= MOST_EPISODES:
+        return list(episodes)
+    by_text: dict[str, list[_Stretch]] = {}
+    for episode in sorted(episodes, key=lambda e: e.index):
+        by_text.setdefault(episode.segments[0][2], []).append(episode)
+    exact = {text: MOST_EPISODES * len(group) / len(episodes) for text, group in by_text.items()}
+    shares = {text: int(share) for text, share in exact.items()}
+    by_rest = sorted(by_text, key=lambda text: (shares[text] - exact[text], text))
+    for text in by_rest[: MOST_EPISODES - sum(shares.values())]:
+        shares[text] += 1
+    draw = np.random.Generator(np.random.PCG64(seed))
+    chosen = [
+        group[int(rank)]
+        for text, group in sorted(by_text.items())
+        for rank in draw.permutation(len(group))[: shares[text]]
+    ]
+    return sorted(chosen, key=lambda e: (str(e.file), e.start))
+
+
+@dataclass(frozen=True, slots=True)
+class _Episode:
+    """The numbers of an episode: by arm those of the gripper (T,), and those of the place (T, d)."""
+
+    stretch: _Stretch
+    grips: Mapping[str, _Floats]
+    ways: Mapping[str, _Floats]
+
+
+def _read(
+    chosen: Sequence[_Stretch], grips: Sequence[Grip], places: Sequence[ArmPlace], widths: Mapping[str, int]
+) -> list[_Episode]:
+    """Return the numbers of some episodes."""
+    by_file: dict[Path, list[_Stretch]] = {}
+    for stretch in chosen:
+        by_file.setdefault(stretch.file, []).append(stretch)
+    used = {name: sorted({n.index for n in _all(grips, places) if n.column == name}) for name in widths}
+    episodes = []
+    for file, stretches in by_file.items():
+        columns = read_columns(file, widths)
+        rows = {}
+        for name, width in widths.items():
+            values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
+            require_finite_column(file, name, values)
+            rows[name] = values
+        for stretch in stretches:
+            cut = {name: values[stretch.start : stretch.stop] for name, values in rows.items()}
+
+            def of(number: NamedNumber, cut: Mapping[str, _Floats] = cut) -> _Floats:
+                return cut[number.column][:, used[number.column].index(number.index)]
+
+            ways = {}
+            for place in places:
+                way = np.column_stack([of(n) for n in place.numbers])
+                ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
+            episodes.append(_Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways))
+    return episodes
+
+
+def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNumber]:
+    yield from (grip.number for grip in grips)
+    yield from (number for place in places for number in place.numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arm:
+    """What one arm does in each episode.
+
+    Attributes:
+        grip: Its gripper.
+        place: Where it is.
+        jaws: How its gripper is read, None if that never moves.
+        closings: Rows in which the gripper closes, by episode.
+        openings: Rows in which it opens.
+        share_closed: Share of all rows in which it is closed.
+        points: Where it is, by episode; in the plane of all its rows if these are no positions.
+        span: Range of these points.
+    """
+
+    grip: Grip
+    place: ArmPlace
+    jaws: Jaws | None
+    closings: tuple[tuple[int, ...], ...]
+    openings: tuple[tuple[int, ...], ...]
+    share_closed: float
+    ways: tuple[_Floats, ...]
+    points: tuple[_Floats, ...]
+    span: float
+
+    @classmethod
+    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws | None, episodes: Sequence[_Episode], shortest: int) -> _Arm:
+        """Return what an arm does.
+
+        Args:
+            chosen: Its gripper and its place.
+            jaws: How its gripper is read, None if that never moves.
+            episodes: The numbers of all episodes.
+            shortest: Rows for which a gripper is closed or open at least.
+        """
+        grip, place = chosen
+        grips, ways = [e.grips[grip.arm] for e in episodes], [e.ways[grip.arm] for e in episodes]
+        every = np.concatenate([way[:: max(1, len(way) // 50)] for way in ways])
+        exact = place.space in ("position", "steps")
+        points = [way[:, :2] if exact else way for way in ways]
+        if not exact:
+            plane = principal_plane(every)
+            points = [in_plane(way, plane) for way in ways]
+        span = float(max(np.ptp(np.concatenate([p[:: max(1, len(p) // 50)] for p in points]), axis=0).max(), 1e-9))
+        closed = [closed_in(values, jaws, shortest) for values in grips] if jaws is not None else []
+        edges = [edges_of(rows) for rows in closed]
+        share = float(np.mean(np.concatenate(closed))) if closed else 0.0
+        return cls(
+            grip,
+            place,
+            jaws,
+            tuple(tuple(a) for a, _ in edges),
+            tuple(tuple(b) for _, b in edges),
+            share,
+            tuple(ways),
+            tuple(points),
+            span,
+        )
+
+    @property
+    def never(self) -> int:
+        """Episodes in which the gripper does not close."""
+        return sum(not rows for rows in self.closings)
 
 
 def _shortest(info: Mapping[str, Any]) -> int:
@@ -133,222 +429,130 @@ def _shortest(info: Mapping[str, Any]) -> int:
     return max(1, round(SHORTEST_S * rate))
 
 
-def _columns(path: Path, info: Mapping[str, Any]) -> _Columns:
-    """Return which columns are looked at; InvalidInputError if there is no action or no proprioception."""
-    features, file = info["features"], str(path / "meta" / "info.json")
-    sizes = {name: _size(feature) for name, feature in features.items()}
-    if not sizes.get("action") and not sizes.get("actions"):
-        raise InvalidInputError(file, "the dataset has no column action", "Give one with actions")
-    states = [name for name in ("observation.state", "state") if sizes.get(name)]
-    states += sorted(name for name, size in sizes.items() if size and name.startswith("observation."))
-    if not states:
-        raise InvalidInputError(
-            file, "the dataset has no proprioception (observation.state)", "Give one with proprioception"
-        )
-    action = "action" if sizes.get("action") else "actions"
-    names, acts = (_names(features[name])[: sizes[name]] for name in (states[0], action))
-    grips = [i for i, name in enumerate(acts) if "grip" in name]
-    position = None
-    axes = [next((i for i, name in enumerate(names) if _is_axis(name, axis)), None) for axis in "xy"]
-    if axes[0] is not None and axes[1] is not None:
-        position = (axes[0], axes[1])
-    gripless = tuple(i for i in range(sizes[states[0]]) if i >= len(names) or "grip" not in names[i])
-    if not gripless:
-        raise InvalidInputError(file, f"all numbers of {states[0]} are of the gripper", "Correct their names")
-    widths = {"episode_index": 1, "task_index": 1, states[0]: sizes[states[0]], action: sizes[action]}
-    return _Columns(widths, states[0], action, position, grips[-1] if grips else sizes[action] - 1, gripless)
+def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
+    """Yield what one arm does in each segment of each episode."""
+    exact = arm.place.space in ("position", "steps")
+    names = []
+    for edges in (arm.closings, arm.openings):
+        where = [way[row] for way, rows in zip(arm.ways, edges, strict=True) for row in rows]
+        given = iter(place_names(where, exact=exact))
+        names.append([[(row, next(given)) for row in rows] for rows in edges])
+    for i, episode in enumerate(episodes):
+        for begin, end, text in episode.stretch.segments:
+            last = end == episode.stretch.stop - episode.stretch.start
+            origins = [name for row, name in names[0][i] if begin <= row < end]
+            targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
+            count = max(len(origins), len(targets))
+            # The first origin is that of the first step, and the last target that of the last one.
+            origins += [""] * (count - len(origins))
+            targets = [""] * (count - len(targets)) + targets
+            steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
+            heading = direction(arm.points[i][begin:end], arm.span)
+            yield EpisodeFacts(_name(episode, begin), group, text, steps, heading=heading)
 
 
-def _size(feature: object) -> int:
-    """Return how many numbers a column has per frame; 0 for images, texts and single numbers."""
-    shape = feature.get("shape") if isinstance(feature, dict) else None
-    dtype = str(feature.get("dtype")) if isinstance(feature, dict) else ""
-    one = isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int)
-    return int(shape[0]) if one and dtype.startswith("float") and 1 < shape[0] <= MOST_NUMBERS else 0  # type: ignore[index]
+def _name(episode: _Episode, begin: int) -> str:
+    name = f"episode {episode.stretch.index}"
+    return f"{name}, from frame {begin}" if len(episode.stretch.segments) > 1 else name
 
 
-def _names(feature: Mapping[str, Any]) -> list[str]:
-    names = feature.get("names")
-    if isinstance(names, dict):
-        names = next((value for value in names.values() if isinstance(value, list)), None)
-    if not isinstance(names, list):
-        return []
-    flat = itertools.chain.from_iterable(name if isinstance(name, list) else [name] for name in names)
-    return [str(name).lower() for name in flat]
+def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
+    """Yield which arm closes its gripper first in each segment of each episode."""
+    for i, episode in enumerate(episodes):
+        for begin, end, text in episode.stretch.segments:
+            closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
+            steps = (ShownStep(f"{min(closings)[1]} arm", "", "", ""),) if closings else ()
+            yield EpisodeFacts(_name(episode, begin), group, text, steps)
 
 
-def _is_axis(name: str, axis: str) -> bool:
-    parts = re.split(r"[^a-z]+", name)
-    rotation = any(word in name for word in ("rot", "quat", "axis", "euler", "vel"))
-    return axis in parts and not rotation
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """All that was read of a data set, to be told."""
+
+    info: Mapping[str, Any]
+    said: _Said
+    scanned: _Scanned
+    episodes: tuple[_Episode, ...]
+    arms: tuple[_Arm, ...]
+    seed: int
+
+    @property
+    def listed(self) -> int | None:
+        """Episodes that the data set says it has, None if it says nothing that can be."""
+        total = self.info.get("total_episodes")
+        known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
+        return total if known else None
 
 
-def _tasks(path: Path) -> dict[int, str]:
-    """Return the instructions by their number; of version 3 from Parquet, of version 2 from JSON lines."""
-    lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
-    try:
-        if table.is_file():
-            found = pq.read_table(table).to_pydict()
-            texts = next((values for name, values in found.items() if name != "task_index"), None)
-            if texts is None:
-                raise ValueError("it has no column with them")  # noqa: TRY301 - told below
-            return {int(i): str(text) for i, text in zip(found["task_index"], texts, strict=True)}
-        data = read_bounded(lines, max_bytes=_MAX_JSON_BYTES, cure=_CURE)
-        forms = [parse_json(line) for line in data.decode().splitlines() if line.strip()]
-        return {int(form["task_index"]): str(form["task"]) for form in forms}
-    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
-        where = table if table.is_file() else lines
-        raise RecordError(f"{where}: the instructions cannot be read ({one_line(error)}). {_CURE}.") from error
+def _reading(read: _Read) -> DataReading:
+    """Return how a data set was read."""
+    segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
+    observations = ""
+    if segments > episodes:
+        changing = sum(len(e.stretch.segments) > 1 for e in read.episodes)
+        observations = f", compared as {segments:,} segments, because the instruction changes within {changing:,}"
+    texts = Counter(text for e in read.episodes for _, _, text in e.stretch.segments)
+    instruction = f"{read.said.source}, {len(texts):,} different"
+    if read.said.others:
+        shown = ", ".join(one_line(other, most=60) for other in read.said.others[:4])
+        instruction += f" (also there: {shown}; --instruction COLUMN reads another one)"
+    moving = [arm for arm in read.arms if arm.jaws is not None]
+    return DataReading(
+        episodes,
+        max(read.listed or 0, read.scanned.there),
+        observations,
+        instruction,
+        tuple(_gripper(arm, arm.jaws) for arm in moving if arm.jaws is not None),
+        tuple(_place(arm) for arm in moving),
+        left_out=tuple(_left_out(read)),
+        warnings=tuple(_warnings(read)),
+    )
 
 
-def _episodes(path: Path, info: Mapping[str, Any], columns: _Columns) -> Iterator[_Episode]:
-    """Yield episodes in the order of their files, evenly chosen if there are very many.
-
-    Raises RecordError if one stands there twice, or there are not as many as the dataset says.
-    """
-    total, there = info.get("total_episodes"), set[int]()
-    every = max(1, math.ceil(total / MOST_EPISODES)) if isinstance(total, int) else 1
-    for file in sorted((path / "data").rglob("*.parquet")):
-        rows = _rows(file, columns)
-        index = rows["episode_index"].astype(np.int64)
-        for start, stop in _runs(index):
-            number = int(index[start])
-            if number in there:
-                raise RecordError(f"{file}: episode {number} stands in the data twice. Fetch the files again.")
-            there.add(number)
-            if number % every == 0 and stop - start >= 2:
-                grip = rows[columns.action][start:stop, columns.grip]
-                yield _Episode(number, int(rows["task_index"][start]), rows[columns.state][start:stop], grip)
-    if there and isinstance(total, int) and total != len(there):
-        where, what = path / "meta" / "info.json", f"total_episodes is {total}, and the data hold {len(there)}"
-        raise RecordError(f"{where}: {what}. Fetch the files that are missing, or correct the number.")
+def _left_out(read: _Read) -> Iterator[str]:
+    """Yield what was not read, and why."""
+    scanned = read.scanned
+    if (read.listed or 0) > scanned.there:
+        yield f"{(read.listed or 0) - scanned.there:,} episodes whose frames are not in the folder"
+    if scanned.pointers:
+        yield f"{scanned.pointers:,} files that are pointers of Git LFS (run git lfs pull to fetch them)"
+    if scanned.short:
+        yield f"{scanned.short:,} episodes of less than two frames"
+    if scanned.silent:
+        yield f"{scanned.silent:,} episodes without an instruction"
+    if len(read.episodes) < len(scanned.episodes):
+        drawn = len(scanned.episodes) - len(read.episodes)
+        yield f"{drawn:,} episodes that were not drawn (each instruction in proportion, seed {read.seed})"
+    yield from (f"the gripper {arm.grip.number.shown}, which never moves" for arm in read.arms if arm.jaws is None)
 
 
-def _rows(file: Path, columns: _Columns) -> Mapping[str, _Floats]:
-    """Return the columns of a file that are looked at; RecordError if one is missing, or not as the features say."""
-    try:
-        missing = [name for name in columns.widths if name not in pq.read_schema(file).names]
-        if missing:
-            raise RecordError(f"{file}: it has no column {missing[0]}. {_CURE}.")
-        table = pq.read_table(file, columns=list(columns.widths))
-        rows = {name: _numbers(table.column(name), width) for name, width in columns.widths.items()}
-    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
-        raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
-    for name, values in rows.items():
-        bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
-        if bad.size:
-            raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Leave the episode out.")
-    return rows
+def _warnings(read: _Read) -> Iterator[str]:
+    """Yield what may make the findings wrong."""
+    total = read.info.get("total_episodes")
+    if read.listed is None and total is not None:
+        yield "total_episodes in meta/info.json is no count of episodes"
+    elif 0 < (read.listed or 0) < read.scanned.there:
+        yield f"meta/info.json says {total:,} episodes, and the files hold {read.scanned.there:,}"
+    for arm in read.arms:
+        of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""
+        if arm.jaws is not None and arm.never:
+            yield f"the gripper{of_arm} never closes in {arm.never:,} of {len(read.episodes):,} episodes"
+        if arm.jaws is not None and arm.jaws.warning:
+            yield arm.jaws.warning
 
 
-def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
-    """Return a column as numbers, one row per frame; ValueError if it does not have ``width`` numbers per frame."""
-    flat = column.combine_chunks()
-    if width == 1:
-        return np.asarray(flat.to_numpy(zero_copy_only=False), dtype=np.float64)
-    listed = pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type)
-    if listed and any(count != width for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
-        msg = f"a column does not have {width} numbers in each row"
-        raise ValueError(msg)
-    values = np.asarray((flat.flatten() if listed else flat).to_numpy(zero_copy_only=False), dtype=np.float64)
-    if len(values) != width * len(flat):
-        msg = f"a column has {len(values)} numbers in {len(flat)} rows, and not {width} in each"
-        raise ValueError(msg)
-    return values.reshape(len(flat), width)
+def _gripper(arm: _Arm, jaws: Jaws) -> GripperReading:
+    source = f"{arm.grip.number.shown} (by {arm.grip.by})"
+    return GripperReading(
+        arm.grip.arm, source, round(jaws.low, 6), round(jaws.high, 6), jaws.closed, jaws.because,
+        round(arm.share_closed, 6), arm.never,
+    )  # fmt: skip
 
 
-def _runs(index: _Ints) -> Iterator[tuple[int, int]]:
-    """Yield the rows [start, stop) of each episode."""
-    edges = [0, *(np.flatnonzero(np.diff(index)) + 1).tolist(), len(index)]
-    yield from ((a, b) for a, b in itertools.pairwise(edges) if b > a)
-
-
-class _Plane:
-    """The plane in which places are told apart: x and y of the tool, or the two ways in which states differ most."""
-
-    def __init__(self, states: Sequence[_Floats], columns: _Columns) -> None:
-        self._position = columns.position
-        self._columns = list(columns.gripless)
-        every = np.concatenate([state[:: max(1, len(state) // 50)] for state in states])
-        used = every[:, self._columns]
-        self._middle = used.mean(axis=0)
-        _, _, self._ways = np.linalg.svd(used - self._middle, full_matrices=False)
-        strongest = np.abs(self._ways).argmax(axis=1)[:, None]
-        self._ways *= np.sign(np.take_along_axis(self._ways, strongest, axis=1))  # the sign of a way is arbitrary
-        points = self.of(every)
-        self.span = float(max(np.ptp(points, axis=0).max(), 1e-9))
-
-    def of(self, states: _Floats) -> _Floats:
-        """Return the points of some states, (T, 2)."""
-        if self._position is not None:
-            return states[:, list(self._position)]
-        points = (states[:, self._columns] - self._middle) @ self._ways[:2].T
-        return points if points.shape[1] == 2 else np.column_stack([points, np.zeros(len(points))])
-
-
-def _rest(episodes: Sequence[_Episode]) -> tuple[float, bool]:
-    """Return the command between an open and a closed gripper, and whether open is above it: as episodes begin."""
-    every = np.concatenate([e.grip for e in episodes])
-    low, high = np.quantile(every, [0.02, 0.98])
-    between = float(low + high) / 2.0
-    begins_above = float(np.mean([e.grip[0] > between for e in episodes]))
-    return between, begins_above > 0.5
-
-
-def _closings(grip: _Floats, rest: tuple[float, bool], shortest: int) -> list[tuple[int, int]]:
-    """Return the rows in which the gripper closes and opens again; the last row where it stays closed.
-
-    In between, what is shorter than ``shortest`` rows counts as what was before.
-    """
-    between, open_above = rest
-    closed = (grip < between) if open_above else (grip > between)
-    for begin, end in _runs(closed.astype(np.int64)):
-        if begin and end < len(closed) and end - begin < shortest:
-            closed[begin:end] = closed[begin - 1]
-    edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
-    starts = [int(e) for e in edges if closed[e]]
-    return [(start, next((int(e) for e in edges if e > start), len(grip) - 1)) for start in starts]
-
-
-def _places(points: Sequence[_Floats]) -> list[str]:
-    """Return the name of the place of each point: the middle of the points of its cell."""
-    if not points:
-        return []
-    found = np.array(points)
-    low, high = np.quantile(found, [0.01, 0.99], axis=0)
-    span = float((high - low).max())
-    cells = np.column_stack([_cells(found[:, 0], span), _cells(found[:, 1], span)])
-    names: dict[tuple[int, int], str] = {}
-    for cell in {(int(a), int(b)) for a, b in cells}:
-        x, y = found[(cells == cell).all(axis=1)].mean(axis=0)
-        names[cell] = f"({x:.2f}, {y:.2f})"
-    return [names[int(a), int(b)] for a, b in cells]
-
-
-def _cells(values: _Floats, span: float) -> _Ints:
-    """Return the cell of each value: cut at gaps, or where there are none into cells of as many values."""
-    ordered = np.sort(values)
-    low, high = np.quantile(ordered, [0.01, 0.99])
-    if high - low <= NARROW_SHARE * span:
-        return np.zeros(len(values), dtype=np.int64)
-    wide = np.flatnonzero(np.diff(ordered) > GAP_SHARE * span) + 1
-    least = max(2, math.ceil(LEAST_SHARE * len(ordered)))
-    cuts, last = [], 0
-    for i in wide.tolist():
-        if i - last >= least and len(ordered) - i >= least:
-            cuts.append((ordered[i - 1] + ordered[i]) / 2.0)
-            last = i
-    if not cuts:
-        cuts = np.quantile(ordered, [i / CELLS for i in range(1, CELLS)]).tolist()
-    return np.searchsorted(np.array(cuts), values, side="right").astype(np.int64)
-
-
-def _direction(points: _Floats, span: float) -> str:
-    """Return in which of eight directions of the plane an episode sets out, "" if it stays where it begins."""
-    away = points - points[0]
-    far = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) >= SET_OUT_SHARE * span)
-    if not far.size:
-        return ""
-    x, y = away[far[0]]
-    turn = round(math.atan2(y, x) / (math.tau / DIRECTIONS)) % DIRECTIONS
-    return f"at {360 // DIRECTIONS * turn}°"
+def _place(arm: _Arm) -> PlaceReading:
+    numbers = arm.place.numbers
+    if len(numbers) <= 3 or arm.place.space in ("position", "steps"):
+        shown = ", ".join(n.shown for n in numbers)
+    else:
+        shown = f"{len(numbers)} numbers of {numbers[0].column}, {numbers[0].shown} to {numbers[-1].shown}"
+    return PlaceReading(arm.grip.arm, f"{shown}{_SPACES[arm.place.space]} (by {arm.place.by})", arm.place.space)

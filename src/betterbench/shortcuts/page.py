@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
 from betterbench.shortcuts.prediction import Prediction
+from betterbench.shortcuts.reading import DataReading
 
 ABOUT = (
     "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
@@ -17,16 +19,25 @@ ABOUT = (
 
 def audit_lines(audit: ShortcutAudit) -> list[str]:
     """Return the findings of an audit, one section per group."""
-    lines = [ABOUT, ""]
+    lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
+    lines += [ABOUT, ""]
     for group in audit.groups:
         lines += [f"### {group.group}", "", *_group_lines(group), ""]
     return lines
+
+
+def _reading_lines(reading: DataReading) -> list[str]:
+    """Return the paragraph with which an audit begins; a stranger's names are no markup."""
+    return [re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", reading.paragraph)]
 
 
 def _group_lines(group: GroupAudit) -> Iterator[str]:
     found = [f for f in group.findings if f.verdict != "none"]
     asked = len({f.question for f in group.findings})
     yield f"{len(group.shortcuts)} shortcuts in {group.episodes} demonstrations; {asked} questions were asked."
+    for note in group.notes:
+        yield ""
+        yield f"{note[0].upper()}{note[1:]}."
     if not found:
         return
     yield ""

@@ -100,16 +100,25 @@ QUESTIONS = (
 )
 """The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
 
+
+def _arm(facts: EpisodeFacts) -> str:
+    """Return the arm that acts first; facts about arms alone have steps without places."""
+    step = facts.steps[0] if facts.steps and not facts.privileged else None
+    return step.thing if step is not None and not step.origin and not step.target else ""
+
+
 COUNT, LANDMARK = "count", "landmark"
 """The questions whether the number of things at the start, or the place of a landmark, ever differs.
 
 They are no associations and need no test.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
-"""Questions about every word of the instructions: where the gripper goes first and last, and how it sets out."""
+ARM = "words_arm"
+"""Questions about every word of the instructions: where the gripper goes first and last, how it sets out, which arm."""
 WORD_OUTCOMES: dict[str, tuple[str, str, Callable[[EpisodeFacts], str]]] = {
     FIRST_PLACE: ("words and first place", "first taken from {y}", lambda f: f.steps[0].origin if f.steps else ""),
     LAST_PLACE: ("words and last target", "last brought to {y}", lambda f: f.steps[-1].target if f.steps else ""),
     HEADING: ("words and first motion", "the gripper sets out {y}", lambda f: f.heading),
+    ARM: ("words and arm", "the {y} closes its gripper first", _arm),
 }
 """Per question its title, how a finding is worded, and the outcome of a demonstration ("" if it has none)."""

@@ -11,6 +11,7 @@ from betterbench.errors import RecordError
 from betterbench.interventions import condition_names, resolve_condition
 from betterbench.recording import Record, RunFolder
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_record
+from betterbench.shortcuts.reading import DataReading
 from betterbench.state import WorldState
 from betterbench.tasks import Condition, Task, TrialId, get_task
 from betterbench.tasks.balanced import balanced_conditions, with_slots_of
@@ -95,3 +96,16 @@ def facts_of_run(
             where = run.record_path(trial.task, trial.condition, trial.seed)
             raise RecordError(f"{where}: it shows no condition of {trial.task}. Record it again with this version.")
         yield trial, facts_of_record(record, shown[0])
+
+
+def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
+    """Return how the demonstrations of a run are read, of which some trials were successful."""
+    left = trials - len(facts)
+    return DataReading(
+        len(facts),
+        trials,
+        "",
+        f"the record of each trial, {len({f.instruction for f in facts}):,} different",
+        about=("Gripper and places: the states of the records, which tell what was taken from which slot to where",),
+        left_out=(f"{left:,} trials without success",) if left else (),
+    )

@@ -1,0 +1,357 @@
+"""The files of a LeRobot dataset, versions 2.0 to 3.0: what describes it, its instructions, and its frames.
+
+Files are laid out as huggingface/lerobot 0.4 writes them. They are a stranger's: their sizes are bounded before they
+are read, a pipe is not waited for, and a pointer of Git LFS in the place of a file is named as such.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import re
+import stat
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError, one_line
+from betterbench.json_form import parse_json, read_bounded, read_object
+
+CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
+POINTER = b"version https://git-lfs.github.com/spec/"
+"""How a pointer of Git LFS begins."""
+FETCH = "It is a pointer of Git LFS, and the file itself was not fetched. Run git lfs pull in the dataset"
+
+MOST_ROWS = 20_000_000
+"""Most frames of a file."""
+MOST_VALUES = 400_000_000
+"""Most numbers of the columns of a file that are read."""
+MOST_TASKS = 1_000_000
+"""Most instructions."""
+MOST_TEXT = 2_000
+"""Characters of an instruction that are looked at."""
+_MAX_JSON_BYTES = 256 * 1024 * 1024
+_INDEX = re.compile(r"__index_level_\d+__")
+_TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
+"""Columns of ``tasks.parquet`` that hold the instruction, the first one that is there."""
+
+FrameColumn = pa.ChunkedArray
+"""A column of a file of frames."""
+
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+
+
+def is_pointer(path: Path) -> bool:
+    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is no ordinary file."""
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            return stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, len(POINTER)) == POINTER
+        finally:
+            os.close(handle)
+    except (OSError, ValueError):
+        return False
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the JSON object of a file of ``meta``; InvalidInputError if it holds none."""
+    if is_pointer(path):
+        raise InvalidInputError(str(path), "the file cannot be read", FETCH)
+    return read_object(path, max_bytes=_MAX_JSON_BYTES, cure=CURE)
+
+
+def read_info(path: Path) -> Mapping[str, Any]:
+    """Return ``meta/info.json``; InvalidInputError if it is none of a version that is read."""
+    file = path / "meta" / "info.json"
+    info = read_json(file)
+    if not isinstance(info.get("features"), dict):
+        raise InvalidInputError(str(file), "it lists no features", CURE)
+    version = info.get("codebase_version", "v3.0")
+    if not re.match(r"v[23]\.", str(version)):
+        problem = f"codebase_version is {one_line(version, most=40)!r}, and 2.0 to 3.0 are read"
+        raise InvalidInputError(str(file), problem, "Convert the dataset with lerobot's own scripts")
+    return info
+
+
+@dataclass(frozen=True, slots=True)
+class Tasks:
+    """The instructions of a data set by their number.
+
+    Attributes:
+        texts: By number; None where a number has no text.
+        source: Where they were read.
+        others: Columns beside the one that was read.
+    """
+
+    texts: Mapping[int, str | None]
+    source: str
+    others: tuple[str, ...] = ()
+
+
+def read_tasks(path: Path, column: str | None = None) -> Tasks:
+    """Return the instructions: of version 3 from ``tasks.parquet``, of version 2 from ``tasks.jsonl``.
+
+    Args:
+        path: Folder of the data set.
+        column: Column to read instead of ``task``.
+
+    Raises:
+        RecordError: If the file cannot be read, or no column of it is known to hold the instructions.
+        UnknownNameError: If there is no such column.
+    """
+    where, rows = _task_rows(path)
+    with _one_line(where):
+        return _tasks(where, rows, column)
+
+
+def task_columns(path: Path) -> tuple[str, ...]:
+    """Return the columns of texts beside the numbers of the instructions; RecordError if the file cannot be read."""
+    _, rows = _task_rows(path)
+    return tuple(name for name, values in rows.items() if name != "task_index" and _hold_texts(values))
+
+
+def _task_rows(path: Path) -> tuple[Path, dict[str, list[Any]]]:
+    """Return the file with the instructions, and its columns; RecordError if it cannot be read."""
+    lines, table = path / "meta" / "tasks.jsonl", path / "meta" / "tasks.parquet"
+    where = table if table.exists() or (not lines.exists() and table.is_symlink()) else lines
+    if is_pointer(where):
+        raise RecordError(f"{where}: the instructions cannot be read. {FETCH}.")
+    with _one_line(where):
+        return where, _parquet_rows(table) if where == table else _json_rows(lines)
+
+
+@contextmanager
+def _one_line(where: Path) -> Iterator[None]:
+    """Turn what is raised while the instructions are read into one line."""
+    try:
+        yield
+    except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
+        raise RecordError(f"{where}: the instructions cannot be read ({one_line(error)}). {CURE}.") from error
+
+
+def _parquet_rows(file: Path) -> dict[str, list[Any]]:
+    """Return the columns of ``tasks.parquet`` by name, the index of pandas among them."""
+    _require_file(file)
+    with pq.ParquetFile(file) as table:
+        if table.metadata.num_rows > MOST_TASKS:
+            msg = f"it has {table.metadata.num_rows} rows, and at most {MOST_TASKS} are read"
+            raise ValueError(msg)
+        schema = table.schema_arrow
+        flat = [f.name for f in schema if _is_text(f.type) or pa.types.is_integer(f.type)]
+        names = [name for name in flat if name in table.schema.names]
+        found: dict[str, list[Any]] = table.read(names).to_pydict()
+        return found
+
+
+def _json_rows(file: Path) -> dict[str, list[Any]]:
+    """Return the fields of ``tasks.jsonl`` by name; its objects may take several lines."""
+    data = read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE)
+    text = data.decode(json.detect_encoding(data)).lstrip("\ufeff")
+    forms = list(_objects(text))
+    if len(forms) > MOST_TASKS:
+        msg = f"it has {len(forms)} instructions, and at most {MOST_TASKS} are read"
+        raise ValueError(msg)
+    names = dict.fromkeys(name for form in forms for name in form)
+    return {name: [form.get(name) for form in forms] for name in names}
+
+
+def _objects(text: str) -> Iterator[dict[str, Any]]:
+    """Yield the JSON objects of a text one after the other, also those of a list."""
+    decoder, at = json.JSONDecoder(), 0
+    if text.lstrip()[:1] == "[":
+        found = parse_json(text)
+        if not all(isinstance(form, dict) for form in found):
+            raise ValueError("it holds something else than objects")
+        yield from found
+        return
+    while True:
+        while at < len(text) and text[at] in " \t\r\n,":
+            at += 1
+        if at >= len(text):
+            return
+        try:
+            form, at = decoder.raw_decode(text, at)
+        except RecursionError as error:
+            raise ValueError("it is nested too deep") from error
+        if not isinstance(form, dict):
+            raise TypeError("it holds something else than objects")
+        yield form
+
+
+def _tasks(where: Path, rows: Mapping[str, list[Any]], column: str | None) -> Tasks:
+    texts = [name for name, values in rows.items() if name != "task_index" and _hold_texts(values)]
+    chosen = column if column is not None else next((name for name in _TEXTS if name in rows), None)
+    if chosen is None:
+        chosen = next((name for name in texts if _INDEX.fullmatch(name)), None)
+    if column is not None and column not in texts:
+        raise UnknownNameError("column with instructions", column, texts)
+    if chosen is None and texts:
+        problem = f"no column is called task, and {', '.join(map(one_line, texts[:8]))} may hold them"
+        raise RecordError(f"{where}: {problem}. Say which with --instruction COLUMN.")
+    if chosen is None:
+        raise ValueError("it has no column with them")
+    if "task_index" not in rows:
+        raise ValueError("it has no column task_index")
+    found: dict[int, str | None] = {}
+    for number, text in zip(rows["task_index"], rows[chosen], strict=True):
+        key = int(number)
+        said = str(text) if text is not None else None
+        if key in found and found[key] != said:
+            msg = f"task {key} stands there twice with different texts"
+            raise ValueError(msg)
+        found[key] = said
+    index = " (the index of pandas)" if _INDEX.fullmatch(chosen) else ""
+    return Tasks(found, f"{chosen}{index} in meta/{where.name}", tuple(name for name in texts if name != chosen))
+
+
+def _hold_texts(values: Sequence[Any]) -> bool:
+    return any(isinstance(value, str) for value in values)
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    if pa.types.is_dictionary(kind):
+        kind = kind.value_type
+    return bool(pa.types.is_string(kind) or pa.types.is_large_string(kind))
+
+
+def _require_file(file: Path) -> None:
+    if not stat.S_ISREG(file.stat().st_mode):
+        raise OSError("it is no ordinary file")
+
+
+@dataclass(slots=True)
+class Frames:
+    """The files with the frames of a data set.
+
+    Attributes:
+        files: Those that can be read, in the order of their names.
+        pointers: Those that are pointers of Git LFS.
+    """
+
+    files: list[Path] = field(default_factory=list)
+    pointers: list[Path] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, path: Path) -> Frames:
+        """Return the files of a data set."""
+        found = cls()
+        for file in sorted((path / "data").rglob("*.parquet")):
+            (found.pointers if is_pointer(file) else found.files).append(file)
+        return found
+
+    def require_some(self, path: Path) -> None:
+        """Raise if there is no file that can be read."""
+        if not self.files and self.pointers:
+            raise RecordError(f"{self.pointers[0]}: it cannot be read. {FETCH}.")
+        if not self.files:
+            raise InvalidInputError(str(path / "data"), "it holds no episode", CURE)
+
+
+def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
+    """Return columns of a file of frames; ``widths`` says how many numbers each has per frame at most.
+
+    Raises RecordError if a column is missing, or the file is none, or larger than what is read.
+    """
+    try:
+        _require_file(file)
+        with pq.ParquetFile(file) as table:
+            missing = [name for name in widths if name not in table.schema_arrow.names]
+            if missing:
+                raise RecordError(f"{file}: it has no column {missing[0]}. {CURE}.")
+            _require_bounded(table.metadata, widths)
+            found = table.read(list(widths))
+            return {name: found.column(name) for name in widths}
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
+
+
+def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
+    """Raise ValueError if a file says that it holds more than is read."""
+    if meta.num_rows > MOST_ROWS:
+        msg = f"it says that it has {meta.num_rows} rows, and at most {MOST_ROWS} are read"
+        raise ValueError(msg)
+    values = 0
+    for group in range(meta.num_row_groups):
+        row_group = meta.row_group(group)
+        for i in range(row_group.num_columns):
+            column = row_group.column(i)
+            if any(column.path_in_schema == name or column.path_in_schema.startswith(f"{name}.") for name in widths):
+                values += column.num_values
+    if values > MOST_VALUES:
+        msg = f"its columns have {values} numbers, and at most {MOST_VALUES} are read"
+        raise ValueError(msg)
+
+
+def numbers_in(file: Path, name: str, column: pa.ChunkedArray, width: int) -> _Floats:
+    """Return a column as numbers, (rows,) of ``width`` 1 and (rows, width) otherwise.
+
+    Raises RecordError if it does not have ``width`` numbers per row.
+    """
+    try:
+        return _numbers(column, width)
+    except (pa.ArrowException, ValueError, TypeError) as error:
+        raise RecordError(
+            f"{file}: it cannot be read ({name}: {one_line(error)}). Fetch the file again, or correct meta/info.json."
+        ) from error
+
+
+def _numbers(column: pa.ChunkedArray, width: int) -> _Floats:
+    flat = column.combine_chunks()
+    listed = pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type) or pa.types.is_fixed_size_list(flat.type)
+    kind = flat.type.value_type if listed else flat.type
+    if not (
+        pa.types.is_null(kind) or pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind)
+    ):
+        msg = f"it holds {one_line(kind, most=80)} and no numbers"
+        raise ValueError(msg)
+    if listed and any(count != width for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
+        msg = f"it does not have {width} numbers in each row"
+        raise ValueError(msg)
+    values = np.asarray((flat.flatten() if listed else flat).to_numpy(zero_copy_only=False), dtype=np.float64)
+    if len(values) != width * len(flat):
+        msg = f"it has {len(values)} numbers in {len(flat)} rows, and not {width} in each"
+        raise ValueError(msg)
+    return values if width == 1 else values.reshape(len(flat), width)
+
+
+def require_finite_column(file: Path, name: str, values: _Floats) -> None:
+    """Raise RecordError if some number of a column is not finite."""
+    bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
+    if bad.size:
+        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Leave the episode out.")
+
+
+def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:
+    """Return a column of texts as numbers of texts, and the texts; None if it holds no texts.
+
+    A list of one text per row counts as that text. Raises RecordError if a row lists several.
+    """
+    flat = column.combine_chunks()
+    if pa.types.is_list(flat.type) or pa.types.is_large_list(flat.type):
+        if not _is_text(flat.type.value_type):
+            return None
+        if any(count != 1 for count in pc.unique(pc.list_value_length(flat)).to_pylist()):
+            problem = f"{name} has several texts, or none, in a row"
+            raise RecordError(f"{file}: {problem}. Name a column with one instruction per frame.")
+        flat = flat.flatten()
+    if not _is_text(flat.type):
+        return None
+    coded = flat if pa.types.is_dictionary(flat.type) else flat.dictionary_encode()
+    codes = np.asarray(pc.fill_null(coded.indices, -1).to_numpy(zero_copy_only=False), dtype=np.int64)
+    return codes, [None if text is None else str(text)[:MOST_TEXT] for text in coded.dictionary.to_pylist()]
+
+
+def runs(values: _Ints) -> Iterator[tuple[int, int]]:
+    """Yield the rows [start, stop) of each run of equal values."""
+    edges = [0, *(np.flatnonzero(np.diff(values)) + 1).tolist(), len(values)]
+    yield from ((a, b) for a, b in itertools.pairwise(edges) if b > a)

@@ -1,0 +1,270 @@
+"""The numbers of a stranger's data set by name: which are a gripper, positions of an end effector, or joints.
+
+A number is told by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of its column,
+in this order. Position in a vector tells nothing: the last number may be a waist or a thumb.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.errors import InvalidInputError, UnknownNameError, one_line
+
+MOST_NUMBERS = 10_000
+"""Most numbers of a column per frame."""
+
+_GRIPPER = re.compile(r"grip|claw$|jaws?$")
+_FINGERS = {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "pinkie", "little", "hand", "palm"}
+_NAMED_FINGERS = _FINGERS - {"finger", "fingers"}
+_RATES = {
+    "vel", "velocity", "velocities", "qvel", "speed", "acc", "acceleration", "effort", "force", "torque", "current",
+    "temperature", "load", "stiffness", "damping",
+}  # fmt: skip
+_TURNS = {
+    "rot", "rotation", "quat", "quaternion", "euler", "axis", "angle", "roll", "pitch", "yaw", "rx", "ry", "rz", "qx",
+    "qy", "qz", "qw", "wx", "wy", "wz", "rpy", "orientation", "ori",
+}  # fmt: skip
+_JOINTS = {
+    "joint", "joints", "shoulder", "elbow", "wrist", "forearm", "upperarm", "waist", "motor", "servo", "pan", "lift",
+    "flex", "arm", "qpos",
+}  # fmt: skip
+_BODY = {
+    "head", "neck", "torso", "trunk", "hip", "knee", "ankle", "leg", "base", "wheel", "toe", "foot", "chassis", "waist",
+}  # fmt: skip
+_OTHERS = {
+    "goal", "target", "object", "obj", "cam", "camera", "env", "environment", "com", "delta", "leader", "pixel",
+    "image", "reward", "waypoint",
+}  # fmt: skip
+_EFFECTORS = {"ee", "eef", "eff", "tcp", "effector", "endeffector", "tool", "cartesian", "tip", "hand"}
+_POSITIONS = {"pos", "position", "positions", "pose", "xyz", "translation", "trans", "cartesian"}
+_SIDES = {"left": "left", "l": "left", "right": "right", "r": "right"}
+_NUMBERED = re.compile(r"(?:arm|robot|gripper|agent|follower)[_.\s]?(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class NamedNumber:
+    """One number of a column.
+
+    Attributes:
+        column: Name of the column.
+        index: Which of its numbers.
+        name: Its name in ``meta/info.json``, "" if it has none.
+        labels: Its names, the one that says most first.
+        by: Where each of these names comes from.
+    """
+
+    column: str
+    index: int
+    name: str
+    labels: tuple[str, ...]
+    by: tuple[str, ...]
+
+    @property
+    def shown(self) -> str:
+        """The number as ``--gripper`` and ``--place`` take it."""
+        return f"{self.column}:{self.name}" if self.name else f"{self.column}[{self.index}]"
+
+
+@dataclass(frozen=True, slots=True)
+class NumberRole:
+    """What a number is, and of which arm.
+
+    Attributes:
+        kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if no name
+            tells.
+        arm: ``left``, ``right``, a number as text, or "" if no name tells.
+        by: Where the name comes from.
+        kinds: What each of its labels says.
+    """
+
+    kind: str
+    arm: str
+    by: str
+    kinds: tuple[str, ...]
+
+
+def tokens(name: str) -> list[str]:
+    """Return the words and numbers of a name in lower case ("leftArm_joint2": left, arm, joint, 2)."""
+    split = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
+    return re.findall(r"[a-z]+|\d+", split.lower())
+
+
+def arm_in(name: str) -> str:
+    """Return the arm that a name speaks of: ``left``, ``right``, a number as text, or "" for none."""
+    found = {_SIDES[token] for token in tokens(name) if token in _SIDES}
+    if len(found) == 1:
+        return found.pop()
+    numbered = _NUMBERED.search(name.lower())
+    return "" if found or numbered is None or numbered.group().startswith("gripper") else numbered.group(1)
+
+
+def size_of(feature: object) -> int:
+    """Return how many numbers a column has per frame; 0 for images, texts, whole numbers and what has more axes."""
+    if not isinstance(feature, dict) or not str(feature.get("dtype")).startswith("float"):
+        return 0
+    shape = feature.get("shape")
+    if not isinstance(shape, list) or not all(isinstance(n, int) and not isinstance(n, bool) for n in shape):
+        return 0
+    wide = [n for n in shape if n != 1]
+    return (wide or [1])[0] if len(wide) <= 1 and all(0 < n <= MOST_NUMBERS for n in shape) else 0
+
+
+def names_of(feature: object) -> list[str]:
+    """Return the names of the numbers of a column, of lists and maps within each other in their order."""
+    found = list(_names(feature.get("names") if isinstance(feature, dict) else None, "", 0))
+    return [one_line(name, most=80) for name in found[:MOST_NUMBERS]]
+
+
+def _names(form: object, prefix: str, depth: int) -> Iterable[str]:
+    if isinstance(form, dict) and depth < 4:
+        if form and all(isinstance(value, int) and not isinstance(value, bool) for value in form.values()):
+            yield from (prefix + str(name) for name, _ in sorted(form.items(), key=lambda item: item[1]))
+            return
+        several = sum(isinstance(value, list | dict) for value in form.values()) > 1
+        for key, value in form.items():
+            yield from _names(value, f"{prefix}{key}." if several else prefix, depth + 1)
+    elif isinstance(form, list) and depth < 4:
+        for value in form:
+            yield from _names(value, prefix, depth + 1)
+    elif not isinstance(form, list | dict) and (depth or form is not None):
+        yield prefix + str(form) if form is not None else ""
+
+
+def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict[str, tuple[NamedNumber, ...]]:
+    """Return the numbers of each column of floating-point numbers."""
+    spans = _spans(modality)
+    found = {}
+    for column, feature in features.items():
+        size = size_of(feature)
+        names = names_of(feature)
+        if (len(names) == 1 and size > 1) or len(names) > size:
+            names = []  # one name for the whole column, as openpi's sets have it, or names of something else
+        numbers = []
+        for index in range(size):
+            name = names[index] if index < len(names) else ""
+            labels = [
+                ("meta/modality.json", spans.get((column, index), "")),
+                ("names in meta/info.json", name),
+                ("name of the column", f"{column}.{index}" if size > 1 else column),
+            ]
+            kept = [(by, label) for by, label in labels if label]
+            numbers.append(NamedNumber(column, index, name, tuple(x for _, x in kept), tuple(by for by, _ in kept)))
+        if size:
+            found[column] = tuple(numbers)
+    return found
+
+
+def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
+    """Return what ``meta/modality.json`` calls each number of a column."""
+    found: dict[tuple[str, int], str] = {}
+    for kind, usual in (("state", "observation.state"), ("action", "action")):
+        entries = modality.get(kind)
+        for key, span in entries.items() if isinstance(entries, dict) else ():
+            start, end = (span.get("start"), span.get("end")) if isinstance(span, dict) else (None, None)
+            if not isinstance(start, int) or not isinstance(end, int) or not 0 <= start < end <= MOST_NUMBERS:
+                problem = f"{kind}.{one_line(key, most=80)} has no start and end"
+                raise InvalidInputError("meta/modality.json", problem, "Correct it, or move the file away")
+            column = span.get("original_key") or usual
+            for index in range(start, end):
+                name = one_line(key, most=80)
+                found[str(column), index] = f"{name}.{index - start}" if end - start > 1 else name
+    return found
+
+
+def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
+    """Return what each number of a column is."""
+    sets = [_parts(numbers, level) for level in range(3)]
+    parts = []
+    for i, number in enumerate(numbers):
+        found = [sets[level][i] for level in range(len(number.labels))]
+        said = [(kind, by) for kind, by in zip(found, number.by, strict=True) if kind]
+        # The gripper at the end of a slice called "left_arm" is told by its own name.
+        named = next((one for one in said if one[0] == "gripper" and said[0][0] == "joint"), None)
+        kind, by = named or (said[0] if said else ("", ""))
+        arm = next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
+        parts.append(NumberRole(kind, arm, by, tuple(found)))
+    return parts
+
+
+def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
+    """Return what each number is by its label of one level."""
+    labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
+    kinds = [_kind(label) for label in labels]
+    # Positions that are numbered and not named: the first three of a row with the same name are x, y and z.
+    start = 0
+    for base, group in itertools.groupby(labels, key=lambda label: re.sub(r"[\W_]*\d+\]?$", "", label)):
+        size = len(list(group))
+        words = set(tokens(base))
+        numbered = labels[start] != base
+        if numbered and size in (2, 3, 6, 7, 9) and _is_position(words):
+            kinds[start : start + size] = [*"xyz"[: min(size, 3)], *[""] * (size - 3)][:size]
+        start += size
+    return kinds
+
+
+def _is_position(words: set[str]) -> bool:
+    gripper = any(_GRIPPER.match(word) for word in words) and words & {"pose", "xyz", "translation"}
+    effector = words & _EFFECTORS and words & _POSITIONS
+    return bool(gripper or effector) and not words & (_TURNS | _RATES | _OTHERS | {"joint", "joints"} | _BODY)
+
+
+def _kind(label: str) -> str:
+    words = tokens(label)
+    known = set(words)
+    if known & (_RATES | _OTHERS) or known & {"dx", "dy", "dz"}:
+        return "other"
+    axes, turns = known & {"x", "y", "z"}, known & _TURNS
+    if len(axes) == 1 and not turns and not known & (_JOINTS - {"arm", "wrist"} | _BODY):
+        return axes.pop()
+    if any(_GRIPPER.match(word) for word in words):
+        return "other" if turns or axes or known & {"pose", "xyz"} else "gripper"
+    if known & _NAMED_FINGERS and not known & _EFFECTORS - {"hand"}:
+        return "hand"
+    if known & _FINGERS:
+        return "finger"
+    if known & _BODY and not (known & _SIDES.keys() and "waist" in known):
+        return "body"
+    if known & _JOINTS or any(re.fullmatch(r"j|q", word) for word in words):
+        return "joint"
+    return "other" if turns else ""
+
+
+def find_column(option: str, name: str, known: Iterable[str]) -> str:
+    """Return a column that an option names; UnknownNameError with the closest names if there is none."""
+    columns = list(known)
+    if name not in columns:
+        raise UnknownNameError(f"column of {option}", name, columns)
+    return name
+
+
+def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNumber]]) -> tuple[NamedNumber, ...]:
+    """Return the numbers that a user names: ``COLUMN``, ``COLUMN[2]``, ``COLUMN[0,1,2]`` or ``COLUMN:NAME``.
+
+    Raises:
+        UnknownNameError: If there is no such column or name.
+        InvalidInputError: If a number is out of range, or stands twice.
+    """
+    if text in columns:
+        return tuple(columns[text])
+    indexed = re.fullmatch(r"(.+)\[([\d,\s]+)\]", text)
+    if indexed:
+        numbers = columns[find_column(option, indexed.group(1), columns)]
+        chosen = [int(i) for i in indexed.group(2).split(",") if i.strip()]
+        for i in chosen:
+            if i >= len(numbers):
+                problem = f"{indexed.group(1)} has {len(numbers)} numbers, and {i} is asked for"
+                raise InvalidInputError(option, problem, f"They count from 0 to {len(numbers) - 1}")
+        return tuple(numbers[i] for i in chosen)
+    column, colon, name = text.partition(":")
+    numbers = columns[find_column(option, column, columns)]
+    found = [n for n in numbers if name in (n.name, *n.labels)]
+    if not colon or not found:
+        raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
+    if len(found) > 1:
+        problem = f"{len(found)} numbers of {column} are called {one_line(name, most=80)!r}"
+        raise InvalidInputError(option, problem, f"Give {column}[{found[0].index}] or the like")
+    return (found[0],)

@@ -1,0 +1,123 @@
+"""Pairs of words that together tell an outcome, where neither of them does alone."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_WORDS = 200
+"""Most words whose pairs are looked at: those that the most episodes tell apart."""
+
+_Bools = npt.NDArray[np.bool_]
+_Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class WordPair:
+    """Two features that together go with an outcome.
+
+    Attributes:
+        first: Number of the one feature.
+        second: Number of the other one.
+        outcome: Number of the outcome that is the most frequent where both are.
+        p_value: The larger of the p-values of two exact tests, times the number of pairs and outcomes: that where the
+            one feature is the outcome is no more frequent with the other one than without, and the reverse.
+    """
+
+    first: int
+    second: int
+    outcome: int
+    p_value: float
+
+
+def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
+    """Return the pairs of features with their outcome, the clearest first.
+
+    A feature that is where two others are together is left out: it is such a pair itself.
+
+    Args:
+        presence: (episodes, features) whether an episode has a feature.
+        outcome: (episodes,) number of the outcome of each episode, from 0.
+        fewest: Fewest episodes with both features.
+    """
+    kept = _elements(presence)
+    counts = presence[:, kept].sum(axis=0)
+    ranked = np.argsort(-np.minimum(counts, len(presence) - counts), kind="stable")[:MOST_WORDS]
+    kept = kept[np.sort(ranked)]
+    has = presence[:, kept].astype(np.float64)
+    each = has.sum(axis=0)
+    both = has.T @ has
+    kinds = range(int(outcome.max()) + 1)
+    each_of = np.array([has[outcome == k].sum(axis=0) for k in kinds])
+    both_of = np.array([has[outcome == k].T @ has[outcome == k] for k in kinds])
+    likeliest = both_of.argmax(axis=0)
+    enough = (both >= fewest) & (both < each[:, None]) & (both < each[None, :])
+    rows = [(int(i), int(j)) for i, j in zip(*np.nonzero(np.triu(enough, 1)), strict=True)]
+    logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, len(presence) + 1)))])
+    found = []
+    for i, j in rows:
+        k = int(likeliest[i, j])
+        together = (int(both_of[k, i, j]), int(both[i, j]))
+        p = max(
+            _more_frequent_p(together, (int(each_of[k, a] - both_of[k, i, j]), int(each[a] - both[i, j])), logs)
+            for a in (i, j)
+        )
+        found.append(WordPair(int(kept[i]), int(kept[j]), k, min(1.0, p * len(rows) * len(kinds))))
+    return sorted(found, key=lambda pair: (pair.p_value, pair.first, pair.second))
+
+
+def _elements(presence: _Bools) -> _Ints:
+    """Return the features that are no two others together."""
+    columns = [np.packbits(column).tobytes() for column in presence.T]
+    counts = presence.sum(axis=0)
+    order = np.argsort(-counts, kind="stable")[: 2 * MOST_WORDS]
+    packed = np.packbits(presence.T, axis=1)
+    made = set()
+    for i, j in itertools.combinations(order.tolist(), 2):
+        both = packed[i] & packed[j]
+        if (both != packed[i]).any() and (both != packed[j]).any():
+            made.add(both.tobytes())
+    return np.array([i for i, column in enumerate(columns) if column not in made], dtype=np.int64)
+
+
+def _more_frequent_p(with_it: tuple[int, int], without: tuple[int, int], logs: _Floats) -> float:
+    """Return the one-sided p-value of Fisher's exact test that an outcome is more frequent with something.
+
+    Args:
+        with_it: Episodes with the outcome, and all, of those with it.
+        without: The same of those without.
+        logs: Logarithms of the factorials.
+    """
+    (k, n), (k_out, n_out) = with_it, without
+    total, successes = n + n_out, k + k_out
+
+    def log_choose(a: int, b: int) -> float:
+        return float(logs[a] - logs[b] - logs[a - b])
+
+    whole = log_choose(total, n)
+    most = min(n, successes)
+    terms = [
+        log_choose(successes, i) + log_choose(total - successes, n - i) - whole
+        for i in range(k, most + 1)
+        if n - i <= total - successes
+    ]
+    return min(1.0, math.fsum(math.exp(term) for term in terms))
+
+
+def least_share(n: int, tests: int, level: float) -> float | None:
+    """Return the least share of episodes that follow a rule which a test of some episodes can show.
+
+    The rule is between a word that half of the episodes have and two outcomes that are equally frequent; the test is
+    Fisher's, one-sided, corrected for the number of tests. None if no share is enough.
+    """
+    logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
+    half = n // 2
+    for k in range(half // 2, half + 1):
+        if 2.0 * tests * _more_frequent_p((k, half), (half - k, half), logs) <= level:
+            return k / half
+    return None

@@ -1,0 +1,106 @@
+"""Places without names: cells of the space in which an arm moves, cut at the gaps between the points that are there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+GAP_SHARE = 0.08
+"""Gap between neighboring values, as a share of the range of the longest axis, at which an axis is cut into cells."""
+NARROW_SHARE = 0.2
+"""Range of an axis, as a share of that of the longest one, below which it is not cut."""
+LEAST_SHARE = 0.05
+"""Least share of all values in a cell."""
+CELLS = 3
+"""Cells of an axis without gaps, each with as many values."""
+SET_OUT_SHARE = 0.1
+"""Way of the tool, as a share of the range of all its positions, after which its direction is taken."""
+DIRECTIONS = 8
+_MOST_POINTS = 200_000
+
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+
+
+def principal_plane(points: _Floats) -> tuple[_Floats, _Floats]:
+    """Return the middle of some points (n, d), and the two directions (2, d) in which they differ most."""
+    used = points[:: max(1, len(points) // _MOST_POINTS)]
+    middle = used.mean(axis=0)
+    _, _, ways = np.linalg.svd(used - middle, full_matrices=False)
+    strongest = np.abs(ways).argmax(axis=1)[:, None]
+    ways *= np.sign(np.take_along_axis(ways, strongest, axis=1))  # the sign of a way is arbitrary
+    if len(ways) < 2:
+        ways = np.vstack([ways, np.zeros((2 - len(ways), points.shape[1]))])
+    return middle, ways[:2]
+
+
+def in_plane(points: _Floats, plane: tuple[_Floats, _Floats]) -> _Floats:
+    """Return the coordinates (n, 2) of points in a plane."""
+    middle, ways = plane
+    return np.asarray((points - middle) @ ways.T, dtype=np.float64)
+
+
+def place_names(points: Sequence[_Floats], *, exact: bool) -> list[str]:
+    """Return the name of the place of each point: the middle of the points of its cell.
+
+    Args:
+        points: Points (d,) each, d from 2 to 3; the third coordinate, a height, is cut at gaps alone.
+        exact: Whether the points are positions; otherwise their two principal components are taken.
+    """
+    if not points:
+        return []
+    found = np.array(points)
+    if not exact:
+        found = in_plane(found, principal_plane(found))
+    low, high = np.quantile(found, [0.01, 0.99], axis=0)
+    span = float((high - low).max())
+    cells = np.column_stack([_cells(found[:, i], span, at_gaps_alone=i == 2) for i in range(found.shape[1])])
+    tall = bool(cells.shape[1] == 3 and len(set(cells[:, 2].tolist())) > 1)
+    names: dict[tuple[int, ...], str] = {}
+    for cell in {tuple(row) for row in cells.tolist()}:
+        middle = found[(cells == cell).all(axis=1)].mean(axis=0)
+        names[cell] = _written(middle[: 3 if tall else 2], span)
+    return [names[tuple(row)] for row in cells.tolist()]
+
+
+def _written(point: _Floats, span: float) -> str:
+    """Return a point with as many digits as tell the cells of a span apart."""
+    digits = max(0, min(6, 1 - math.floor(math.log10(span / 2.0)))) if span > 0.0 else 2
+    return f"({', '.join(f'{value + 0.0:.{digits}f}' for value in point)})"
+
+
+def _cells(values: _Floats, span: float, *, at_gaps_alone: bool) -> _Ints:
+    """Return the cell of each value: cut at gaps, or where there are none into cells of as many values."""
+    ordered = np.sort(values)
+    low, high = np.quantile(ordered, [0.01, 0.99])
+    if high - low <= NARROW_SHARE * span:
+        return np.zeros(len(values), dtype=np.int64)
+    wide = np.flatnonzero(np.diff(ordered) > GAP_SHARE * span) + 1
+    least = max(2, math.ceil(LEAST_SHARE * len(ordered)))
+    cuts, last = [], 0
+    for i in wide.tolist():
+        if i - last >= least and len(ordered) - i >= least:
+            cuts.append((ordered[i - 1] + ordered[i]) / 2.0)
+            last = i
+    if not cuts and not at_gaps_alone:
+        cuts = np.quantile(ordered, [i / CELLS for i in range(1, CELLS)]).tolist()
+    return np.searchsorted(np.array(cuts), values, side="right").astype(np.int64)
+
+
+def direction(points: _Floats, span: float) -> str:
+    """Return in which of eight directions of the plane a way sets out, "" if it stays where it begins.
+
+    Args:
+        points: (T, 2) positions.
+        span: Range of all positions of the data set.
+    """
+    away = points - points[0]
+    far = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) >= SET_OUT_SHARE * span)
+    if not far.size:
+        return ""
+    x, y = away[far[0]]
+    turn = round(math.atan2(y, x) / (math.tau / DIRECTIONS)) % DIRECTIONS
+    return f"at {360 // DIRECTIONS * turn}°"

@@ -1,0 +1,124 @@
+"""The words of an instruction, in every script.
+
+Where a script puts spaces between words, a word is a run of letters, digits and marks. Chinese, Japanese, Thai, Lao,
+Khmer and Burmese do not, and to know their words takes a dictionary; so every run of up to :data:`LONGEST` of their
+characters counts as a word there. One of these runs is the word itself, or tells it from the others as well as the word
+does, and runs that always occur together are one finding. Emoji and other symbols are words of their own.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+
+LONGEST = 4
+"""Characters of the longest run that counts as a word in a script without spaces."""
+
+_NO_SPACES = re.compile(
+    "[\u0e00-\u0e7f\u0e80-\u0eff\u1000-\u109f\u1780-\u17ff\u3005-\u3007\u3040-\u30ff\u31f0-\u31ff"
+    "\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\uff66-\uff9f\U0001b000-\U0001b16f\U00020000-\U0003ffff]"
+)
+"""Thai, Lao, Burmese, Khmer, kana and Han characters, by the blocks of Unicode."""
+_VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
+"""Variation selectors, joiners and spaces without width, which do not change what is said."""
+
+
+def instruction_words(text: str) -> frozenset[str]:
+    """Return the words of a text, whatever their case and their form in Unicode."""
+    return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
+
+
+def is_spaced(word: str) -> bool:
+    """Tell whether a word is of a script with spaces, and no run of characters of one without."""
+    return not _NO_SPACES.search(word)
+
+
+def shown_as(words: Iterable[str], text: str) -> str:
+    """Return how some words of a text that are always said together are shown: in the order of the text.
+
+    Of runs of characters the short ones are shown, those that overlapping as one.
+    """
+    kept = frozenset(words)
+    short = max(2, min((len(word) for word in kept if not is_spaced(word)), default=2))
+    shown = list[str]()
+    for run, spaced in _runs(text):
+        if spaced:
+            shown += [run] if run in kept else []
+            continue
+        covered = [False] * len(run)
+        for size in range(1, short + 1):
+            for start in range(len(run) - size + 1):
+                if run[start : start + size] in kept:
+                    covered[start : start + size] = [True] * size
+        shown += re.findall(r"[^\0]+", "".join(c if at else "\0" for c, at in zip(run, covered, strict=True)))
+    return " ".join(dict.fromkeys(shown)) or " ".join(sorted(kept))
+
+
+def without_joined(where: Mapping[str, int]) -> dict[str, int]:
+    """Return the words without the runs of characters that join two words, which say no more than the two together.
+
+    Such a run is in exactly those texts that have both its beginning and its end, and each of these is in more texts.
+
+    Args:
+        where: In which texts each word is: one bit per text.
+    """
+
+    def joins(word: str) -> bool:
+        return any(
+            where.get(word[:i], 0) & where.get(word[j:], 0)
+            == where[word]
+            not in (where.get(word[:i]), where.get(word[j:]))
+            for i in range(1, len(word))
+            for j in range(1, len(word))
+        )
+
+    return {word: texts for word, texts in where.items() if is_spaced(word) or not joins(word)}
+
+
+def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
+    """Tell whether some run of characters of the one is part of one of the other; words with spaces never are."""
+    runs = [[word for word in words if not is_spaced(word)] for words in (first, second)]
+    return any(a in b or b in a for a in runs[0] for b in runs[1])
+
+
+@functools.lru_cache(maxsize=4096)
+def _runs(text: str) -> tuple[tuple[str, bool], ...]:
+    """Return the runs of a text, and whether its script puts spaces between words."""
+    plain = unicodedata.normalize("NFKC", text)
+    # Unicode takes the vowel am of Thai and Lao apart, which people write as one.
+    whole = plain.replace("\u0e4d\u0e32", "\u0e33").replace("\u0ecd\u0eb2", "\u0eb3")
+    return tuple(_found(_VARIATION.sub("", whole).casefold()))
+
+
+def _found(text: str) -> Iterator[tuple[str, bool]]:
+    run, kind = "", ""
+    for character in text:
+        of = _kind(character, kind)
+        if run and (of != kind or of == "symbol"):
+            yield run, kind != "unspaced"
+            run = ""
+        kind = of
+        run += character if of else ""
+    if run:
+        yield run, kind != "unspaced"
+
+
+def _kind(character: str, before: str) -> str:
+    """Return what a character belongs to: a word, a run without spaces, a symbol, or nothing."""
+    if _NO_SPACES.match(character):
+        return "unspaced"
+    match unicodedata.category(character)[0]:
+        case "L" | "N":
+            return "word"
+        case "M":
+            return before
+        case "S" if unicodedata.category(character) == "So":
+            return "symbol"
+    return ""
+
+
+def _grams(run: str) -> Iterator[str]:
+    for size in range(1, LONGEST + 1):
+        yield from (run[start : start + size] for start in range(len(run) - size + 1))
