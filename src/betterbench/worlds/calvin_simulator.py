@@ -96,7 +96,7 @@ class CalvinSimulator:
         self.prepare()
         env = self._env
         env.cameras = self._cameras if request["images"] else []
-        self._split, self._depth = request["split"], bool(request["depth"])
+        self._split, self._depth = request.get("split"), bool(request.get("depth"))
         if request.get("next"):
             return self._row(env.get_obs(), env.get_info())
         if self._used:
