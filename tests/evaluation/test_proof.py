@@ -16,7 +16,7 @@ from betterbench.evaluation.preflight.proof import MAX_REQUESTS
 from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
-from betterbench.policies.presets import PRESETS
+from betterbench.policies.presets import OWN_PRESETS
 from betterbench.policies.server import PolicyServer
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -35,18 +35,18 @@ def prove(address, *, space=None, observation="state_only"):
 def without_images(name, folder):
     """The option of an address that gives a preset without its images, so that nothing is rendered."""
     file = folder / f"{name}.json"
-    file.write_text(json.dumps(dataclasses.replace(PRESETS[name], views=()).to_json()), encoding="utf-8")
+    file.write_text(json.dumps(dataclasses.replace(OWN_PRESETS[name], views=()).to_json()), encoding="utf-8")
     return f"adapter={file}"
 
 
 def served(name, layout, observation="state_only"):
     with open_server("expert", port=0, trial=TRIAL, layout=name) as server:
-        return prove(f"{server.address}?{layout}", space=PRESETS[name].answer.space, observation=observation)
+        return prove(f"{server.address}?{layout}", space=OWN_PRESETS[name].answer.space, observation=observation)
 
 
 def check_exact(proof, name):
     assert {axis.name for axis in proof.moved} >= (
-        {"joint1"} if PRESETS[name].answer.space.startswith("joint") else {"x", "y", "z", "rz"}
+        {"joint1"} if OWN_PRESETS[name].answer.space.startswith("joint") else {"x", "y", "z", "rz"}
     )
     for axis in proof.moved:
         assert axis.factor == pytest.approx(1.0, abs=0.02), axis
@@ -62,7 +62,7 @@ def test_a_preset_on_our_own_server_has_factors_of_one(name, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.render
-@pytest.mark.parametrize("name", sorted(PRESETS))
+@pytest.mark.parametrize("name", sorted(OWN_PRESETS))
 def test_every_preset_on_our_own_server_has_factors_of_one(name):
     cameras = {"openpi_droid": "droid", "gr00t_oxe_droid": "droid", "native": "state_only"}.get(name, "default")
     options = {"x_vla": "&send.domain_id=3"}.get(name, "")

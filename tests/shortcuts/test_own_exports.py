@@ -9,7 +9,7 @@ import pytest
 from betterbench.cli.main import main
 from betterbench.demonstrations.production import collect
 from betterbench.export import ExportPlan, export_dataset, layout_of, select_demonstrations
-from betterbench.policies.presets import PRESETS
+from betterbench.policies.presets import OWN_PRESETS
 from betterbench.shortcuts.lerobot import read_lerobot
 
 pytestmark = [pytest.mark.physics]
@@ -33,7 +33,7 @@ def exported(run, out, name, form, most=None):
 @pytest.mark.parametrize("form", ["lerobot", "lerobot-v2.1"])
 def test_an_export_in_every_preset_is_read_alike(collected, tmp_path, form):
     counted = {}
-    layouts = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in PRESETS}
+    layouts = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in OWN_PRESETS}
     for name in ("native", *layouts.values()):
         read = read_lerobot(exported(collected, tmp_path / f"{form} {name} {len(counted)}", name, form, 2))
         assert (read.reading.episodes, read.reading.of) == (2, 2), name
@@ -43,7 +43,7 @@ def test_an_export_in_every_preset_is_read_alike(collected, tmp_path, form):
         counted[name] = ([f.instruction for f in read.facts], [len(f.steps) for f in read.facts], gripper.share_closed)
         assert counted[name] == counted["native"], name
         spaces = {"openpi_droid": "joints", "gr00t_oxe_droid": "joints"}
-        wanted = "steps" if name.startswith(("starvla", "openvla")) and not layout_of(name).states else "position"
+        wanted = "position" if layout_of(name).states else "steps"
         assert place.space == spaces.get(name, wanted), name
 
 

@@ -16,7 +16,6 @@ from betterbench.policies.adapter import Adapter
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.modality import name_of
-from betterbench.policies.presets import preset
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import ROTATION_SIZES
 
@@ -124,9 +123,10 @@ def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
 
     Raises:
         UnknownNameError: If there is no such preset.
-        InvalidInputError: If the observation preset lacks a camera that the preset shows.
+        InvalidInputError: If only a foreign world plays its actions, or the observation preset lacks a camera that it
+            shows.
     """
-    adapter = preset(name)
+    adapter = own_preset(name)
     spec = _observation(adapter, observation)
     sizes = {camera.name: camera for camera in spec.cameras}
     images = []

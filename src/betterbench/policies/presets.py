@@ -419,6 +419,9 @@ PRESETS: dict[str, Adapter] = {
     )
 }
 
+OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.answer.space not in WORLD_ACTION_SPACES}
+"""The presets that are played in our own scenes."""
+
 UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
 """The layout of each preset that translates from our scenes to LIBERO's conventions, which LIBERO itself needs none of.
 """
@@ -430,6 +433,21 @@ def preset(name: str) -> Adapter:
         return PRESETS[name]
     except KeyError:
         raise UnknownNameError("preset", name, PRESETS) from None
+
+
+def own_preset(name: str) -> Adapter:
+    """Return a preset that is played in our own scenes.
+
+    Raises UnknownNameError if there is no such preset, and InvalidInputError if only a foreign world plays its actions.
+    """
+    found = preset(name)
+    if name not in OWN_PRESETS:
+        raise InvalidInputError(
+            f"preset {name}",
+            f"its actions are {found.answer.space}, which our own scenes do not have",
+            f"Give one of {', '.join(presets_in(''))}",
+        )
+    return found
 
 
 def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:

@@ -33,7 +33,7 @@ from betterbench.evaluation.running.external_run import ExternalRun
 from betterbench.interface import Observation, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.policies.adapter import Adapter
-from betterbench.policies.presets import PRESETS, VLA_EVAL, preset
+from betterbench.policies.presets import PRESETS, VLA_EVAL, own_preset
 from betterbench.recording import Outcome
 from betterbench.tasks import TrialId, get_task
 
@@ -112,7 +112,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
             raise InvalidInputError("quat_no_antipodal", "must be true", "Leave it out")
         self._recorder = NullEpisodeRecorder()
         self.adapter = _shaped(
-            preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
+            own_preset(adapter) if adapter in PRESETS else Adapter.load(Path(adapter)),
             cameras or {},
             observation,
             wrist=send_wrist_image,

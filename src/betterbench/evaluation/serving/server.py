@@ -24,7 +24,7 @@ from betterbench.policies.adapter import Adapter
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.handshake import PROTOCOL
 from betterbench.policies.policy_process import start_policy
-from betterbench.policies.presets import NATIVE, preset
+from betterbench.policies.presets import NATIVE, own_preset
 from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.scenes import engine_version
 from betterbench.scenes.scene import CONTROL_RATE_HZ
@@ -99,7 +99,7 @@ def open_server(
         learned_info(policy)  # a checkpoint that is missing or damaged is said now, and not to the first client
     if is_privileged(policy):
         shadows = ShadowSimulations(policy)
-        adapter = None if layout in (None, NATIVE.name) else preset(layout)
+        adapter = None if layout in (None, NATIVE.name) else own_preset(layout)
         return PolicyServer(
             lambda: ShadowSession(shadows, chunk, trial, adapter),
             metadata=_shadow_metadata(policy, chunk, trial, adapter),
