@@ -59,6 +59,7 @@ class RunSettings:
         looks: Looks of objects and rooms.
         known: What the server of the policy said when the run began; None where there is no server, or the run's own.
         world: The foreign world in which the trials are run, or None for ours.
+        turn: Number of the worker among those of the run, which decides the EGL device that it draws with.
     """
 
     run: str
@@ -74,6 +75,7 @@ class RunSettings:
     looks: Looks = "seen"
     known: PolicyInfo | None = None
     world: WorldSettings | None = None
+    turn: int = 0
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:
