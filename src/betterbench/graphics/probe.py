@@ -52,7 +52,7 @@ def devices() -> list[int]:
     return [int(handle or 0) for handle in handles[: count.value]]
 
 
-def look_at(handle: int) -> dict[str, Any]:
+def draws_with(handle: int) -> dict[str, Any]:
     """Return what a device draws with: OpenGL's "vendor", "renderer" and "version", and its CUDA number and UUID.
 
     Empty if no OpenGL context can be made on it, as where the job may not use the graphics card.
@@ -100,4 +100,4 @@ def _card(egl: _Egl, handle: int) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(json.dumps([look_at(handle) for handle in devices()]))
+    sys.stdout.write(json.dumps([draws_with(handle) for handle in devices()]))
