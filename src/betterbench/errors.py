@@ -92,8 +92,18 @@ class UnknownNameError(BetterError):
         known: The names that exist.
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        """Build the message with the closest known names first."""
+    kind: str
+    name: str
+    known: tuple[str, ...]
+
+    def __init__(self, kind: str | UnknownNameError, name: str = "", known: Iterable[str] = ()) -> None:
+        """Build the message with the closest known names first.
+
+        Given another such error, be the same: Gymnasium's vector environments call the type of an error on the error.
+        """
+        if isinstance(kind, UnknownNameError):
+            same = kind
+            kind, name, known = same.kind, same.name, same.known
         names = sorted(known)
         # The comparison takes time with the square of the length, and a name may come from a stranger's file.
         close = difflib.get_close_matches(name[:LONGEST_SHOWN], names, n=3, cutoff=0.5)
@@ -145,8 +155,15 @@ class InvalidInputError(BetterError):
         cure: What to do instead.
     """
 
-    def __init__(self, where: str, problem: str, cure: str) -> None:
-        """Build the message."""
+    where: str
+    problem: str
+    cure: str
+
+    def __init__(self, where: str | InvalidInputError, problem: str = "", cure: str = "") -> None:
+        """Build the message; given another such error, be the same (see :class:`UnknownNameError`)."""
+        if isinstance(where, InvalidInputError):
+            same = where
+            where, problem, cure = same.where, same.problem, same.cure
         super().__init__(f"{where}: {problem}. {cure.rstrip('.')}.")
         self.where, self.problem, self.cure = where, problem, cure
 
@@ -220,6 +237,10 @@ class TrainingError(BetterError):
 
 class MissingDependencyError(BetterError):
     """A system library or an optional extra is not installed; the text says how to install it."""
+
+
+class GraphicsError(MissingDependencyError):
+    """A variable names an OpenGL back end or device that does not exist here; the text says what to set."""
 
 
 def system_error_text(problem: OSError) -> str:

@@ -43,14 +43,15 @@ def test_every_planned_trial_appears_in_plan_order(run):
     found = diagnose_run(run.path)
     assert [t.key for t in found.trials] == [f"fast_food/{n}/0" for n in ("train1", "R1", "L1", "R2")]
     labels = [t.label for t in found.trials]
-    assert labels == [Label.SUCCESS, Label.BEHAVIORAL_INERTIA, Label.POLICY_ERROR, Label.POLICY_ERROR]
+    assert labels == [Label.SUCCESS, Label.BEHAVIORAL_INERTIA, Label.POLICY_ERROR, Label.UNFINISHED]
     assert "the server went away" in found.trials[2].evidence.text
     assert found.trials[0].record == "records/fast_food/train1/0.parquet"
-    assert any("2 planned trials have no record" in n and "fast_food/L1/0" in n for n in found.notes)
+    assert any("1 planned trial has no record" in n and "fast_food/L1/0" in n for n in found.notes)
     rate = found.metric("success_rate", "overall")
     assert (rate.k, rate.n) == (0, 3)  # a trial without a record stays in the denominator
     assert found.metric("intention_accuracy", "fast_food").n == 3
-    assert found.metric("system_failure_rate", "overall").k == 2
+    assert found.metric("system_failure_rate", "overall").k == 1
+    assert found.metric("unfinished_rate", "overall").k == 1
     assert found.thresholds["grasp_reach"] == THRESHOLDS.grasp_reach
 
 

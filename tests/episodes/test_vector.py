@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import gymnasium
 import numpy as np
 import pytest
@@ -115,3 +118,31 @@ def test_success_is_told_once_whatever_resets_the_environment(mode):
         assert info["step"][0] == (1 if mode is AutoresetMode.SAME_STEP else 0)
         assert info["seed"][0] != 0, "the next trial is another one"
     envs.close()
+
+
+FORKED = f"""
+import subprocess
+import sys
+
+import gymnasium
+import betterbench
+def main():
+    one = gymnasium.make("{ID}", render_mode="rgb_array", quality="fast")
+    one.reset(seed=0)
+    one.render()
+    gymnasium.make_vec("{ID}", num_envs=2, vectorization_mode="async", quality="fast").reset(seed=1)
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.render
+def test_a_forked_copy_of_a_renderer_is_refused_with_what_to_write_instead(tmp_path):
+    (tmp_path / "loop.py").write_text(FORKED)
+    command = [sys.executable, str(tmp_path / "loop.py")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1
+    said = done.stderr.strip().splitlines()[-1]
+    assert said.startswith("betterbench.errors.InvalidInputError: worker process: it was forked")
+    assert "vector_kwargs={'context': 'spawn'}" in said
+    assert "TypeError" not in done.stderr

@@ -71,3 +71,10 @@ def test_every_error_travels_between_processes_unchanged(kind):
     assert type(got) is kind
     assert str(got) == str(example(kind))
     assert vars(got) == vars(example(kind))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_error_survives_what_gymnasium_does_with_it(kind):
+    """Its vector environments raise ``type(error)(error)`` in the process that waits."""
+    copy = kind(example(kind))
+    assert str(copy) == str(example(kind))

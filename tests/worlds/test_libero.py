@@ -11,7 +11,7 @@ from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import PRESETS
-from betterbench.worlds import ForeignScene, WorldProcesses, world_named
+from betterbench.worlds import ForeignScene, WorldProcess, WorldProcesses, world_named
 from betterbench.worlds.registry import start_code
 from betterbench.worlds.scene import quat2axisangle
 
@@ -142,3 +142,21 @@ def test_what_is_read_by_numbers_is_what_libero_and_mujoco_say(suite, task):
     command = [str(world.folder / "bin" / "python"), "-c", code + READ, suite, str(task)]
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"CUDA_VISIBLE_DEVICES": "3"},
+        {"CUDA_VISIBLE_DEVICES": ""},
+        {"CUDA_VISIBLE_DEVICES": "GPU-5ebe9f43-ac33-420d-1628-8a0dd6a1ffc6"},
+        {"CUDA_VISIBLE_DEVICES": "3", "MUJOCO_EGL_DEVICE_ID": "0"},
+    ],
+    ids=["number", "empty", "uuid", "with a device"],
+)
+def test_libero_draws_under_the_variables_of_slurm(monkeypatch, given):
+    request = {"suite": "libero_object", "task": 0, "state": 0, "seed": 7, "settle": 1, "images": True, "size": 32}
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    with WorldProcess(world_named("libero").command()) as process:
+        assert process.start(request)[1]["image_front"].std() > 5.0

@@ -1,4 +1,7 @@
-"""What ``better doctor`` tries on this machine."""
+"""What ``better doctor`` tries on this machine.
+
+The simulator is imported by each check that needs it: a variable that keeps it from being imported is a finding.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,18 @@ import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from betterbench import __version__
 from betterbench.errors import BetterError
-from betterbench.evaluation import probe_encoder
 from betterbench.interface.actions import EE_DELTA
-from betterbench.robots import robot_names
-from betterbench.scenes import Renderer, Scene, gl_backend, renderer_fingerprint
 from betterbench.tasks import all_tasks, get_task
 from betterbench.worlds import WORLDS
+
+if TYPE_CHECKING:
+    from betterbench.scenes import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,8 @@ def _machine() -> str:
 
 
 def _tasks() -> str:
+    from betterbench.robots import robot_names
+
     tasks = all_tasks()
     return f"{len(tasks)} tasks, {sum(len(t.variations) for t in tasks)} variations, robots: {', '.join(robot_names())}"
 
@@ -85,6 +91,8 @@ def _physics() -> str:
 
 
 def _rendering() -> str:
+    from betterbench.scenes import Renderer, gl_backend, renderer_fingerprint
+
     scene = _scene()
     with Renderer(scene.model, quality=scene.quality) as renderer:
         view = renderer.render(scene.data, "front")
@@ -101,8 +109,16 @@ def _rendering() -> str:
 
 
 def _scene() -> Scene:
+    from betterbench.scenes import Scene
+
     task = get_task("morning_coffee")
     return Scene(task, task.training[0], seed=0, action_space=EE_DELTA)
+
+
+def _video() -> str:
+    from betterbench.evaluation import probe_encoder
+
+    return probe_encoder()
 
 
 CHECKS: dict[str, Callable[[], str]] = {
@@ -111,5 +127,5 @@ CHECKS: dict[str, Callable[[], str]] = {
     "suite": _tasks,
     "physics": _physics,
     "rendering": _rendering,
-    "video": probe_encoder,
+    "video": _video,
 }

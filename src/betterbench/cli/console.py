@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
+import io
 import json
 import os
 import re
@@ -46,6 +48,42 @@ class Terminal(Console):
 OUT = Terminal(highlight=False, emoji=False)
 ERR = Terminal(stderr=True, highlight=False, emoji=False)
 
+_PLAIN = {
+    **{ord(c): "-" for c in "\u2010\u2011\u2012\u2013\u2014\u2212\u2500\u2501"},
+    **{ord(c): " " for c in "\u00a0\u2009\u202f"},
+    **{ord(c): "'" for c in "\u2018\u2019"},
+    **{ord(c): '"' for c in "\u201c\u201d"},
+    **{ord(c): "|" for c in "\u2502\u2503"},
+    **{ord(c): "*" for c in "\u2022\u00b7"},
+    ord("\u2026"): "...",
+    ord("\u2192"): "->",
+    ord("\u00d7"): "x",
+    ord("\u2265"): ">=",
+    ord("\u2264"): "<=",
+    ord("\u00b1"): "+-",
+    ord("\u0394"): "Delta",
+}
+"""What stands for a character that the terminal does not know; a question mark stands for all others."""
+
+
+def _replaced(problem: UnicodeError) -> tuple[str, int]:
+    """Return a stand-in of as much text as could not be encoded, and where to go on."""
+    if not isinstance(problem, UnicodeEncodeError):
+        raise problem
+    text = problem.object[problem.start : problem.end].translate(_PLAIN)
+    return text.encode("ascii", "replace").decode("ascii"), problem.end
+
+
+def make_streams_patient() -> None:
+    """Replace characters that standard output and standard error cannot encode, as on an ASCII or Latin-1 terminal."""
+    codecs.register_error(_STAND_IN, _replaced)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
+            stream.reconfigure(errors=_STAND_IN)
+
+
+_STAND_IN = "betterbench-stand-in"
+
 _documents: list[TextIO] = []  # where the JSON document of the verb goes, while nothing else may go there
 
 
@@ -81,7 +119,8 @@ def _number_of(stream: TextIO) -> int | None:
 def print_json(document: object) -> None:
     """Print one JSON document on standard output; what steers a terminal is written by its number, as JSON can."""
     out = _documents[-1] if _documents else sys.stdout
-    text = json.dumps(document, indent=2, ensure_ascii=False, sort_keys=False)
+    plain = "utf" not in (getattr(out, "encoding", None) or "utf-8").lower()  # then other letters by their numbers
+    text = json.dumps(document, indent=2, ensure_ascii=plain, sort_keys=False)
     out.write(UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
     out.flush()
 

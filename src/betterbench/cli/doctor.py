@@ -77,8 +77,9 @@ def _check_machine(*, json: bool) -> None:
         print_json([asdict(check) for check in checks])
     else:
         print_table(["", "what", "found"], [["ok" if c.works else "NO", c.name, c.detail] for c in checks])
-        for check in broken:
-            OUT.print(f"\n{check.name}: {check.cure}", markup=False)
+        for cure in dict.fromkeys(check.cure for check in broken):
+            names = ", ".join(check.name for check in broken if check.cure == cure)
+            OUT.print(f"\n{names}: {cure}", markup=False, soft_wrap=not OUT.is_terminal)
     if broken:
         names = ", ".join(check.name for check in broken)
         raise BetterError(f"These checks fail on this machine: {names}. Each cure is printed above.")

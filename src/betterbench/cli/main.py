@@ -16,7 +16,7 @@ from typing import Any, Literal, get_type_hints
 import tyro
 
 from betterbench.cli.border import guarded
-from betterbench.cli.console import LONGEST_MESSAGE, complain, say
+from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
 from betterbench.errors import BetterError, UnknownNameError, line_start, printable, system_error_text
 
@@ -116,6 +116,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     os.environ.setdefault("LP_NUM_THREADS", "0")
+    make_streams_patient()
     logging.basicConfig(handlers=[_log_handler()])
     given = list(sys.argv[1:] if arguments is None else arguments)
     telling = Telling()

@@ -156,7 +156,7 @@ def _families(matching: Matching) -> Iterator[list[_Question]]:
     yield [_Question("success", task) for task in sorted({t.task for t in varied})]
     yield [_Question(kind.value, "overall") for kind in (Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM)]
     # A label that no policy shows cannot differ; leaving it out of the correction depends on no difference.
-    shown = {t.label for t in varied if t.kind is not Kind.NONE}
+    shown = {t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED)}
     yield [_Question(label.value, "overall") for label in all_labels() if label in shown]
 
 

@@ -243,11 +243,13 @@ def _resolved(task: str, condition: str) -> ResolvedCondition:
 def _diagnosed(trial: SubmittedTrial, policy: str) -> TrialDiagnosis:
     """Return the diagnosis of a submitted trial, as far as it tells."""
     resolved = _resolved(trial.task, trial.condition)
+    # Submissions before 0.2 called unfinished trials a policy error.
+    label = Label.UNFINISHED if trial.status == "unfinished" else Label(trial.label)
     text = "A submission holds outcomes alone; the evidence is in the run that it was made of."
     return TrialDiagnosis(
         task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
         axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
-        success=trial.success, expected=resolved.condition.expected.value, label=Label(trial.label),
+        success=trial.success, expected=resolved.condition.expected.value, label=label,
         first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
         intended_any=(), intention_correct=None, progress=trial.progress, attempts=(),
         evidence=Evidence("submission", text, 0.0, trial.duration_s), collisions=None, steps=trial.steps,

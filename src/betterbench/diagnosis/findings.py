@@ -11,6 +11,7 @@ from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.second_pass import PolicyRule, TaskRules
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
+from betterbench.statistics.wording import plural
 from betterbench.tasks.labels import Kind, Label
 
 
@@ -49,8 +50,8 @@ def find_notes(
 ) -> tuple[str, ...]:
     """Return what the run cannot show, one sentence each.
 
-    ``even_pairs`` are those that no outcome has chosen, where that is not all of them. ``cure`` says how trials get
-    their twins.
+    ``missing`` are the trials that broke down. ``even_pairs`` are those that no outcome has chosen, where that is not
+    all of them. ``cure`` says how trials get their twins.
     """
     notes = []
     if pending:
@@ -59,8 +60,16 @@ def find_notes(
             f"{pending} are in no number. Which ones come first depends on the machine, so the numbers will move."
         )
     if missing:
+        have = "has" if len(missing) == 1 else "have"
         shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
-        notes.append(f"{len(missing)} planned trials have no record and count as policy_error: {shown}.")
+        notes.append(f"{plural(len(missing), 'planned trial')} {have} no record and count as policy_error: {shown}.")
+    left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
+    if left:
+        shown = ", ".join(left[:5]) + (", …" if len(left) > 5 else "")
+        notes.append(
+            f"{len(left)} of {len(trials)} planned trials are unfinished: they count in every rate, as no success and "
+            f"no failure of any kind, and in no pair. The same command runs them: {shown}."
+        )
     for task, found in sorted(rules.items()):
         if found.undecided:
             notes.append(
@@ -68,7 +77,7 @@ def find_notes(
                 "there' and 'always the same place'; they keep the label wrong_object. Run the training conditions "
                 "and all variations of the task with the same seeds."
             )
-    lonely = sum(t.variation is not None for t in trials) - pairs
+    lonely = sum(t.variation is not None and t.kind is not Kind.UNFINISHED for t in trials) - pairs
     if lonely and pending:
         wait = "1 trial waits for its" if lonely == 1 else f"{lonely} trials wait for their"
         notes.append(f"{wait} counterfactual twin, so far left out of the illusion gap.")

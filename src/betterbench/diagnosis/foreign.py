@@ -14,7 +14,7 @@ import numpy as np
 
 from betterbench.diagnosis.episode_analysis import analyze_episode
 from betterbench.diagnosis.labels import decide, gather
-from betterbench.diagnosis.modes.policy_error import without_record
+from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
 from betterbench.diagnosis.trace import Trace, Whereabout, touches
 from betterbench.diagnosis.trial import Reading, choice_of, trial_diagnosis
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
@@ -101,9 +101,10 @@ class ForeignRun:
         return TrialDiagnosis(
             task=trial.task, variation=variation, condition="base", axis=_axis(variation), seed=trial.seed,
             policy=policy, instruction=self.instructions.get(f"{trial.task}/{trial.condition}", ""), success=False,
-            expected=Expected.SUCCEED.value, label=Label.POLICY_ERROR, first_attempt=None, first_attempt_kind=None,
-            first_slot=None, intended=None, intended_kind=None, intended_any=(), intention_correct=None, progress=0.0,
-            attempts=(), evidence=without_record(reason), collisions=None, steps=0, duration_s=0.0, record=None,
+            expected=Expected.SUCCEED.value, label=label_without_record(reason), first_attempt=None,
+            first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
+            intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None,
+            steps=0, duration_s=0.0, record=None,
         )  # fmt: skip
 
 

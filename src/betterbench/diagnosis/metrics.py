@@ -28,7 +28,9 @@ Trials = Sequence[TrialDiagnosis]
 ANYTIME = "anytime-valid"
 """Method of an interval that holds whenever the trials stopped."""
 
-_RATES: tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...] = (
+_Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
+
+_RATES: _Rates = (
     ("success_rate", lambda t: t.success),
     ("success_with_a_needless_step", lambda t: t.success and bool(t.needless)),
     ("intention_accuracy", lambda t: bool(t.intention_correct)),
@@ -43,6 +45,9 @@ A success with a needless step is one in which a step of training was played tha
 at an emptied slot; it counts as a success too. Collisions are those with fixtures; they spoil no goal by themselves.
 """
 
+_UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
+"""The rate of a run that was stopped, counted apart."""
+
 
 def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tuple[Metric, ...]:
     """Return all metrics of a run.
@@ -56,14 +61,15 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
         Rates, distractor grasp rate and progress over every scope, ΔSR of recompositions, and illusion gaps.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
+    rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
     metrics: list[Metric] = []
     for scope, members in scopes(trials):
         one_condition = "/" in scope and not scope.endswith("/training")
         if decided is not None and one_condition:
-            metrics += _anytime(scope, members)
+            metrics += _anytime(scope, members, rates)
             continue
         kept = members if decided is None else [t for t in members if t.seed in decided.first_seeds]
-        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, kept)), len(kept))) for n, f in _RATES]
+        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, kept)), len(kept))) for n, f in rates]
         metrics.append(_distractor_grasp_rate(scope, kept))
         metrics.append(_progress(scope, kept))
     metrics += _delta_success_rates(even)
@@ -71,10 +77,10 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
     return tuple(metrics)
 
 
-def _anytime(scope: str, trials: Trials) -> Iterator[Metric]:
+def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
     """Yield rates, distractor grasp rate and progress of one condition, valid whenever its trials stopped."""
     results = [a.result for t in trials for a in t.attempts if a.result != "null"]
-    counted = [(name, [shows(t) for t in trials]) for name, shows in _RATES]
+    counted = [(name, [shows(t) for t in trials]) for name, shows in rates]
     counted.append(("distractor_grasp_rate", [result == "distractor" for result in results]))
     for name, seen in counted:
         ends = anytime_interval(map(float, seen))
@@ -105,9 +111,10 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
-    """Return every trial of a variation with its counterfactual twin, where the run holds it."""
-    by_key = {t.key: t for t in trials if t.variation is None}
-    return [(by_key[t.twin_key], t) for t in trials if t.twin_key is not None and t.twin_key in by_key]
+    """Return every trial of a variation with its counterfactual twin, where neither of them is unfinished."""
+    ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
+    by_key = {t.key: t for t in ended if t.variation is None}
+    return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
 
 
 def _distractor_grasp_rate(scope: str, trials: Trials) -> Metric:

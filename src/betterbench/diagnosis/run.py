@@ -14,7 +14,7 @@ from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
-from betterbench.diagnosis.modes.policy_error import without_record
+from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
 from betterbench.diagnosis.trial import Choice, Reading, read_trial
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
@@ -26,7 +26,6 @@ from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
-from betterbench.tasks.labels import Label
 from betterbench.worlds.regime import TrainedTask
 
 
@@ -64,8 +63,9 @@ def diagnose_run(
     """Return what all records of a run prove. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
-    nowhere. Once no process writes any more, they are trials without a record. Of a run until decided, this holds for
-    the round under way; the trials that its verdicts have spared are left out.
+    nowhere. Once no process writes any more, they are unfinished: they count in every rate over planned trials, and in
+    no kind of failure. Of a run until decided, this holds for the round under way; the trials that its verdicts have
+    spared are left out.
 
     Args:
         folder: The run, or its folder.
@@ -269,22 +269,21 @@ def _diagnose(
     found = tuple(
         _settled(trial, trials.readings[trial], rules)
         if trial in trials.readings
-        else _without_record(trial, policy, trials.missing.get(trial))
-        if foreign is None
-        else foreign.without_record(trial, policy, trials.missing.get(trial))
+        else _without_record(trial, policy, trials.missing.get(trial), foreign)
         for trial in trials.plan
     )
-    missing, decided = sorted(map(str, trials.missing)), trials.until_decided
+    waiting = tuple(_without_record(trial, policy, None, foreign) for trial in trials.pending)
+    broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
+    decided = trials.until_decided
     even = None if decided is None else len(twins([t for t in found if t.seed in decided.first_seeds]))
     more = {} if foreign is None else {"cure": TWINS_CURE}
-    pending = len(trials.pending)
-    notes = find_notes(found, judged, missing, len(twins(found)), pending=pending, even_pairs=even, **more)
+    notes = find_notes(found, judged, broken, len(twins(found)), pending=len(waiting), even_pairs=even, **more)
     if foreign is not None and (untold := untold_by(found)):
         notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
-        versions=versions, pending=tuple(map(str, trials.pending)), until_decided=decided,
+        versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
 
 
@@ -298,13 +297,15 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
     return replace(reading.diagnosis, label=label, evidence=evidence)
 
 
-def _without_record(trial: TrialId, policy: str, reason: str | None) -> TrialDiagnosis:
+def _without_record(trial: TrialId, policy: str, reason: str | None, foreign: ForeignRun | None) -> TrialDiagnosis:
+    if foreign is not None:
+        return foreign.without_record(trial, policy, reason)
     resolved = resolve_condition(trial.task, trial.condition)
     return TrialDiagnosis(
         task=trial.task, variation=None if resolved.variation is None else trial.condition, condition=resolved.base,
         axis=resolved.axis, seed=trial.seed, policy=policy, instruction=resolved.condition.instruction.text,
-        success=False, expected=resolved.condition.expected.value, label=Label.POLICY_ERROR, first_attempt=None,
-        first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None, intended_any=(),
-        intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason), collisions=None, steps=0,
-        duration_s=0.0, record=None,
+        success=False, expected=resolved.condition.expected.value, label=label_without_record(reason),
+        first_attempt=None, first_attempt_kind=None, first_slot=None, intended=None, intended_kind=None,
+        intended_any=(), intention_correct=None, progress=0.0, attempts=(), evidence=without_record(reason),
+        collisions=None, steps=0, duration_s=0.0, record=None,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from betterbench.errors import RecordError
 from betterbench.statistics import Difference, Rate, newcombe_difference, paired_bootstrap
 from betterbench.statistics.wording import listed
 from betterbench.tasks import Axis, stream
+from betterbench.tasks.labels import Kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,7 @@ def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> S
         diagnosis: The run.
         matrix: The power matrix; the packaged one if not given.
     """
-    varied = [t for t in diagnosis.even_trials if t.variation is not None]
+    varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
     if matrix is None:
         try:
             matrix = packaged_power_matrix()

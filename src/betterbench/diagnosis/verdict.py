@@ -137,7 +137,7 @@ class Metric:
     Attributes:
         name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy", "delta_sr",
             "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate", "execution_failure_rate",
-            "collision_rate", "progress").
+            "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where trials are unfinished).
         scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".
@@ -173,11 +173,11 @@ class RunDiagnosis:
     """What all records of a run prove.
 
     Attributes:
-        trials: One entry per planned trial, finished or not, in plan order.
+        trials: One entry per planned trial that counts, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
-        pending: Keys of planned trials that a run in progress has not reached; they are in no number. Empty for a run
-            that no process writes to any more: what it has not finished is then among the trials, without a record.
+        waiting: Planned trials that a run in progress has not reached; they are in no number. Empty for a run that no
+            process writes to any more: what it has not finished is then among the trials, as unfinished.
         until_decided: Verdict on each variation of a run until decided, or None. What such a run has spared is nowhere.
     """
 
@@ -188,8 +188,18 @@ class RunDiagnosis:
     notes: tuple[str, ...]
     thresholds: dict[str, float]
     versions: dict[str, str]
-    pending: tuple[str, ...] = ()
+    waiting: tuple[TrialDiagnosis, ...] = ()
     until_decided: UntilDecided | None = None
+
+    @property
+    def pending(self) -> tuple[str, ...]:
+        """Keys of the waiting trials."""
+        return tuple(t.key for t in self.waiting)
+
+    @property
+    def unfinished(self) -> tuple[TrialDiagnosis, ...]:
+        """The trials that count although the run was stopped before they had ended."""
+        return tuple(t for t in self.trials if t.kind is Kind.UNFINISHED)
 
     @property
     def even_trials(self) -> tuple[TrialDiagnosis, ...]:
@@ -204,7 +214,8 @@ class RunDiagnosis:
 
     def named(self, name: str) -> RunDiagnosis:
         """Return the diagnosis under another name of its policy, in every trial too."""
-        return replace(self, policy=name, trials=tuple(replace(t, policy=name) for t in self.trials))
+        trials, waiting = (tuple(replace(t, policy=name) for t in part) for part in (self.trials, self.waiting))
+        return replace(self, policy=name, trials=trials, waiting=waiting)
 
     @property
     def planned(self) -> int:
@@ -219,10 +230,10 @@ class RunDiagnosis:
         return None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form that ``better diagnose --json`` prints."""
+        """Return the JSON form that ``better diagnose --json`` prints: "trials" holds all planned ones."""
         return {
             "policy": self.policy,
-            "trials": [t.to_json() for t in self.trials],
+            "trials": [t.to_json() for t in (*self.trials, *self.waiting)],
             "metrics": [m.to_json() for m in self.metrics],
             "findings": list(self.findings),
             "notes": list(self.notes),

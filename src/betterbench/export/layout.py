@@ -16,6 +16,7 @@ from betterbench.policies.adapter import Adapter
 from betterbench.policies.answers import AnswerPart, AnswerRule
 from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
 from betterbench.policies.modality import name_of
+from betterbench.policies.presets import own_preset
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import ROTATION_SIZES
 

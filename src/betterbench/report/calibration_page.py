@@ -18,7 +18,7 @@ from betterbench.statistics.wording import plural
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KINDS = {Kind.NONE: "right", Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "system"}
+KINDS = {kind: "right" if kind is Kind.NONE else kind.value for kind in Kind}
 
 
 def write_calibration_page(

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from betterbench.diagnosis.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
-from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND, families_of
 from betterbench.report.outcomes import task_title
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
@@ -116,7 +116,7 @@ def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
         "Counts of trials. Reasoning: it went for the wrong object. Execution: correct target at the right time, "
         "failed manipulation. System: the policy did not run.",
         tuple(groups),
-        key=tuple(FAMILIES.items()),
+        key=tuple(families_of(t for d in diagnoses for t in d.trials).items()),
     )
 
 
@@ -125,7 +125,7 @@ def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     groups = []
     for d in diagnoses:
         varied = [t for t in d.trials if t.variation is not None]
-        counts = Counter(t.label for t in varied if t.kind is not Kind.NONE)
+        counts = Counter(t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED))
         ranked = sorted(counts, key=lambda label: (-counts[label], list(LEGEND).index(label)))[:MODES_SHOWN]
         rows = tuple(
             Bar(LEGEND[label].short, Figure.of_rate(Rate(counts[label], len(varied))), LEGEND[label].family)
@@ -184,7 +184,7 @@ def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str, keep: Keep
 
 def _families(trials: Sequence[TrialDiagnosis]) -> tuple[tuple[str, int], ...]:
     counts = Counter(LEGEND[t.label].family for t in trials)
-    return tuple((family, counts[family]) for family in FAMILIES)
+    return tuple((family, counts[family]) for family in families_of(trials))
 
 
 def _gap(diagnosis: RunDiagnosis, scope: str) -> Figure:

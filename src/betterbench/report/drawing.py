@@ -32,6 +32,7 @@ PATTERNS: dict[str, str] = {
     "reasoning": "",
     "execution": '<path d="M-1 1 1 -1M0 6 6 0M5 7 7 5" class="hatch"/>',
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
+    "unfinished": "",
 }
 """What lies over a family's color, so that a gray print and a color-blind reader can tell them apart."""
 

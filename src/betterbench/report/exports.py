@@ -74,7 +74,7 @@ def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     for diagnosis in diagnoses:
         for row in variation_rows(diagnosis):
             trial, twin = row.trial, row.twin
-            families = {family: row.count_of(family) for family in ("reasoning", "execution", "system")}
+            families = {family: row.count_of(family) for family in ("reasoning", "execution", "system", "unfinished")}
             rows.append(
                 (
                     diagnosis.policy, row.id, row.axis, row.title, trial.k, trial.n, trial.value, trial.low, trial.high,
@@ -85,7 +85,7 @@ def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
     columns = (
         "policy", "variation", "axis", "title", "k", "n", "success_rate", "low", "high", "twin_k", "twin_n",
         "twin_success_rate", "illusion_gap", "gap_low", "gap_high", "p_value", "reasoning", "execution", "system",
-        "verdict",
+        "unfinished", "verdict",
     )  # fmt: skip
     return Table("variations", "Success rates per variation with 95 % intervals.", columns, tuple(rows))
 

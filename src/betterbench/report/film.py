@@ -20,7 +20,7 @@ ACTS = ("attempt", "evidence", "same step")
 """Captions of the frame that a film is about; "same step" is what a twin does where it is no grasp."""
 
 _SIGNATURES = {b"\xff\xd8\xff": "image/jpeg", b"\x89PNG\r\n\x1a\n": "image/png"}
-_KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2}
+_KIND_RANK = {Kind.REASONING: 0, Kind.EXECUTION: 1, Kind.SYSTEM: 3, Kind.NONE: 2, Kind.UNFINISHED: 4}
 
 
 def film_key(policy: str, trial: str) -> str:

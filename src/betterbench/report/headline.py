@@ -124,6 +124,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         _numbers(training, variations, gap, _pairs(diagnosis)),
         _failures(varied, diagnosis.findings),
         breakdown,
+        _unfinished(diagnosis),
     ]
     return Headline(
         diagnosis.policy,
@@ -147,6 +148,7 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
     headline = headline_of(diagnosis)
     rates = (("training", headline.training), ("variations", headline.variations))
     counts = ", ".join(f"{name} {figure.count()}" for name, figure in rates if not figure.missing)
+    counts += f", unfinished {len(diagnosis.unfinished)}" if diagnosis.unfinished else ""
     said = headline.conclusion.rstrip(".")
     if counts:
         said = f"{said.removesuffix(')')}; {counts})" if said.endswith(")") else f"{said} ({counts})"
@@ -155,7 +157,7 @@ def verdict_line(diagnosis: RunDiagnosis) -> str:
 
 def leading_failure(trials: Sequence[TrialDiagnosis]) -> Failure | None:
     """Return the leading failure mode of variation trials with its counts, or None without failures."""
-    failed = [trial for trial in trials if trial.kind is not Kind.NONE]
+    failed = [trial for trial in trials if _has_failed(trial)]
     label = main_failure(trials)
     if label is None:
         return None
@@ -178,7 +180,7 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named,
     unless the look explains all that the rule does, and more.
     """
-    kinds = Counter(trial.kind for trial in trials if trial.kind is not Kind.NONE)
+    kinds = Counter(trial.kind for trial in trials if _has_failed(trial))
     if not kinds:
         return None
     order = [Kind.REASONING, Kind.EXECUTION, Kind.SYSTEM]
@@ -192,6 +194,11 @@ def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     rule = max(SLOT_RULES, key=lambda label: labels[label])
     explained = 3 * in_slot >= 2 * labels[main] and 2 * labels[rule] >= labels[main]
     return rule if explained and not _only_looks(trials, rule) else main
+
+
+def _has_failed(trial: TrialDiagnosis) -> bool:
+    """Return whether a trial ended, and without success."""
+    return trial.kind not in (Kind.NONE, Kind.UNFINISHED)
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
@@ -212,11 +219,13 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
 
 def _conclusion(trials: Sequence[TrialDiagnosis], training: Figure) -> tuple[str, str]:
     """Return the naming sentence and its color family."""
-    varied = [trial for trial in trials if trial.variation is not None]
+    varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
+    if not varied and any(trial.kind is Kind.UNFINISHED for trial in trials):
+        return "The run is not finished: no trial of a variation has ended.", Kind.UNFINISHED.value
     if not varied:
         untold = untold_by(trials)
         return f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}.", "system"
-    failed = [trial for trial in varied if trial.kind is not Kind.NONE]
+    failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE
     rare = len(failed) <= RARE_SHARE * len(varied)
@@ -249,7 +258,7 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
     """
     groups: dict[tuple[str, Label], list[TrialDiagnosis]] = defaultdict(list)
     for trial in trials:
-        if trial.kind is not Kind.NONE:
+        if _has_failed(trial):
             groups[trial.task, trial.label].append(trial)
     ranks, counts, shown = list(LEGEND), dict[tuple[str, Label], str](), Counter[Label]()
     for (task, label), members in groups.items():
@@ -311,7 +320,7 @@ def _numbers(training: Figure, variations: Figure, gap: Figure, pairs: tuple[Fig
 
 def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     """Return the sentence about the failures: how many of which kind, and which label leads."""
-    failed = [trial for trial in varied if trial.kind is not Kind.NONE]
+    failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     if main is None:
         return findings[0] if findings else ""
@@ -331,6 +340,12 @@ def _failures(varied: list[TrialDiagnosis], findings: tuple[str, ...]) -> str:
     lead = "most often" if failure is None else failure.lead.lower()
     times = {1: "once", 2: "twice"}.get(same, f"{same} times")
     return f"{text}; {lead}: {name} ({times}, in {shown})."
+
+
+def _unfinished(diagnosis: RunDiagnosis) -> str:
+    """Return how many planned trials of a stopped run have not ended."""
+    count, planned = len(diagnosis.unfinished), len(diagnosis.trials)
+    return f"{count} of {planned} planned trials are unfinished and count in every rate." if count else ""
 
 
 def _breakdown(varied: list[TrialDiagnosis]) -> str:

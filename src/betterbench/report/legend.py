@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.tasks import Axis
-from betterbench.tasks.labels import Label
+from betterbench.tasks.labels import Kind, Label
 
 LEGEND: Mapping[Label, FailureMode] = MODES
 """Every label's entry, in the order in which bars are stacked; it stands in the file of its failure mode."""
@@ -19,6 +20,15 @@ FAMILIES: dict[str, str] = {
     "system": "System failure",
 }
 """Color families and their names, in the order in which bars are stacked."""
+
+UNFINISHED: dict[str, str] = {Kind.UNFINISHED.value: "Unfinished"}
+"""The family of planned trials that have not ended, which is shown where there are some."""
+
+
+def families_of(trials: Iterable[TrialDiagnosis]) -> dict[str, str]:
+    """Return the families with which the outcomes of trials are shown, and their names."""
+    return {**FAMILIES, **(UNFINISHED if any(t.kind is Kind.UNFINISHED for t in trials) else {})}
+
 
 AXIS_NAMES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "Spatial layout shift",

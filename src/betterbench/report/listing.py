@@ -12,7 +12,7 @@ from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import printable
 from betterbench.report.film import film_key
 from betterbench.report.html import LONGEST_TEXT
-from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 from betterbench.report.media import NO_MEDIA, Media
 
 
@@ -38,9 +38,10 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
     """Return the data of the trial list; ``films`` numbers the films by key. page.js names the columns of a trial."""
     strings = StringTable()
     trials = [_row(d.policy, t, strings, films) for d in diagnoses for t in d.trials]
+    kinds = families_of(t for d in diagnoses for t in d.trials)
     return {
-        "labels": {e.label.value: [e.name, e.family, e.definition] for e in LEGEND.values()},
-        "kinds": FAMILIES,
+        "labels": {e.label.value: [e.name, e.family, e.definition] for e in LEGEND.values() if e.family in kinds},
+        "kinds": kinds,
         "axes": AXIS_NAMES,
         "strings": strings.texts,
         "trials": trials,

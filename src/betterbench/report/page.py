@@ -20,7 +20,7 @@ from betterbench.report.film import ACTS, Film, Frame
 from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headline_of
 from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.knowledge import knowledge_view
-from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND
+from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 from betterbench.report.listing import listing_of, script_json
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.media import NO_MEDIA, Media
@@ -71,7 +71,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """What the page says about a run in progress: a sentence, and per condition how many trials are not yet run."""
+    """What the page says about a run in progress or stopped: a sentence, and how many trials a condition lacks."""
 
     text: str
     left: tuple[tuple[str, int], ...]
@@ -159,7 +159,7 @@ def render_page(
         single=len(diagnoses) == 1,
         title=_title([diagnosis.policy for diagnosis in diagnoses]),
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
-        unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending],
+        unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending or d.unfinished],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
         pretenders=pretender_views([d for d in diagnoses if not is_abroad(d)]),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
@@ -176,9 +176,9 @@ def render_page(
         knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
         unfilled=unfilled,
-        legend=list(LEGEND.values()),
+        legend=[mode for mode in LEGEND.values() if mode.family in families_of(trials)],
         labels=LEGEND,
-        families=FAMILIES,
+        families=families_of(trials),
         axes=AXIS_NAMES,
         exports=exports,
         latex=latex,
@@ -331,9 +331,18 @@ def _extent(trials: Sequence[TrialDiagnosis], policies: int, *, pending: bool) -
 
 
 def _unfinished(diagnosis: RunDiagnosis, *, single: bool) -> Unfinished:
-    """Return the sentence about a run in progress, and where its pending trials belong."""
-    left = Counter(key.rpartition("/")[0] for key in diagnosis.pending)
+    """Return the sentence about a run in progress or stopped, and where the trials belong that have not ended."""
+    stopped = [trial.key for trial in diagnosis.unfinished]
+    left = Counter(key.rpartition("/")[0] for key in (*diagnosis.pending, *stopped))
     whose = "" if single else f" of {diagnosis.policy}"
+    if not diagnosis.pending:
+        ended, planned = len(diagnosis.trials) - len(stopped), len(diagnosis.trials)
+        text = (
+            f"Unfinished: {_grouped(ended)} of {_grouped(planned)} trials{whose} have ended. The other "
+            f"{_grouped(len(stopped))} count in every rate, as no success and as no failure of any kind, and in no "
+            "pair. The same command runs them."
+        )
+        return Unfinished(text, tuple(sorted(left.items())))
     text = (
         f"Unfinished: {_grouped(len(diagnosis.trials))} of {_grouped(diagnosis.planned)} trials{whose} were done when "
         f"this page was written. The {_grouped(len(diagnosis.pending))} not yet run count nowhere."

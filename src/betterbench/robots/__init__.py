@@ -6,8 +6,12 @@ The controller and the inverse kinematics are imported when they are first used:
 import importlib
 from typing import TYPE_CHECKING
 
-from betterbench.robots.panda import PANDA
-from betterbench.robots.spec import Progress, RobotSpec, build_robot_spec, robot, robot_names
+from betterbench.graphics import require_engine
+
+require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+
+from betterbench.robots.panda import PANDA  # noqa: E402
+from betterbench.robots.spec import Progress, RobotSpec, build_robot_spec, robot, robot_names  # noqa: E402
 
 if TYPE_CHECKING:
     from betterbench.robots.control import ArmController, ControllerState

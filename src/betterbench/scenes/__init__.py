@@ -6,13 +6,17 @@ Each public name is imported from its module when it is first used: a process th
 import importlib
 from typing import TYPE_CHECKING
 
+from betterbench.graphics import gl_backend, require_engine
+
 if TYPE_CHECKING:
     from betterbench.scenes.builder import CompiledScene, Placement, engine_version, place_objects
     from betterbench.scenes.clearance import Clearance
-    from betterbench.scenes.gl_context import gl_backend, renderer_fingerprint
+    from betterbench.scenes.gl_context import renderer_fingerprint
     from betterbench.scenes.rendering import Images, Renderer
     from betterbench.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
     from betterbench.scenes.stored import StoredView, load_model
+
+require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
 
 __all__ = [
     "CONTROL_RATE_HZ",
@@ -35,7 +39,7 @@ __all__ = [
 _MODULES = {
     "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
     "clearance": ("Clearance",),
-    "gl_context": ("gl_backend", "renderer_fingerprint"),
+    "gl_context": ("renderer_fingerprint",),
     "rendering": ("Images", "Renderer"),
     "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
     "stored": ("StoredView", "load_model"),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import ctypes.util
 import functools
 import importlib
 import os
@@ -23,11 +22,16 @@ import mujoco
 import numpy as np
 
 from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.graphics import INSTALL_HINT, gl_backend, no_window, require_drawing
 
-INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
-"""The line that brings an OpenGL back end to a Debian or Ubuntu machine, with or without a graphics card."""
+CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are set, or run: {INSTALL_HINT}"
+"""What to do where OpenGL does not work and no variable is known to be the cause."""
 
-_OFF_VALUES = ("disable", "disabled", "off", "false", "0")
+
+_SPAWN = (
+    "Start workers with the 'spawn' method; for Gymnasium's vector environments: gymnasium.make_vec(..., "
+    "vectorization_mode='async', vector_kwargs={'context': 'spawn'})"
+)
 
 
 class _GLContext(Protocol):
@@ -43,27 +47,6 @@ class Closable(Protocol):
 
     def close(self) -> None:
         """Free the buffers."""
-
-
-@functools.cache
-def gl_backend() -> str | None:
-    """Return the off-screen OpenGL back end that images are made with ("egl", "osmesa", "glfw"), None without one.
-
-    The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
-    is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
-    :func:`renderer_fingerprint` tries them.
-    """
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if asked in {"egl", "osmesa", "glfw"}:
-        return asked
-    if asked in _OFF_VALUES:
-        return None
-    # PyOpenGL takes the functions of OpenGL from one of these beside EGL's own library.
-    if _loads("libEGL.so.1") and any(_loads(name) for name in ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2")):
-        return "egl"
-    if _loads("libOSMesa.so.8") or _loads(ctypes.util.find_library("OSMesa")):
-        return "osmesa"
-    return None
 
 
 def renderer_fingerprint() -> dict[str, str]:
@@ -111,9 +94,7 @@ def make_current() -> None:
         CONTEXT.pid, CONTEXT.thread = os.getpid(), threading.get_ident()
         atexit.register(_free_all)
     if os.getpid() != CONTEXT.pid:
-        raise InvalidInputError(
-            "worker process", "it was forked from a process that had rendered", "Start workers with the 'spawn' method"
-        )
+        raise InvalidInputError("worker process", "it was forked from a process that had rendered", _SPAWN)
     if threading.get_ident() != CONTEXT.thread:
         raise InvalidInputError(
             "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
@@ -136,22 +117,17 @@ def _egl_current_context() -> Callable[[], int | None]:
 
 def _create_context() -> _GLContext:
     """Create an OpenGL context with the chosen back end, or raise a MissingDependencyError."""
-    backend = gl_backend()
-    if backend is None:
-        raise MissingDependencyError(
-            f"No off-screen OpenGL: MUJOCO_GL is {os.environ.get('MUJOCO_GL', '')!r} and neither EGL nor OSMesa can be "
-            f"used. Run: {INSTALL_HINT}"
-        )
+    backend = require_drawing()
     # Threads of Mesa's software renderer gain nothing at these sizes and take cores from other workers.
     os.environ.setdefault("LP_NUM_THREADS", "0")
     # A context's size is that of a window, which nothing is drawn into.
     try:
         context = cast("_GLContext", importlib.import_module(f"mujoco.{backend}").GLContext(16, 16))
         context.make_current()
+        if backend == "glfw" and not importlib.import_module("glfw").get_current_context():
+            raise no_window()
     except _context_errors() as error:
-        raise MissingDependencyError(
-            f"The OpenGL back end {backend!r} does not work here ({error}). Run: {INSTALL_HINT}"
-        ) from error
+        raise MissingDependencyError(f"The OpenGL back end {backend!r} does not work here ({error}). {CURE}") from error
     return context
 
 
@@ -194,14 +170,3 @@ def _free_all() -> None:
         CONTEXT.gl.free()
         CONTEXT.gl = CONTEXT.handle = CONTEXT.query = None
         CONTEXT.from_top = False
-
-
-def _loads(library: str | None) -> bool:
-    """Return True if a shared library can be loaded."""
-    if library is None:
-        return False
-    try:
-        ctypes.CDLL(library)
-    except OSError:
-        return False
-    return True

@@ -32,6 +32,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, MissingDependencyError, RecordError, one_line
 from betterbench.geometry import Vector
+from betterbench.graphics import next_device_variables
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.spec import ViewSpec
@@ -113,7 +114,10 @@ class LimitedView:
     """Draws recorded states of stored scenes, one scene at a time. A context manager, which ends the process."""
 
     def __init__(self, *, quality: str, size: int = 256) -> None:
-        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel]."""
+        """Start the process; ``size`` is the side of the images of :meth:`draw` [pixel].
+
+        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device.
+        """
         self._quality, self._size = quality, size
         self._told_to_end = self._is_closed = False
         self._types: list[np.dtype[np.void]] = []
@@ -130,7 +134,7 @@ class LimitedView:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             cwd=tempfile.gettempdir(),  # where MuJoCo may write its log
-            env={**os.environ, "PYTHONPATH": paths},
+            env={**os.environ, "PYTHONPATH": paths, **next_device_variables()},
         )
         os.set_blocking(_opened(self._process.stdin).fileno(), False)
         with contextlib.suppress(OSError):  # more than this user may have

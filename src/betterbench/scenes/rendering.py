@@ -24,7 +24,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.scenes.cameras import check_size
 from betterbench.scenes.culling import Culling
-from betterbench.scenes.gl_context import CONTEXT, INSTALL_HINT, RENDERERS, as_upright, make_current
+from betterbench.scenes.gl_context import CONTEXT, CURE, RENDERERS, as_upright, make_current
 from betterbench.scenes.stage import Quality
 
 logger = logging.getLogger(__name__)
@@ -362,12 +362,14 @@ def _upload(model: mujoco.MjModel, quality: Quality, width: int, height: int) ->
         visual.global_.offwidth, visual.global_.offheight = width, height
         visual.quality.offsamples, visual.quality.shadowsize = quality.samples, quality.shadow_map_size
         context = mujoco.MjrContext(model, _FONT_SCALE)
+    except mujoco.FatalError as error:
+        raise MissingDependencyError(f"OpenGL does not work here: {error}. {CURE}") from error
     finally:
         visual.global_.offwidth, visual.global_.offheight, visual.quality.offsamples, visual.quality.shadowsize = kept
     mujoco.mjr_setBuffer(int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN), context)
     if context.currentBuffer != int(mujoco.mjtFramebuffer.mjFB_OFFSCREEN):
         context.free()
-        raise MissingDependencyError(f"This OpenGL has no off-screen buffers. Run: {INSTALL_HINT}")
+        raise MissingDependencyError(f"This OpenGL has no off-screen buffers. {CURE}")
     # Raw depths that are 1 near and 0 far keep the full precision of 32-bit floats at a distance.
     context.readDepthMap = int(mujoco.mjtDepthMap.mjDEPTH_ZEROFAR)
     return context

@@ -12,12 +12,13 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """What sort of outcome a label is."""
+    """What sort of outcome a label is; an unfinished trial is neither a success nor a failure of any kind."""
 
     NONE = "none"
     REASONING = "reasoning"
     EXECUTION = "execution"
     SYSTEM = "system"
+    UNFINISHED = "unfinished"
 
 
 _LABELS: dict[str, Label] = {}
@@ -52,6 +53,7 @@ class Label(str):
     EXECUTION_FAILURE: ClassVar[Label]
     TIMEOUT: ClassVar[Label]
     POLICY_ERROR: ClassVar[Label]
+    UNFINISHED: ClassVar[Label]
 
     def __new__(cls, name: str) -> Label:  # noqa: PYI034 -- one object per name
         """Return the label of a name."""
@@ -112,3 +114,4 @@ Label.WRONG_OBJECT = new_label("wrong_object", Kind.REASONING)
 Label.EXECUTION_FAILURE = new_label("execution_failure", Kind.EXECUTION)
 Label.TIMEOUT = new_label("timeout", Kind.EXECUTION)
 Label.POLICY_ERROR = new_label("policy_error", Kind.SYSTEM)
+Label.UNFINISHED = new_label("unfinished", Kind.UNFINISHED)

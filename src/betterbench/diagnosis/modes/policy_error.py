@@ -10,7 +10,7 @@ from betterbench.tasks.labels import Label
 @FailureMode(
     Label.POLICY_ERROR,
     short="error",
-    definition="The policy crashed, answered too late or sent an invalid action, or the trial did not finish.",
+    definition="The policy crashed, answered too late or sent an invalid action, or the trial broke down.",
     conclusion="The policy itself failed to run; this says nothing about its reasoning.",
     sharper=sharper_by_rule(
         {"not_finished": "The run is not finished: most of its failures are trials without a record."}
@@ -24,6 +24,11 @@ def _find(trial: TrialView) -> Evidence | None:
     end = float(trial.record.time[-1])
     how, why = outcome.termination, outcome.error or "no reason given"
     return Evidence(how, f"The episode ended early ({how.replace('_', ' ')}): {why}", end, end)
+
+
+def label_without_record(reason: str | None) -> Label:
+    """Return the label of a planned trial that has no record: unfinished, unless it broke down for a reason."""
+    return Label.POLICY_ERROR if reason else Label.UNFINISHED
 
 
 def without_record(reason: str | None) -> Evidence:

@@ -142,6 +142,7 @@ class RayPool:
         if addresses:
             replica = self._made % len(addresses) if replica is None else replica
             settings = replace(settings, served_at=addresses[replica])
+        settings = replace(settings, turn=self._made)
         self._made += 1
         known = [path.stem for path in sorted((self._run.path / "scenes").glob("*.zip"))]
         description = (self._run.path / "run.json").read_bytes()

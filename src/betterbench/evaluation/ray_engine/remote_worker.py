@@ -15,6 +15,7 @@ from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker
+from betterbench.graphics import take_device
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
@@ -79,6 +80,7 @@ class RemoteWorker:
         """
         os.environ.setdefault("LP_NUM_THREADS", "0")
         os.environ.update(secrets)
+        take_device(self._settings.turn)
         load_sources(self._settings.task_files)
         versions = versions_here()
         self._folder = tempfile.TemporaryDirectory(prefix="betterbench-")

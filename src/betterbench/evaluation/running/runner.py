@@ -26,6 +26,7 @@ from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remot
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
+from betterbench.graphics import require_drawing
 from betterbench.interface import PolicyInfo
 from betterbench.recording import Journal, JournalEntry, RunFolder
 from betterbench.recording.durable import on_disk
@@ -119,6 +120,7 @@ def evaluate(
         asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
         if "assumed" in asked.info.metadata:
             logger.warning("%s", asked.info.metadata["assumed"])
+        _require_images(plan, asked.info, engine)
         if workers is None and asked.one_worker:
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
@@ -144,6 +146,12 @@ def evaluate(
             if not (_restored(run, journal, plan.policy) and left):
                 break
     return run
+
+
+def _require_images(plan: Plan, info: PolicyInfo, engine: str) -> None:
+    """Check that this machine can draw what the policy is to see, before every trial breaks for the same reason."""
+    if engine == "local" and plan.world is None and info.needs_images and plan.observation != "state_only":
+        require_drawing()
 
 
 def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:

@@ -68,6 +68,7 @@ class RunSettings:
         most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
         workers: Workers of the run, which share the memory of their machine.
         trials: Trials that are left when the run begins, at most; 0 where that is not known.
+        turn: Number of the worker among those of the run, which decides the EGL device that it draws with.
     """
 
     run: str
@@ -86,6 +87,7 @@ class RunSettings:
     most_envs: int = 0
     workers: int = 1
     trials: int = 0
+    turn: int = 0
 
     @classmethod
     def of(cls, plan: Plan, run: Path, *, envs: int = 1, policy_timeout_s: float = POLICY_TIMEOUT_S) -> RunSettings:

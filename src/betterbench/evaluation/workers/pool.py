@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Self
@@ -16,6 +17,7 @@ from betterbench.errors import BetterError, PolicyProcessError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.worker import Worker, even_share
+from betterbench.graphics import take_device
 from betterbench.policies.policy_process import exit_text
 from betterbench.recording import JournalEntry, RetryLedger
 from betterbench.recording.worker_process import prepare_process
@@ -42,6 +44,7 @@ class WorkerProcess:
     alone: bool = False  # its one trial was in a process that died
     lost: bool = False  # its end of the pipe is closed
     ready: bool = False  # it has loaded what it needs
+    turn: int = 0  # its number among the living ones
     envs: int = 1  # trials that it can run at once, which it tells
 
 
@@ -119,7 +122,9 @@ class WorkerPool:
         """Start processes as long as there is work for them."""
         for _ in range(min(self._workers - len(self._processes), self._ledger.left)):
             with interrupts_blocked():
-                self._processes.append(start_worker(self._settings))
+                taken = {worker.turn for worker in self._processes}
+                turn = next(number for number in itertools.count() if number not in taken)
+                self._processes.append(start_worker(replace(self._settings, turn=turn)))
 
     def _distribute(self) -> None:
         """Give every process an even share of the trials, in turns; a suspect gets a process for itself."""
@@ -203,7 +208,7 @@ def start_worker(settings: RunSettings) -> WorkerProcess:
     with interrupts_blocked():
         process.start()
     theirs.close()
-    return WorkerProcess(process, ours, envs=settings.envs)
+    return WorkerProcess(process, ours, turn=settings.turn, envs=settings.envs)
 
 
 @contextlib.contextmanager
@@ -222,6 +227,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
     None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
     """
     prepare_process()
+    take_device(settings.turn)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the run has ended
         try:
             with Worker(settings) as worker:

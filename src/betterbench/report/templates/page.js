@@ -80,7 +80,7 @@
   });
 
   const early = (a, b) => (a === null ? Infinity : a) - (b === null ? Infinity : b) || 0;
-  const KINDS = ["reasoning", "execution", "system", "right"];
+  const KINDS = ["reasoning", "execution", "system", "unfinished", "right"];
   const place = (t) => KINDS.indexOf(t.kind) + (t.variation === null ? KINDS.length : 0);
   const rank = (t) => Object.keys(data.labels).indexOf(t.label);
   const SORTS = {
