@@ -72,6 +72,10 @@ class WorldTask:
         """Name of the condition: what the suite changes, or "base"."""
         return suite_named(self.suite).change or "base"
 
+    def asked(self) -> dict[str, Any]:
+        """Return by what its world knows its scene."""
+        return {"suite": self.suite, "task": self.number}
+
 
 def task_id(suite: str, number: int) -> str:
     """Return the name of a task in plans and records ("libero_spatial-05")."""
@@ -223,8 +227,8 @@ class ForeignScene:
 
     @property
     def _process_key(self) -> object:
-        """What a process is kept for: the next trial of the same task."""
-        return (self.task.suite, self.task.number)
+        """What a process is kept for: the next trial of the same scene."""
+        return tuple(self.task.asked().values())
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -269,8 +273,7 @@ class ForeignScene:
         self._process = self._processes.take(self._process_key)
         answer = self._process.start(
             {
-                "suite": self.task.suite,
-                "task": self.task.number,
+                **self.task.asked(),
                 "state": self.seed,
                 "seed": protocol.seed,
                 "settle": protocol.settling_steps,

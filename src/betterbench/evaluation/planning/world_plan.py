@@ -31,7 +31,7 @@ from betterbench.worlds.scene import task_id
 
 LIBERO = "libero"
 
-_OBSERVATIONS = ("default", "state_only")
+OBSERVATIONS = ("default", "state_only")
 _TRANSLATED = re.compile(
     r"preset=([A-Za-z0-9_]+_libero|[A-Za-z0-9]+_libero_panda)_(spatial|object|goal|10|90|study|living_room)\b"
 )
@@ -72,10 +72,10 @@ def make_world_plan(
     count = by.trials if trials is None else trials
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
-    if observation not in _OBSERVATIONS:
-        raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
-    _check_policy(policy, "LIBERO", POLICIES)
-    numbers = _numbers(chosen.name, chosen.tasks, tasks)
+    if observation not in OBSERVATIONS:
+        raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
+    check_policy(policy, "LIBERO", POLICIES)
+    numbers = task_numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
     if len(known) != chosen.tasks:
@@ -134,7 +134,7 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in ("calvin", "state_only"):
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
-    _check_policy(policy, "CALVIN")
+    check_policy(policy, "CALVIN")
     with WorldProcess(command) as process:
         said = process.suite(suite)
     try:
@@ -151,7 +151,7 @@ def make_chain_plan(
     return Plan(policy, planned, CALVIN_RELATIVE.name, shown, "standard", world=settings)
 
 
-def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
+def check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
@@ -171,7 +171,7 @@ def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
         )
 
 
-def _numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
+def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
     """Return the places of the named tasks in the suite, each once and in its order."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
@@ -193,13 +193,14 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
             WorldTask(suite, i, str(task["name"]), str(task[key]), str(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])
         ]
-        regime = tuple(_trained(task) for task in base["tasks"])
+        regime = tuple(trained_task(task) for task in base["tasks"])
         return tasks, regime, {str(name): str(found) for name, found in said["versions"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
 
 
-def _trained(said: Mapping[str, Any]) -> TrainedTask:
+def trained_task(said: Mapping[str, Any]) -> TrainedTask:
+    """Return what a task of a base suite showed, as the world says."""
     steps = tuple((str(r), str(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {str(name): (_words(kind), str(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(str(said["instruction"]), steps, starts)
