@@ -77,7 +77,7 @@ class Noise:
 
 def _bytes(share: np.ndarray) -> np.ndarray:
     """Return shares of full brightness as uint8, cut off."""
-    return (np.clip(share, 0, 1) * 255).astype(np.uint8)
+    return np.asarray(np.clip(share, 0, 1) * 255).astype(np.uint8)
 
 
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:

@@ -61,6 +61,11 @@ class PlusSettings(WorldSettings):
     sentences: str = "clean"
     left_out: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def simulator(self) -> str:
+        """Name of what simulates it: LIBERO's simulator, as for the twins."""
+        return "libero"
+
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form, which does not say where the world and the assets lie."""
         return {**WorldSettings.to_json(self), "sentences": self.sentences, "left_out": dict(self.left_out)}

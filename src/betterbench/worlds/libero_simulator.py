@@ -103,17 +103,20 @@ class LiberoSimulator:
         draws the places of its fixtures at reset, and they are no part of an initial state.
         """
         files = self._files(request)
-        self.look = bool(request["images"])
-        size = int(request["size"]) if self.look else None
+        images, settle = bool(request["images"]), int(request["settle"])
+        size = int(request["size"]) if images else None
+        self.look = False
         if self._made != (files.key, size):
             self._make(files, size)
             self._made = (files.key, size)
         self._reset(int(request["seed"]))
-        if self.look:
+        if images:
             self._watch_cameras()
+        self.look = images and not settle
         seen = self._wrapper.set_init_state(files.states[int(request["state"])])
         self._reader = _Reader(self._mujoco, self._env)
-        for _ in range(int(request["settle"])):
+        for i in range(settle):
+            self.look = images and i == settle - 1  # nobody sees the images before
             seen, _ = self._advance(list(SETTLING_ACTION))
         self._reader.check()
         fixed = {

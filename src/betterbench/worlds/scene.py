@@ -104,6 +104,11 @@ class WorldSettings:
     refuse_broken: bool = True
 
     @property
+    def simulator(self) -> str:
+        """Name of what simulates it; records of different simulators are not compared."""
+        return self.world
+
+    @property
     def control_rate_hz(self) -> float:
         """Control steps per second."""
         return CONTROL_RATE_HZ
@@ -243,7 +248,7 @@ class ForeignScene:
     @property
     def engine(self) -> dict[str, str]:
         """Fingerprint of everything that can change the numbers."""
-        return {"simulator": self.settings.world, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
+        return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
     def content_hash(self) -> str:
