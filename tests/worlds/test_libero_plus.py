@@ -15,17 +15,17 @@ from betterbench.across import gaps_of, read_suite_runs
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
 from betterbench.evaluation import evaluate
-from betterbench.evaluation.planning.plus_plan import make_plus_plan
+from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.report.outcomes import variation_rows
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.statistics import PairedTable, exchange_p, mcnemar_p
 from betterbench.worlds import PLUS_SUITES, SUITES, ForeignWorld, plus_command, suite_named, world_named
-from betterbench.worlds.libero_plus import AXES, TITLES, View, axis_of, described, read_variant
+from betterbench.worlds.libero_plus import AXES, TITLES, CameraView, axis_of, change_in_words, read_variant
 from betterbench.worlds.libero_plus_noise import Noise
 from betterbench.worlds.libero_plus_scene import ASSETS_VARIABLE
-from betterbench.worlds.libero_plus_simulator import read_states, seen_from
+from betterbench.worlds.libero_plus_simulator import initial_states_in, seen_from
 from betterbench.worlds.registry import start_code
 
 STRAIGHT = "_view_0_0_100_0_0_initstate_0"
@@ -40,7 +40,9 @@ def command():
 @pytest.fixture
 def plan_of(command):
     def plan(policy="noop", suite="libero_plus_object", steps=190, **options):
+        chosen = {name: options.pop(name) for name in ("axes", "variants", "sentences") if name in options}
         make = make_plus_plan if suite in PLUS_SUITES else make_world_plan
+        options |= {"choice": VariantChoice(**chosen)} if suite in PLUS_SUITES else {}
         made = make(policy, suite=suite, command=command, **{"tasks": ["0", "1"], **options})
         protocol = replace(made.world.protocol, steps={"libero_object": steps})
         return replace(made, world=replace(made.world, protocol=protocol))
@@ -72,7 +74,7 @@ def test_a_name_says_what_is_changed(base, ending, axis, condition, file):
     assert variant.own == (axis == "layout")
     assert variant.states == (variant.file if variant.own else base)
     assert axis_of(condition) == axis
-    assert described(condition)
+    assert change_in_words(condition)
 
 
 @pytest.mark.parametrize(
@@ -219,16 +221,20 @@ POSITION, TURN = np.array([0.65861, 0.0, 1.61037]), np.array([0.638018, 0.30485,
 
 
 def test_a_camera_is_turned_about_the_middle_of_the_table():
-    assert seen_from(POSITION, TURN, View()) == ([0.6586, 0.0, 1.6104], [0.638, 0.3048, 0.3048, 0.638])
-    around, _ = seen_from(POSITION, TURN, View(around=90))
+    assert seen_from(POSITION, TURN, CameraView()) == ([0.6586, 0.0, 1.6104], [0.638, 0.3048, 0.3048, 0.638])
+    around, _ = seen_from(POSITION, TURN, CameraView(around=90))
     assert around == pytest.approx([0.0, 0.6586, 1.6104], abs=1e-4)
     pivot = np.array([0.0, 0.0, 0.8])
-    for view, factor in ((View(above=15), 1.0), (View(distance=180), 1.8), (View(around=30, above=345), 1.0)):
+    for view, factor in (
+        (CameraView(above=15), 1.0),
+        (CameraView(distance=180), 1.8),
+        (CameraView(around=30, above=345), 1.0),
+    ):
         moved, _ = seen_from(POSITION, TURN, view)
         assert np.linalg.norm(moved - pivot) == pytest.approx(factor * np.linalg.norm(POSITION - pivot), abs=2e-4)
-    higher, _ = seen_from(POSITION, TURN, View(above=15))
+    higher, _ = seen_from(POSITION, TURN, CameraView(above=15))
     assert higher[2] > POSITION[2]
-    for view in (View(pan=10), View(tilt=350)):
+    for view in (CameraView(pan=10), CameraView(tilt=350)):
         still, quaternion = seen_from(POSITION, TURN, view)
         assert still == [0.6586, 0.0, 1.6104]
         angle = 2 * np.degrees(
@@ -265,10 +271,10 @@ def test_initial_states_are_read_without_unpickling(tmp_path):
     for shape in ((50, 92), (110,)):
         states = np.random.default_rng(0).normal(size=shape)
         # What torch writes names NumPy's old module.
-        assert np.array_equal(read_states(_archive(tmp_path / "states", states)), states)
+        assert np.array_equal(initial_states_in(_archive(tmp_path / "states", states)), states)
     for other in (np.zeros(3, np.float32), {"a": 1}, np.zeros((3, 4)).T, [1.0], Path("x"), np.zeros(3, object)):
         with pytest.raises(ValueError, match="holds no array of float64"):
-            read_states(_archive(tmp_path / "states", other))
+            initial_states_in(_archive(tmp_path / "states", other))
 
 
 def test_a_folder_that_does_not_hold_the_assets_is_refused(tmp_path, monkeypatch):

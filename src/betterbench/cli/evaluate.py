@@ -304,7 +304,7 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
 
 def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
-    from betterbench.evaluation.planning.plus_plan import make_plus_plan
+    from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
     from betterbench.worlds import PlusSettings, plus_command, protocol_named, suite_named
 
     known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
@@ -312,9 +312,7 @@ def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     plan = make_plus_plan(
         policy,
         suite=chosen.suite,
-        axes=world.axes,
-        variants=world.variants,
-        sentences=world.libero_plus_sentences,
+        choice=VariantChoice(world.axes, world.variants, world.libero_plus_sentences),
         protocol=world.protocol,
         tasks=chosen.tasks,
         trials=chosen.trials,

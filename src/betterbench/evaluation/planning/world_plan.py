@@ -74,7 +74,7 @@ def make_world_plan(
     require_between("--trials", count, 1, STATES - seed)
     if observation not in OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
-    check_policy(policy, "LIBERO", POLICIES)
+    require_policy_for(policy, "LIBERO", POLICIES)
     numbers = task_numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
@@ -134,7 +134,7 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in ("calvin", "state_only"):
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", "calvin", "state_only"))
-    check_policy(policy, "CALVIN")
+    require_policy_for(policy, "CALVIN")
     with WorldProcess(command) as process:
         said = process.suite(suite)
     try:
@@ -151,7 +151,7 @@ def make_chain_plan(
     return Plan(policy, planned, CALVIN_RELATIVE.name, shown, "standard", world=settings)
 
 
-def check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
+def require_policy_for(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
