@@ -108,7 +108,6 @@ def make_plus_plan(
     started = tuple(command or plus_command())
     wanted, regime, versions = _variants_there(started, suite, choice.sentences)
     wanted = [v for v in wanted if v[0].number in numbers and v[0].axis in (choice.axes or AXES)]
-    left_out = Counter(task.axis for task, _, needs in wanted if needs)
     played = _spread([(task, states) for task, states, needs in wanted if not needs], choice.variants)
     if not played:
         raise _nothing_left(suite, choice, wanted)
@@ -120,9 +119,15 @@ def make_plus_plan(
     settings = PlusSettings(
         LIBERO_PLUS, started, by, {f"{task.id}/{task.condition}": task for task, _ in played}, versions, regime,
         refuse_broken=refuse_broken, sentences=choice.sentences,
-        left_out={axis: left_out[axis] for axis in AXES if left_out[axis]},
+        left_out=_left_out(wanted),
     )  # fmt: skip
     return Plan(policy, planned, EE_DELTA.name, observation, "standard", world=settings)
+
+
+def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
+    """Return the number of variants of each axis that lack files."""
+    found = Counter(task.axis for task, _, needs in wanted if needs)
+    return {axis: found[axis] for axis in AXES if found[axis]}
 
 
 def _nothing_left(
