@@ -1,6 +1,7 @@
 """LIBERO itself, where `better worlds install libero` has been run."""
 
 import subprocess
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies.presets import PRESETS
-from betterbench.worlds import ForeignScene, WorldProcess, WorldProcesses, world_named
+from betterbench.worlds import ForeignScene, WorldProcess, WorldProcesses, world_command, world_named
+from betterbench.worlds.libero_plus import read_variant
 from betterbench.worlds.registry import start_code
 from betterbench.worlds.scene import quat2axisangle
 
@@ -160,3 +162,72 @@ def test_libero_draws_under_the_variables_of_slurm(monkeypatch, given):
         monkeypatch.setenv(name, value)
     with WorldProcess(world_named("libero").command()) as process:
         assert process.start(request)[1]["image_front"].std() > 5.0
+
+
+SCENE = """
+import os, sys
+import numpy as np
+from pathlib import Path
+os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
+os.environ["MUJOCO_GL"] = "egl"
+simulator = LiberoPlusSimulator(Path(sys.argv[1]) / "liberoplus" / "liberoplus")
+asked = {"suite": sys.argv[2], "task": 0, "variant": sys.argv[3], "state": 0, "seed": 7, "settle": 10}
+fixed, arrays = simulator.start({**asked, "images": sys.argv[5] == "images", "size": 256})
+env = simulator._env
+camera = env.sim.model.cam_pos[env.sim.model.camera_name2id("agentview")]
+drawn = {name: a for name, a in arrays.items() if name.startswith("image")}
+np.savez(sys.argv[4], qpos=env.sim.data.qpos, rest=env.robots[0].controller.initial_joint, camera=camera, **drawn)
+"""
+
+
+@pytest.mark.skipif(not world_named("libero_plus").is_installed, reason="better worlds install libero_plus")
+def test_variants_of_libero_plus_change_what_their_axis_says(tmp_path):
+    world = world_named("libero_plus")
+    code = start_code("betterbench.worlds.libero_plus_simulator")
+    code = code.replace("import main\nmain()", "import LiberoPlusSimulator") + SCENE
+    task = "pick_up_the_alphabet_soup_and_place_it_in_the_basket"
+    endings = {
+        "camera": "_view_20_0_100_0_0_initstate_0",
+        "robot": "_view_0_0_100_0_0_initstate_450",
+        "layout": "_level1_sample1",
+        "noise": "_view_0_0_100_0_0_initstate_0_noise_12",
+        "language": "_language_1_view_0_0_100_0_0_initstate_0",
+    }
+    seen = {}
+    for axis, ending in endings.items():
+        out, drawn = tmp_path / f"{axis}.npz", "images" if axis in ("noise", "language") else "none"
+        command = [
+            world.command()[0],
+            "-c",
+            code,
+            str(world.folder),
+            "libero_plus_object",
+            task + ending,
+            str(out),
+            drawn,
+        ]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr[-3000:]
+        with np.load(out) as arrays:
+            seen[axis] = dict(arrays)
+    plain = seen["language"]
+    for axis, found in seen.items():
+        assert (not np.array_equal(found["camera"], plain["camera"])) == (axis == "camera")
+        assert (not np.array_equal(found["rest"], plain["rest"])) == (axis == "robot")
+        assert (not np.array_equal(found["qpos"], plain["qpos"])) == (axis in ("robot", "layout"))
+    assert np.array_equal(seen["noise"]["image_wrist"], plain["image_wrist"])
+    smooth, sharp = (np.abs(np.diff(a["image_front"].astype(int), axis=0)).mean() for a in (seen["noise"], plain))
+    assert smooth < 0.7 * sharp
+
+
+@pytest.mark.skipif(not world_named("libero_plus").is_installed, reason="better worlds install libero_plus")
+def test_most_variants_of_libero_plus_run_with_the_assets_of_libero():
+    with WorldProcess(world_command("libero_plus")) as process:
+        said = process.suite("libero_plus_object")
+    assert len(said["tasks"]) == 2518
+    ready = Counter(read_variant(task["name"]).axis for task in said["tasks"] if not task["needs"])
+    assert ready == {"camera": 396, "robot": 398, "language": 354, "noise": 422, "layout": 195, "background": 62}
+    words = next(
+        task for task in said["tasks"] if task["name"].startswith("pick_up_the_milk") and "_lang" in task["name"]
+    )
+    assert words["instruction"] == words["published"] != "pick up the milk and place it in the basket"

@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from betterbench.across.suite_runs import OURS, SuiteRun
+from betterbench.across.suite_runs import OURS, InitialState, SuiteRun
 from betterbench.calvin import contrast, summarize
 from betterbench.calvin.sequences import CHAIN_LENGTH
 from betterbench.diagnosis import diagnose_run
-from betterbench.statistics import Difference, PairedTable, Rate, holm, mcnemar_p, wider_paired_difference
+from betterbench.statistics import Difference, PairedTable, Rate, exchange_p, holm, mcnemar_p, wider_paired_difference
 from betterbench.tasks import stream
+from betterbench.worlds import PLUS_SUITES
+from betterbench.worlds.libero_plus import AXES, axis_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,8 +24,8 @@ class WorldGap:
     """One policy in one world, before and after the scene changed.
 
     Attributes:
-        world: "better60", "LIBERO-PRO" or "CALVIN".
-        change: What changed ("swap", "resampled"); "all variations" in our own suite.
+        world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
+        change: What changed ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in our own suite.
         base: Success without the change, or the share of subtasks done in a row.
         changed: The same with it.
         pairs: Trials that both have played.
@@ -64,7 +66,8 @@ def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool 
         if run.suite == OURS:
             found += _of_ours(run, allow_mixed=allow_mixed)
         elif run.change is not None and base is not None:
-            found += _of_chains(base, run, alpha) if run.chains else _of_libero(base, run, alpha)
+            gaps = _of_chains if run.chains else _of_plus if run.suite in PLUS_SUITES else _of_libero
+            found += gaps(base, run, alpha)
     return tuple(_corrected(found))
 
 
@@ -89,6 +92,35 @@ def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
             difference, p,
         )
     ]  # fmt: skip
+
+
+def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
+    """Return the gap of every axis of LIBERO-Plus; the variants of a task share the base suite's trial."""
+    pairs: dict[str, list[tuple[InitialState, bool]]] = {}
+    for (name, seed), success in sorted(run.successes.items()):
+        task, _, condition = name.partition("/")
+        if (task, seed) in base.successes:
+            pairs.setdefault(str(axis_of(condition)), []).append(((task, seed), success))
+    gaps = []
+    for axis in (axis for axis in AXES if axis in pairs):
+        outcomes = [(base.successes[key], success) for key, success in pairs[axis]]
+        shared = [str(key) for key, _ in pairs[axis]]
+        difference = wider_paired_difference(
+            outcomes,
+            generator=stream("across", 0, f"bootstrap:gap:{run.suite}:{axis}"),
+            strata=[""] * len(outcomes),
+            clusters=shared,
+            confidence=1.0 - alpha,
+        )
+        n = len(outcomes)
+        before, after = Rate(sum(a for a, _ in outcomes), n), Rate(sum(b for _, b in outcomes), n)
+        gaps.append(
+            WorldGap(
+                run.policy, "LIBERO-Plus", run.base, axis, before.value or 0.0, after.value or 0.0, n, difference,
+                exchange_p(outcomes, shared),
+            )
+        )  # fmt: skip
+    return gaps
 
 
 def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:

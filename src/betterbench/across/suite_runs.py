@@ -13,13 +13,16 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.run_names import run_names
 from betterbench.tasks import TrialId
-from betterbench.worlds import CHAIN_SUITES, SUITES
+from betterbench.worlds import CHAIN_SUITES, PLUS_SUITES, SUITES
 
 OURS = "better60"
 """What stands for the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
-"""Task and seed: the number of an initial state, which twins and policies share."""
+"""Task and seed: the number of an initial state, which twins and policies share.
+
+In LIBERO-Plus the task is that of a variant ("libero_object-03/camera_0_0_100_2_4").
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +101,7 @@ def _suite_of(run: RunFolder) -> str:
     if world is None:
         return OURS
     suites = {str(t.get("suite")) for t in _mapping(_mapping(world).get("tasks")).values() if isinstance(t, dict)}
-    if len(suites) != 1 or not suites <= SUITES.keys() | CHAIN_SUITES.keys():
+    if len(suites) != 1 or not suites <= SUITES.keys() | PLUS_SUITES.keys() | CHAIN_SUITES.keys():
         listed = ", ".join(sorted(suites))[:80] or "none"
         raise RecordError(f"{run.path / 'run.json'}: plan.world.tasks names the suites {listed}. Restore the file.")
     return suites.pop()
@@ -109,7 +112,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
     if suite == OURS:
         return SuiteRun(name, run.path, OURS, OURS, None)
     world = _mapping(run.plan["world"])
-    known = {**SUITES, **CHAIN_SUITES}[suite]
+    known = {**SUITES, **PLUS_SUITES, **CHAIN_SUITES}[suite]
     entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
     planned = [TrialId(str(t["task"]), str(t["condition"]), int(t["seed"])) for t in run.plan["trials"]]
     lost = {trial for trial in planned if trial in entries and entries[trial].status != "done"}
@@ -123,7 +126,8 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
             record = None if missing else run.read_record(trial.task, trial.condition, trial.seed)
             chains.append(chain_result(chain, record))
         else:
-            successes[trial.task, trial.seed] = not missing and run.succeeded(trial, entries[trial])
+            task = f"{trial.task}/{trial.condition}" if suite in PLUS_SUITES else trial.task
+            successes[task, trial.seed] = not missing and run.succeeded(trial, entries[trial])
     return SuiteRun(
         name,
         run.path,

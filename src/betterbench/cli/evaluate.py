@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
@@ -55,6 +56,9 @@ class TrialOptions:
     until_decided: bool = False
 
 
+_PLUS_OPTIONS = ("axes", "variants", "libero_plus_assets", "libero_plus_sentences")
+_FOR_CALVIN = ("it is for CALVIN", "Leave out {option}")
+
 USUAL_TRIALS = 20
 """Trials per variation unless asked for otherwise."""
 
@@ -67,6 +71,13 @@ class WorldOptions:
         protocol: In LIBERO, whose protocol.
         broken_premises: What happens where a scene does not show what its sentence presupposes: refuse stops the run,
             run goes on and notes it in the record.
+        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
+            is named.
+        variants: In LIBERO-Plus, at most so many variants of each task on each axis, evenly spread; all if not given.
+        libero_plus_assets: In LIBERO-Plus, the unzipped folder assets of its authors, for new objects, light and
+            textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
+        libero_plus_sentences: In LIBERO-Plus, clean for the sentence of the task, published for one that ends with the
+            name of the variant, as in the published numbers.
         calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
         calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it the checkout's own
             configuration of scene D is composed.
@@ -76,6 +87,10 @@ class WorldOptions:
 
     protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
     broken_premises: Literal["refuse", "run"] = "refuse"
+    axes: tuple[str, ...] = ()
+    variants: int | None = None
+    libero_plus_assets: Path | None = None
+    libero_plus_sentences: Literal["clean", "published"] = "clean"
     calvin_env: Path | None = None
     calvin_config: Path | None = None
     calvin_renderer: Literal["auto", "egl", "tiny"] = "auto"
@@ -205,14 +220,14 @@ def _plan(
 
 def is_foreign(suite: str) -> bool:
     """Return whether a suite is run in a foreign world."""
-    from betterbench.worlds import CHAIN_SUITES, SUITES
+    from betterbench.worlds import CHAIN_SUITES, PLUS_SUITES, SUITES
 
-    return suite in SUITES or suite in CHAIN_SUITES
+    return any(suite in known for known in (SUITES, PLUS_SUITES, CHAIN_SUITES))
 
 
 def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of a foreign world, after saying how it is run."""
-    from betterbench.worlds import CHAIN_SUITES
+    from betterbench.worlds import CHAIN_SUITES, PLUS_SUITES
 
     if from_run is not None:
         raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
@@ -223,6 +238,10 @@ def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions,
         f"{chosen.suite} has no such choice",
         "Leave out {option}",
     )
+    if chosen.suite in PLUS_SUITES:
+        return _plus_plan(policy, chosen, world)
+    plus = WorldOptions(**{name: getattr(world, name) for name in _PLUS_OPTIONS})
+    _refuse_changed(plus, "it is for LIBERO-Plus", "Leave out {option}, or give --suite libero_plus_object")
     return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
 
 
@@ -267,9 +286,7 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
     from betterbench.worlds import protocol_named, suite_named
     from betterbench.worlds.libero import OURS
 
-    _refuse_changed(
-        replace(world, protocol="openpi", broken_premises="refuse"), "it is for CALVIN", "Leave out {option}"
-    )
+    _refuse_changed(replace(world, protocol="openpi", broken_premises="refuse"), *_FOR_CALVIN)
     plan = make_world_plan(
         policy,
         suite=chosen.suite,
@@ -287,6 +304,40 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
         f"{len(plan.trials)} trials of {chosen.suite}, protocol {by.name}: {by.settling_steps} settling steps, then at "
         f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
     )
+    return plan
+
+
+def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
+    from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
+    from betterbench.worlds import PlusSettings, plus_command, protocol_named, suite_named
+
+    known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
+    _refuse_changed(replace(world, **{name: getattr(WorldOptions(), name) for name in known}), *_FOR_CALVIN)
+    plan = make_plus_plan(
+        policy,
+        suite=chosen.suite,
+        choice=VariantChoice(world.axes, world.variants, world.libero_plus_sentences),
+        protocol=world.protocol,
+        tasks=chosen.tasks,
+        trials=chosen.trials,
+        seed=chosen.seed,
+        action_space=chosen.action_space,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+        command=plus_command(world.libero_plus_assets),
+    )
+    by = protocol_named(world.protocol)
+    steps = by.steps[suite_named(chosen.suite).base]
+    counts = Counter(trial.axis for trial in plan.trials)
+    say(
+        f"{len(plan.trials)} trials of {chosen.suite} ({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
+        f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
+        f"{world.libero_plus_sentences} sentences."
+    )
+    if isinstance(plan.world, PlusSettings) and plan.world.left_out:
+        missing = ", ".join(f"{axis} {n}" for axis, n in plan.world.left_out.items())
+        say(f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.")
     return plan
 
 

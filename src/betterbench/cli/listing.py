@@ -85,10 +85,10 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 def _suites() -> list[list[str]]:
     """Return our suite, and those of the foreign worlds with what is missing."""
     from betterbench.tasks import suite_tasks
-    from betterbench.worlds import CHAIN_SUITES, SUITES, WORLDS
+    from betterbench.worlds import CHAIN_SUITES, PLUS_SUITES, SUITES, WORLDS
 
     state = {name: name if world.is_installed else f"{name} (missing)" for name, world in WORLDS.items()}
     listed = [["better60", "betterbench", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
-    for world, suites in (("libero", SUITES), ("calvin", CHAIN_SUITES)):
+    for world, suites in (("libero", SUITES), ("libero_plus", PLUS_SUITES), ("calvin", CHAIN_SUITES)):
         listed += [[suite.name, state[world], str(suite.tasks), suite.summary] for suite in suites.values()]
     return listed

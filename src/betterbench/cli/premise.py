@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from betterbench.cli.console import OUT, print_json, print_table, say
+from betterbench.errors import InvalidInputError
+from betterbench.worlds.libero_plus import read_variant
 
 if TYPE_CHECKING:
     from betterbench.worlds.premises import PremiseEntry
 
 
 def premise_command(
-    world: Annotated[Literal["libero"], tyro.conf.Positional],
+    world: Annotated[Literal["libero", "libero_plus"], tyro.conf.Positional],
     *,
-    suites: tuple[str, ...] = ("libero_spatial", "libero_object", "libero_goal", "libero_10"),
+    suites: tuple[str, ...] = (),
     out: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -25,40 +27,54 @@ def premise_command(
 
     Each state settles as in a run, and every relation of the task's file between a thing that the sentence is about and
     another object is asked of LIBERO itself. An update of the engine breaks scenes. A task takes about half a minute;
-    the same command goes on where it was interrupted.
+    the same command goes on where it was interrupted. Of LIBERO-Plus, the new layouts and the rest poses of the robot
+    are checked in the one state that they are run from, as far as the assets are there (a few seconds each).
 
     Example: better premise libero --suites libero_spatial
 
     Args:
-        world: libero.
-        suites: The suites to check.
-        out: File of JSON lines that keeps the entries; premises-libero.jsonl if not given.
+        world: libero, or libero_plus.
+        suites: The suites to check; spatial, object, goal and 10 of the world if none is named.
+        out: File of JSON lines that keeps the entries; premises-libero.jsonl, or premises-libero_plus.jsonl, if not
+            given.
         json: Print one JSON document instead of a table.
     """
     from betterbench.recording.durable import write_durably
-    from betterbench.worlds import WorldProcess, suite_named, world_named
+    from betterbench.worlds import PLUS_SUITES, WorldProcess, suite_named, world_command
     from betterbench.worlds.premises import check_premises, read_entries
 
-    for name in suites:
-        suite_named(name)
-    path = out or Path("premises-libero.jsonl")
+    chosen = suites or tuple(f"{world}_{name}" for name in ("spatial", "object", "goal", "10"))
+    for name in chosen:
+        if (suite_named(name).name in PLUS_SUITES) != (world == "libero_plus"):
+            raise InvalidInputError(
+                "--suites", f"{name} is not a suite of {world}", "Name the other world, or suites of this one"
+            )
+    path = out or Path(f"premises-{world}.jsonl")
     known = read_entries(path)
     kept: list[PremiseEntry] = list(known)
     found: list[PremiseEntry] = []
-    with WorldProcess(world_named(world).command()) as process:
-        for name in suites:
+    with WorldProcess(world_command(world)) as process:
+        for name in chosen:
             for entry in check_premises(process, name, known=known):
                 found.append(entry)
                 if entry not in known:
                     kept.append(entry)
                     write_durably(path, "".join(json_lines.dumps(e.to_json()) + "\n" for e in kept).encode())
-                say(f"{entry.suite} task {entry.task}: {len(entry.broken_states)} of {entry.states} states broken")
+                say(f"{entry.suite} {_task(entry)}: {len(entry.broken_states)} of {entry.states} states broken")
     if json:
         print_json([entry.to_json() for entry in found])
         return
-    rows = [[e.suite, str(e.task), f"{len(e.broken_states)}/{e.states}", _said(e), e.instruction] for e in found]
+    shown = found if world == "libero" else [e for e in found if e.broken or e.jumps]
+    rows = [
+        [e.suite, _task(e).removeprefix("task "), f"{len(e.broken_states)}/{e.states}", _said(e), e.instruction]
+        for e in shown
+    ]
     print_table(["suite", "task", "broken", "what does not hold, or jumps", "sentence"], rows)
     OUT.print(f"engine: {found[0].engine if found else 'none'}", markup=False, soft_wrap=True)
+
+
+def _task(entry: PremiseEntry) -> str:
+    return f"task {entry.task}" + (f" {read_variant(entry.variant).condition}" if entry.variant else "")
 
 
 def _said(entry: PremiseEntry) -> str:

@@ -37,6 +37,7 @@ from betterbench.tasks import (
 from betterbench.tasks.labels import Label
 from betterbench.tasks.motion import closing_of, graspable
 from betterbench.worlds.libero import SUITES
+from betterbench.worlds.libero_plus import axis_of
 from betterbench.worlds.regime import CARRIED, TrainedTask, trained_in, word_of_sentence
 
 AXES = {
@@ -54,6 +55,13 @@ NOTE = (
 )
 """What is said beside every diagnosis of a run in LIBERO."""
 
+
+PLUS_NOTE = (
+    "LIBERO-Plus runs each variant once, from the first initial state of its task, so that the variants of a task "
+    "share one twin: the interval of a gap draws each twin with all of its variants, and its p-value exchanges a twin "
+    "with its variants. Give both runs more initial states (--trials) for more twins."
+)
+"""What is said beside every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
@@ -274,4 +282,4 @@ def _by_outcome(record: Record, path: str | None) -> TrialDiagnosis:
 
 def _axis(variation: str | None) -> str | None:
     axis = AXES.get(variation or "")
-    return None if axis is None else axis.value
+    return axis_of(variation) if axis is None else axis.value

@@ -14,6 +14,7 @@ from betterbench.statistics import (
     anytime_interval,
     delta_success_rate,
     evidence_above,
+    exchange_p,
     holm,
     mcnemar_p,
     paired_bootstrap,
@@ -22,6 +23,8 @@ from betterbench.statistics import (
 from betterbench.statistics.betting import SIGNED
 from betterbench.tasks import Axis, stream
 from betterbench.tasks.labels import Kind
+from betterbench.worlds.libero_plus import AXES as PLUS_AXES
+from betterbench.worlds.libero_plus import axis_of
 
 Trials = Sequence[TrialDiagnosis]
 
@@ -96,18 +99,18 @@ def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
     varied = [t for t in trials if t.variation is not None]
     yield "overall", varied
     yield "training", [t for t in trials if t.variation is None]
-    for axis in Axis:
-        members = [t for t in varied if t.axis == axis.value]
+    for axis in (*(axis.value for axis in Axis), *PLUS_AXES):
+        members = [t for t in varied if t.axis == axis]
         if members:
-            yield f"axis:{axis.value}", members
+            yield f"axis:{axis}", members
     for task in sorted({t.task for t in trials}):
         mine = [t for t in trials if t.task == task]
         if any(t.variation is not None for t in mine):
             yield task, [t for t in mine if t.variation is not None]
         if any(t.variation is None for t in mine):
             yield f"{task}/training", [t for t in mine if t.variation is None]
-        for name in sorted({t.variation or t.condition for t in mine}):
-            yield f"{task}/{name}", [t for t in mine if (t.variation or t.condition) == name]
+        for name in sorted({t.pool for t in mine}):
+            yield f"{task}/{name}", [t for t in mine if t.pool == name]
 
 
 def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
@@ -165,15 +168,16 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
         for family, key in zip(families[1:3], keys, strict=True):
             family.setdefault(key, []).append((twin, trial))
     for twin, trial in pairs if stopped is None else twins(stopped):
-        families[3].setdefault(f"{trial.task}/{trial.variation}", []).append((twin, trial))
+        families[3].setdefault(f"{trial.task}/{trial.pool}", []).append((twin, trial))
     metrics: list[Metric] = []
+    test = "exact exchange of twins" if all(axis_of(trial.variation) for _, trial in pairs) else "exact McNemar"
     for family in families:
         anytime = stopped is not None and family is families[3]
         gap = _anytime_gap if anytime else _gap
         found = [gap(scope, members) for scope, members in sorted(family.items())]
         corrected = holm([m.p_value for m in found if m.p_value is not None])
         note = f", Holm over {len(found)}" if len(found) > 1 else ""
-        method = f"{ANYTIME}, one-sided bet" if anytime else "paired bootstrap or Newcombe, the wider; exact McNemar"
+        method = f"{ANYTIME}, one-sided bet" if anytime else f"paired bootstrap or Newcombe, the wider; {test}"
         metrics += [replace(m, p_value=p, method=method + note) for m, p in zip(found, corrected, strict=True)]
     return metrics
 
@@ -187,13 +191,16 @@ def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosi
 
 def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
     outcomes = [(twin.success, trial.success) for twin, trial in pairs]
+    names = [twin.key for twin, _ in pairs]
+    # The variants of a task of LIBERO-Plus share one twin or few: tasks are drawn with all that belongs to them.
+    once = all(axis_of(trial.variation) for _, trial in pairs)
     difference = wider_paired_difference(
         outcomes,
         generator=stream("diagnosis", 0, f"bootstrap:illusion_gap:{scope}"),
-        strata=[trial.task for _, trial in pairs],
-        clusters=[twin.key for twin, _ in pairs],
+        strata=["" if once else trial.task for _, trial in pairs],
+        clusters=names,
     )
-    p = mcnemar_p(PairedTable.from_outcomes(outcomes))
+    p = exchange_p(outcomes, names) if once else mcnemar_p(PairedTable.from_outcomes(outcomes))
     return replace(_of_difference("illusion_gap", scope, len(pairs), difference), p_value=p)
 
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
-from betterbench.diagnosis.foreign import BASE, NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
+from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
@@ -26,6 +26,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
+from betterbench.worlds.libero_plus import axis_of
 from betterbench.worlds.regime import TrainedTask
 
 
@@ -110,8 +111,19 @@ def diagnose_run(
     if twins_in is not None:
         _take_in_twins(twins_in, trials, versions, foreign)
     found = _diagnose(policy, trials, versions.found, foreign)
-    said = () if foreign is None else (NOTE,)
+    said = () if foreign is None else (NOTE, *_plus_notes(run, found))
     return replace(found, notes=(*_policy_notes(run.context), *said, *found.notes))
+
+
+def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
+    """Yield what is said of a run in LIBERO-Plus, and which of its variants were not run."""
+    if not any(axis_of(trial.variation) for trial in found.trials):
+        return
+    yield PLUS_NOTE
+    left_out = run.plan["world"].get("left_out", {})
+    if left_out:
+        counted = ", ".join(f"{axis} {number}" for axis, number in left_out.items())
+        yield f"Variants that were not run, because they want the assets of LIBERO-Plus's authors: {counted}."
 
 
 def _read_one(

@@ -9,6 +9,7 @@ from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
+from betterbench.worlds.libero_plus import axis_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +115,14 @@ class TrialDiagnosis:
     def trial_id(self) -> TrialId:
         """The trial: its task, the variation or training condition, and its seed."""
         return TrialId(self.task, self.variation or self.condition, self.seed)
+
+    @property
+    def pool(self) -> str:
+        """Name under which its trials are counted: the variation or training condition.
+
+        In LIBERO-Plus it is the axis, because a variant is run once.
+        """
+        return axis_of(self.variation) or self.variation or self.condition
 
     @property
     def key(self) -> str:

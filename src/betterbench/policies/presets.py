@@ -503,7 +503,7 @@ def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -
 
 def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
     """Return what a preset is in the world of an address."""
-    if address.world == "libero":
+    if address.world.startswith("libero"):
         return in_libero(adapter)
     if address.world == "calvin":
         return in_calvin(adapter, chosen="preset" in address.options)
@@ -530,7 +530,7 @@ def presets_in(world: str) -> tuple[str, ...]:
     return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
 
 
-_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "calvin": "CALVIN"}
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
 
 
 def space_in_world(text: str, world: str) -> str | None:

@@ -9,6 +9,8 @@ from betterbench.diagnosis.modes import MODES
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.tasks import Axis
 from betterbench.tasks.labels import Kind, Label
+from betterbench.worlds.libero_plus import AXES as PLUS_AXES
+from betterbench.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
 """Every label's entry, in the order in which bars are stacked; it stands in the file of its failure mode."""
@@ -35,14 +37,16 @@ AXIS_NAMES: dict[str, str] = {
     Axis.PRIMITIVE_RECOMPOSITION.value: "Primitive recomposition",
     Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "Adversarial object perturbation",
     Axis.TEMPORAL_EXTRAPOLATION.value: "Temporal extrapolation",
+    **TITLES,
 }
-"""Axes and their names, in the order of the paper."""
+"""Axes and their names, in the order of the paper; those of LIBERO-Plus come last."""
 
 AXIS_PLACES: dict[str, str] = {
     Axis.SPATIAL_LAYOUT_SHIFT.value: "where things stand elsewhere than in training",
     Axis.PRIMITIVE_RECOMPOSITION.value: "where known steps are combined anew",
     Axis.ADVERSARIAL_OBJECT_PERTURBATION.value: "where objects were exchanged",
     Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
+    **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
 """What the variations of an axis have in common, as the end of a sentence."""
 

@@ -14,6 +14,7 @@ from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, anytime_interval
 from betterbench.tasks import Task, Variation, get_task
 from betterbench.worlds.libero import CHANGES
+from betterbench.worlds.libero_plus import AXES as PLUS_AXES
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ def variation_rows(diagnosis: RunDiagnosis) -> list[ConditionRow]:
     groups: dict[tuple[str, str], list[TrialDiagnosis]] = {}
     for trial in diagnosis.trials:
         if trial.variation is not None:
-            groups.setdefault((trial.task, trial.variation), []).append(trial)
+            groups.setdefault((trial.task, trial.pool), []).append(trial)
     twins = {trial.key: trial for trial in diagnosis.trials if trial.variation is None}
     return [
         _variation_row(diagnosis, task, name, groups[task, name], twins)
@@ -136,7 +137,7 @@ def _variation_row(
         task,
         name,
         trials[0].axis,
-        known.title if known is not None else CHANGES.get(name, "") if is_of_libero(task) else "",
+        known.title if known is not None else {**CHANGES, **PLUS_AXES}.get(name, "") if is_of_libero(task) else "",
         known.hypothesis if known is not None else "",
         EXPECTED_NAMES.get(trials[0].expected, trials[0].expected),
         trials[0].instruction,

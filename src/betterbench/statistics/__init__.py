@@ -18,7 +18,7 @@ from betterbench.statistics.flips import sign_flip_p
 from betterbench.statistics.interval import Interval, IntervalMethod, clopper_pearson_interval, wilson_interval
 from betterbench.statistics.letters import compact_letters
 from betterbench.statistics.multiplicity import e_benjamini_hochberg, holm
-from betterbench.statistics.paired import PairedTable, mcnemar_p
+from betterbench.statistics.paired import PairedTable, exchange_p, mcnemar_p
 from betterbench.statistics.power import (
     DetectableDifference,
     paired_power,
@@ -71,6 +71,7 @@ __all__ = [
     "e_benjamini_hochberg",
     "evidence_above",
     "evidence_below",
+    "exchange_p",
     "fisher_p",
     "holm",
     "mcnemar_p",

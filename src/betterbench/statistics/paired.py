@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
@@ -37,6 +37,51 @@ class PairedTable:
     def n(self) -> int:
         """Number of pairs."""
         return self.both + self.only_first + self.only_second + self.neither
+
+
+def exchange_p(outcomes: Sequence[tuple[bool, bool]], shared: Sequence[str]) -> float:
+    """Return the two-sided p-value of an exact test of pairs that share their first trial.
+
+    If a variation changes nothing, the one first trial and the second trials of a group are exchangeable: which of them
+    is called the first is a matter of chance. The statistic is the sum of first minus second outcomes over all pairs,
+    and its distribution over all exchanges is computed. With one pair in each group it is McNemar's exact test.
+
+    Args:
+        outcomes: (first succeeded, second succeeded) of each pair.
+        shared: Name of the first trial of each pair.
+
+    Returns:
+        Twice the smaller tail, at most 1.
+
+    Raises:
+        InvalidInputError: If there is not one name for each pair, or a first trial has two outcomes.
+    """
+    if len(outcomes) != len(shared):
+        raise InvalidInputError("shared", f"{len(shared)} names for {len(outcomes)} pairs", "Give one name per pair")
+    groups: dict[str, tuple[bool, list[bool]]] = {}
+    for (first, second), name in zip(outcomes, shared, strict=True):
+        known, seconds = groups.setdefault(name, (first, []))
+        if known is not first:
+            raise InvalidInputError("outcomes", f"{name} succeeded and failed", "Give one outcome of each first trial")
+        seconds.append(second)
+    chances = {0: 1.0}
+    observed = 0
+    for first, seconds in groups.values():
+        size, total = len(seconds) + 1, sum(seconds) + first
+        # first minus second, summed: the first is one of `total` successes among `size` trials.
+        steps = ((size - total, total / size), (-total, 1.0 - total / size))
+        observed += steps[0][0] if first else steps[1][0]
+        drawn: dict[int, float] = {}
+        for value, chance in chances.items():
+            for step, share in steps:
+                if share > 0.0:
+                    drawn[value + step] = drawn.get(value + step, 0.0) + chance * share
+        chances = drawn
+    tails = (
+        sum(chance for value, chance in chances.items() if value <= observed),
+        sum(chance for value, chance in chances.items() if value >= observed),
+    )
+    return min(1.0, 2.0 * min(tails))
 
 
 def mcnemar_p(table: PairedTable) -> float:

@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from betterbench.worlds.calvin import CHAIN_SUITES, ChainScene, ChainSettings, ChainTask, calvin_command
-    from betterbench.worlds.libero import PROTOCOLS, SUITES, FieldProtocol, Suite, protocol_named, suite_named
+    from betterbench.worlds.libero import (
+        PLUS_SUITES,
+        PROTOCOLS,
+        SUITES,
+        FieldProtocol,
+        Suite,
+        protocol_named,
+        suite_named,
+    )
+    from betterbench.worlds.libero_plus_scene import PlusSettings, VariantTask, plus_command, world_command
     from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
     from betterbench.worlds.registry import WORLDS, ForeignWorld, world_named
     from betterbench.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
 
 __all__ = [
     "CHAIN_SUITES",
+    "PLUS_SUITES",
     "PROTOCOLS",
     "SUITES",
     "WORLDS",
@@ -25,21 +35,26 @@ __all__ = [
     "ForeignScene",
     "ForeignTracker",
     "ForeignWorld",
+    "PlusSettings",
     "Suite",
+    "VariantTask",
     "WorldError",
     "WorldProcess",
     "WorldProcesses",
     "WorldSettings",
     "WorldTask",
     "calvin_command",
+    "plus_command",
     "protocol_named",
     "suite_named",
+    "world_command",
     "world_named",
 ]
 
 _MODULES = {
     "calvin": ("CHAIN_SUITES", "ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
-    "libero": ("PROTOCOLS", "SUITES", "FieldProtocol", "Suite", "protocol_named", "suite_named"),
+    "libero": ("PLUS_SUITES", "PROTOCOLS", "SUITES", "FieldProtocol", "Suite", "protocol_named", "suite_named"),
+    "libero_plus_scene": ("PlusSettings", "VariantTask", "plus_command", "world_command"),
     "process": ("WorldError", "WorldProcess", "WorldProcesses"),
     "registry": ("WORLDS", "ForeignWorld", "world_named"),
     "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),

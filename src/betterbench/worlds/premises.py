@@ -10,7 +10,8 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import parse_json
-from betterbench.worlds.libero import SEED, SETTLING_STEPS
+from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
+from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
 from betterbench.worlds.process import WorldError, WorldProcess
 
 JUMP_M = 0.03
@@ -29,6 +30,7 @@ class PremiseEntry:
         jumps: Object to the initial states in which it moves by more than :data:`JUMP_M` while settling.
         engine: Versions of what ran it.
         bddl_sha256: Fingerprint of its file.
+        variant: Name of the variant of LIBERO-Plus; empty for another task.
     """
 
     suite: str
@@ -39,6 +41,7 @@ class PremiseEntry:
     jumps: dict[str, list[int]]
     engine: dict[str, str]
     bddl_sha256: str
+    variant: str = ""
 
     @property
     def broken_states(self) -> tuple[int, ...]:
@@ -53,17 +56,25 @@ class PremiseEntry:
 def check_premises(process: WorldProcess, suite: str, *, known: Sequence[PremiseEntry] = ()) -> Iterator[PremiseEntry]:
     """Yield the entry of every task of a suite; one that is known for the same file and engine is not run again.
 
+    Of LIBERO-Plus, the variants whose objects or robot move otherwise than in the base suite are checked, in the one
+    state that they are run from; those that change what is seen or said alone have the premises of the base suite.
+
     Raises:
         WorldError: If the simulator fails or answers nonsense.
     """
     said = process.suite(suite)
     done = {(e.suite, e.task, e.bddl_sha256, json.dumps(e.engine, sort_keys=True)): e for e in known}
     for i, task in enumerate(said["tasks"]):
-        key = (suite, i, str(task["bddl_sha256"]), json.dumps(said["versions"], sort_keys=True))
+        key = (suite, int(task.get("task", i)), str(task["bddl_sha256"]), json.dumps(said["versions"], sort_keys=True))
         if key in done:
             yield done[key]
             continue
-        request = {"suite": suite, "task": i, "settle": SETTLING_STEPS, "seed": SEED}
+        request: dict[str, Any] = {"suite": suite, "task": i, "settle": SETTLING_STEPS, "seed": SEED}
+        variant = str(task["name"]) if suite in PLUS_SUITES else ""
+        if variant:
+            if task["needs"] or read_variant(variant).axis not in MOVING_AXES:
+                continue
+            request |= {"task": int(task["task"]), "variant": variant, "states": 1}
         document, arrays = process.premises(request)
         try:
             holds, moved = arrays["holds"], arrays["moved"]
@@ -74,13 +85,14 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
             raise WorldError(f"the world does not answer for its premises as agreed: {error}") from error
         yield PremiseEntry(
             suite,
-            i,
+            int(request["task"]),
             str(task["instruction"]),
             len(moved),
             {name: states for name, states in broken.items() if states},
             {name: states for name, states in jumps.items() if states},
             engine,
             str(task["bddl_sha256"]),
+            variant,
         )
 
 

@@ -43,6 +43,8 @@ class ForeignWorld:
         module: The module that its process runs.
         size: What its packages take.
         summary: What it is.
+        beside: The world whose Python runs it, or None for one of its own. Its packages are read and not imported, so
+            nothing that they depend on is installed.
     """
 
     name: str
@@ -50,6 +52,7 @@ class ForeignWorld:
     module: str
     size: str
     summary: str
+    beside: str | None = None
 
     @property
     def lock_path(self) -> Path:
@@ -65,11 +68,17 @@ class ForeignWorld:
 
     @property
     def is_installed(self) -> bool:
-        """Whether its environment is complete."""
-        return (self.folder / _COMPLETE).exists()
+        """Whether its environment is complete, and that of the world beside which it lies."""
+        return (self.folder / _COMPLETE).exists() and (self._host is None or self._host.is_installed)
+
+    @property
+    def _host(self) -> ForeignWorld | None:
+        return None if self.beside is None else WORLDS[self.beside]
 
     def command(self) -> tuple[str, ...]:
         """Return the command of its process; the number of the socket follows.
+
+        Where another world's Python runs it, its own folder is the first argument.
 
         Raises:
             MissingDependencyError: If it is not installed.
@@ -78,7 +87,8 @@ class ForeignWorld:
             raise MissingDependencyError(
                 f"the world {self.name} is not installed. Run `better worlds install {self.name}` once."
             )
-        return (str(self.folder / "bin" / "python"), "-c", start_code(self.module))
+        python = (self._host or self).folder / "bin" / "python"
+        return (str(python), "-c", start_code(self.module), *([] if self.beside is None else [str(self.folder)]))
 
     def install(self, *, waits: Callable[[], None] = lambda: None) -> Path:
         """Make the environment, and return its folder; a complete one is left as it is.
@@ -91,6 +101,8 @@ class ForeignWorld:
         """
         if self.is_installed:
             return self.folder
+        if self._host is not None:
+            self._host.install(waits=waits)
         with self._alone(waits) as lock:
             if not self.is_installed:
                 self._make(lock)
@@ -118,14 +130,17 @@ class ForeignWorld:
     def _make(self, lock: int) -> None:
         target = self.folder
         shutil.rmtree(target, ignore_errors=True)
-        python = target / "bin" / "python"
+        python = (self._host or self).folder / "bin" / "python"
         install = ["install", "--quiet", "--require-hashes", "--no-deps", "--requirement", str(self.lock_path)]
+        if self._host is not None:
+            install += ["--target", str(target)]
         uv = shutil.which("uv")
+        if self._host is None:
+            venv = [sys.executable, "-m", "venv"] if uv is None else [uv, "venv", "--quiet", "--python", sys.executable]
+            self._run([*venv, str(target)], lock)
         if uv is not None:
-            self._run([uv, "venv", "--quiet", "--python", sys.executable, str(target)], lock)
             self._run([uv, "pip", *install, "--python", str(python)], lock)
         else:
-            self._run([sys.executable, "-m", "venv", str(target)], lock)
             self._run([str(python), "-m", "pip", *install], lock)
         (target / _COMPLETE).touch()
 
@@ -165,6 +180,14 @@ WORLDS: Mapping[str, ForeignWorld] = {
             "betterbench.worlds.libero_simulator",
             "360 MB (2 GB unpacked)",
             "LIBERO and LIBERO-PRO with robosuite 1.4.0 and MuJoCo 3.3.7",
+        ),
+        ForeignWorld(
+            "libero_plus",
+            "world-libero-plus.lock",
+            "betterbench.worlds.libero_plus_simulator",
+            "25 MB (150 MB unpacked), and LIBERO if it is missing",
+            "LIBERO-Plus: its scene files beside the world libero; new objects, light and textures are your download",
+            beside="libero",
         ),
         ForeignWorld(
             "calvin",

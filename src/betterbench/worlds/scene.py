@@ -74,6 +74,10 @@ class WorldTask:
         """Name of the condition: what the suite changes, or "base"."""
         return suite_named(self.suite).change or "base"
 
+    def asked(self) -> dict[str, Any]:
+        """Return by what its world knows its scene."""
+        return {"suite": self.suite, "task": self.number}
+
 
 def task_id(suite: str, number: int) -> str:
     """Return the name of a task in plans and records ("libero_spatial-05")."""
@@ -100,6 +104,11 @@ class WorldSettings:
     versions: Mapping[str, str]
     regime: tuple[TrainedTask, ...] = ()
     refuse_broken: bool = True
+
+    @property
+    def simulator(self) -> str:
+        """Name of what simulates it; records of different simulators are not compared."""
+        return self.world
 
     @property
     def control_rate_hz(self) -> float:
@@ -231,8 +240,8 @@ class ForeignScene:
 
     @property
     def _process_key(self) -> object:
-        """What a process is kept for: the next trial of the same task; None if it runs one trial alone."""
-        return (self.task.suite, self.task.number)
+        """What a process is kept for: the next trial of the same scene; None if it runs one trial alone."""
+        return tuple(self.task.asked().values())
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -247,7 +256,7 @@ class ForeignScene:
     @property
     def engine(self) -> dict[str, str]:
         """Fingerprint of everything that can change the numbers."""
-        return {"simulator": self.settings.world, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
+        return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
 
     @property
     def content_hash(self) -> str:
@@ -276,8 +285,7 @@ class ForeignScene:
         protocol = self.settings.protocol
         answer = self._take_process().start(
             {
-                "suite": self.task.suite,
-                "task": self.task.number,
+                **self.task.asked(),
                 "state": self.seed,
                 "seed": protocol.seed,
                 "settle": protocol.settling_steps,

@@ -16,7 +16,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
 from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
-from betterbench.worlds import WorldProcess, world_named
+from betterbench.worlds import WorldProcess, world_command
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +32,11 @@ class Shot:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnTask:
-    """What a film needs of a task of LIBERO."""
+    """What a film needs of a task of LIBERO, or of a variant of LIBERO-Plus."""
 
     suite: str
     number: int
+    variant: str | None = None
 
 
 @open_form
@@ -115,12 +116,13 @@ def _world_shots(
     images: dict[Shot, bytes] = {}
     if not scenes:
         return images
-    with WorldProcess(world_named(form.name).command()) as process:
+    with WorldProcess(world_command(form.name)) as process:
         for name, wanted in scenes.items():
             rows = [records[s.task, s.condition, s.seed] for s in wanted]
             qpos = np.array([r.qpos[_row(r, s.time_s)] for r, s in zip(rows, wanted, strict=True)])
             task = form.tasks[name]
             asked = {"suite": task.suite, "task": task.number, "seed": form.protocol.seed, "size": size}
+            asked |= {} if task.variant is None else {"variant": task.variant}
             for shot, image in zip(wanted, process.draw(asked, qpos), strict=True):
                 images[shot] = jpeg_bytes(image, quality=82)
             if on_progress is not None:

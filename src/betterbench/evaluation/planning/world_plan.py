@@ -41,7 +41,7 @@ from betterbench.worlds.scene import task_id
 
 LIBERO = "libero"
 
-_OBSERVATIONS = ("default", "state_only")
+OBSERVATIONS = ("default", "state_only")
 _CALVIN_OBSERVATIONS = ("calvin", "calvin_depth", "state_only")
 
 
@@ -82,11 +82,11 @@ def make_world_plan(
     count = by.trials if trials is None else trials
     require_between("--seed", seed, 0, STATES - 1)
     require_between("--trials", count, 1, STATES - seed)
-    if observation not in _OBSERVATIONS:
-        raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
-    _check_policy(policy, "LIBERO", POLICIES)
-    space = _action_space(policy, LIBERO, action_space)
-    numbers = _numbers(chosen.name, chosen.tasks, tasks)
+    if observation not in OBSERVATIONS:
+        raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
+    require_policy_for(policy, "LIBERO", POLICIES)
+    space = action_space_of(policy, LIBERO, action_space)
+    numbers = task_numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
     known, regime, versions = _described(started, chosen.name)
     if len(known) != chosen.tasks:
@@ -149,8 +149,8 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in _CALVIN_OBSERVATIONS:
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", *_CALVIN_OBSERVATIONS))
-    _check_policy(policy, "CALVIN")
-    space = _action_space(policy, CALVIN, action_space)
+    require_policy_for(policy, "CALVIN")
+    space = action_space_of(policy, CALVIN, action_space)
     started, said = describe_chains(command, suite)
     try:
         task = ChainTask(suite, 0, suite, "five instructions in a row", str(said["tasks"][0]["fingerprint"]))
@@ -169,14 +169,14 @@ def make_chain_plan(
     return Plan(policy, planned, space, shown, "standard", world=settings)
 
 
-def _action_space(policy: str, world: str, asked: str | None) -> str:
+def action_space_of(policy: str, world: str, asked: str | None) -> str:
     """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
     if asked is not None and asked not in PLAYED_IN[world]:
         raise UnknownNameError(f"action space of {world}", asked, PLAYED_IN[world])
     return asked or space_in_world(policy, world) or PLAYED_IN[world][0]
 
 
-def _check_policy(policy: str, world: str, known: Collection[str] = ()) -> None:
+def require_policy_for(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
@@ -204,7 +204,7 @@ def _check_address(policy: str, world: str) -> None:
         )
 
 
-def _numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
+def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:
     """Return the places of the named tasks in the suite, each once and in its order."""
     ids = {task_id(suite, i): i for i in range(count)} | {str(i): i for i in range(count)}
     for name in tasks:
@@ -226,13 +226,14 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
             WorldTask(suite, i, str(task["name"]), str(task[key]), str(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])
         ]
-        regime = tuple(_trained(task) for task in base["tasks"])
+        regime = tuple(trained_task(task) for task in base["tasks"])
         return tasks, regime, {str(name): str(found) for name, found in said["versions"].items()}
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
 
 
-def _trained(said: Mapping[str, Any]) -> TrainedTask:
+def trained_task(said: Mapping[str, Any]) -> TrainedTask:
+    """Return what a task of a base suite showed, as the world says."""
     steps = tuple((str(r), str(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {str(name): (_words(kind), str(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(str(said["instruction"]), steps, starts)

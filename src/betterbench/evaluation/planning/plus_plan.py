@@ -1,0 +1,179 @@
+"""The plan of a run in LIBERO-Plus: which variants are run, and which want the authors' assets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.planning.world_plan import (
+    OBSERVATIONS,
+    action_space_of,
+    require_policy_for,
+    task_numbers,
+    trained_task,
+)
+from betterbench.experts.libero import POLICIES
+from betterbench.tasks import Expected
+from betterbench.worlds import (
+    PLUS_SUITES,
+    PlusSettings,
+    VariantTask,
+    WorldError,
+    WorldProcess,
+    plus_command,
+    protocol_named,
+)
+from betterbench.worlds.libero import STATES
+from betterbench.worlds.libero_plus import AXES
+from betterbench.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
+from betterbench.worlds.regime import TrainedTask
+
+TRIALS = 1
+"""Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class VariantChoice:
+    """Which variants of a suite are run.
+
+    Attributes:
+        axes: Axes to run; all if none is named.
+        variants: Most variants of each task on each axis, evenly spread over them; all if None.
+        sentences: "clean" for the sentence of the base task (that of the file on the axis language), or "published"
+            for LIBERO-Plus's own, which end with the name of the variant on six of the seven axes.
+    """
+
+    axes: tuple[str, ...] = ()
+    variants: int | None = None
+    sentences: str = "clean"
+
+    def __post_init__(self) -> None:
+        """Refuse unknown names, and a number of variants that no task has."""
+        for axis in self.axes:
+            if axis not in AXES:
+                raise UnknownNameError("axis of LIBERO-Plus", axis, AXES)
+        if self.sentences not in SENTENCES:
+            raise UnknownNameError("kind of sentences", self.sentences, SENTENCES)
+        if self.variants is not None:
+            require_between("--variants", self.variants, 1, STATES)
+
+
+def make_plus_plan(
+    policy: str,
+    *,
+    suite: str,
+    choice: VariantChoice = VariantChoice(),
+    protocol: str = "openpi",
+    tasks: Sequence[str] = (),
+    trials: int | None = None,
+    seed: int = 0,
+    action_space: str | None = None,
+    observation: str = "default",
+    refuse_broken: bool = True,
+    command: Sequence[str] | None = None,
+) -> Plan:
+    """Return the plan of a suite of LIBERO-Plus; the world is asked for its variants and what they need.
+
+    Args:
+        policy: Address of the policy.
+        suite: Name of the suite.
+        choice: Which of its variants are run.
+        protocol: Name of the protocol, for its steps.
+        tasks: Base tasks to run, by name ("libero_spatial-05") or number; all if none is named.
+        trials: Initial states of each variant, one if None. A new layout has one alone.
+        seed: The first initial state.
+        action_space: What the policy answers; what its address says if None, and "ee_delta" where that says nothing.
+        observation: "default", or "state_only" without images.
+        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+        command: Command of the world's process; that of its installed environment if None.
+
+    Raises:
+        InvalidInputError: If a number is out of range, the policy cannot be run in this world, or nothing is left to
+            run without the authors' assets.
+        UnknownNameError: If a name is unknown.
+        MissingDependencyError: If the world is not installed.
+        WorldError: If it does not answer.
+    """
+    if suite not in PLUS_SUITES:
+        raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
+    by, count = protocol_named(protocol), TRIALS if trials is None else trials
+    require_between("--seed", seed, 0, STATES - 1)
+    require_between("--trials", count, 1, STATES - seed)
+    if observation not in OBSERVATIONS:
+        raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
+    require_policy_for(policy, "LIBERO", POLICIES)
+    space = action_space_of(policy, LIBERO_PLUS, action_space)
+    numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, tasks)
+    started = tuple(command or plus_command())
+    wanted, regime, versions = _variants_there(started, suite, choice.sentences)
+    wanted = [v for v in wanted if v[0].number in numbers and v[0].axis in (choice.axes or AXES)]
+    played = _spread([(task, states) for task, states, needs in wanted if not needs], choice.variants)
+    if not played:
+        raise _nothing_left(suite, choice, wanted)
+    planned = tuple(
+        Trial(task.id, task.condition, task.condition, task.axis, "base", state, Expected.SUCCEED.value)
+        for task, states in played
+        for state in (range(seed, seed + count) if states > 1 else (0,))
+    )
+    settings = PlusSettings(
+        LIBERO_PLUS, started, by, {f"{task.id}/{task.condition}": task for task, _ in played}, versions, regime,
+        refuse_broken=refuse_broken, sentences=choice.sentences,
+        left_out=_left_out(wanted),
+    )  # fmt: skip
+    return Plan(policy, planned, space, observation, "standard", world=settings)
+
+
+def _left_out(wanted: Sequence[tuple[VariantTask, int, list[str]]]) -> dict[str, int]:
+    """Return the number of variants of each axis that lack files."""
+    found = Counter(task.axis for task, _, needs in wanted if needs)
+    return {axis: found[axis] for axis in AXES if found[axis]}
+
+
+def _nothing_left(
+    suite: str, choice: VariantChoice, wanted: Sequence[tuple[VariantTask, int, list[str]]]
+) -> InvalidInputError:
+    first = next((needs[0] for _, _, needs in wanted if needs), "")
+    return InvalidInputError(
+        "--axes",
+        f"none of the {len(wanted)} variants of {suite} on {', '.join(choice.axes or AXES)} runs without the authors' "
+        f"assets (the first wants {first})",
+        "Download the assets of LIBERO-Plus and name their folder with --libero-plus-assets",
+    )
+
+
+def _variants_there(
+    command: Sequence[str], suite: str, sentences: str
+) -> tuple[list[tuple[VariantTask, int, list[str]]], tuple[TrainedTask, ...], dict[str, str]]:
+    """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
+    with WorldProcess(command) as process:
+        said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
+    try:
+        wanted = [_read(suite, task, sentences) for task in said["tasks"]]
+        regime = tuple(trained_task(task) for task in base["tasks"])
+        return wanted, regime, {str(name): str(found) for name, found in said["versions"].items()}
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
+
+
+def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
+    """Return a variant, the number of its initial states, and the files that it lacks."""
+    name, sentence = str(said["name"]), str(said["published" if sentences == "published" else "instruction"])
+    task = VariantTask(suite, int(said["task"]), name, sentence, str(said["bddl_sha256"]), name)
+    return task, int(said["states"]), [str(file) for file in said["needs"]]
+
+
+def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:
+    """Return at most so many variants of each task on each axis, evenly spread, by task and axis."""
+    groups: dict[tuple[int, str], list[tuple[VariantTask, int]]] = {}
+    for task, states in ready:
+        groups.setdefault((task.number, task.axis), []).append((task, states))
+    order = list(AXES)
+    kept = []
+    for _, group in sorted(groups.items(), key=lambda item: (item[0][0], order.index(item[0][1]))):
+        count = len(group) if most is None else min(most, len(group))
+        kept += [group[i * len(group) // count] for i in range(count)]
+    return kept
