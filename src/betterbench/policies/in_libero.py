@@ -16,12 +16,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
-from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.image_rule import ImageRule
-from betterbench.policies.proprioception import StatePart, StateRule
+from betterbench.interface.actions import LIBERO_ABSOLUTE
+from betterbench.policies.adapter import Adapter, ConstantRule
+from betterbench.policies.answers import AnswerRule
+from betterbench.policies.proprioception import StatePart
 
-_SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
+SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
+"""LIBERO's eight numbers as vla-evaluation-harness sends them: its rotation vector is at most half a turn long."""
 
 _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
@@ -34,61 +35,30 @@ _CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
     "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
 }
 
-X_VLA_IN_LIBERO = Adapter(
-    "x_vla",
-    views=(
-        ImageRule(("image0",), "front", 256, 256),
-        # Its client turns the front image by 180 degrees and leaves the wrist image as robosuite delivers it.
-        ImageRule(("image1",), "wrist", 256, 256, turn=180),
-    ),
-    states=(StateRule(("proprio",), ("controller_position", "controller_rotation_6d", *("zero",) * 11), "float64"),),
-    instruction=InstructionRule(("language_instruction",)),
-    answer=AnswerRule(
-        "libero_absolute",
-        (
-            AnswerPart(("action",), "translation"),
-            AnswerPart(("action",), "rotation"),
-            AnswerPart(("action",), "gripper"),
-            AnswerPart(("action",), "unused", 10),
-        ),
-        rotation="rotation_6d",
-        gripper="closed_fraction",
-    ),
-    constants=(ConstantRule(("domain_id",), 3),),
-)
-"""X-VLA's LIBERO client: absolute poses, the pose that robosuite's controller measures, and domain 3."""
-
-VLA_EVAL_ABSOLUTE = Adapter(
-    "vla_eval_absolute",
-    views=(ImageRule(("images", "agentview"), "front"), ImageRule(("images", "wrist"), "wrist")),
-    states=(
-        StateRule(("states",), _SHORT_STATE),
-        StateRule(
-            ("controller_states",), ("controller_position", "controller_axis_angle", "gripper_fingers"), "float32"
-        ),
-    ),
-    instruction=InstructionRule(("task_description",)),
-    answer=AnswerRule(
-        "libero_absolute",
-        (
-            AnswerPart(("actions",), "translation"),
-            AnswerPart(("actions",), "rotation"),
-            AnswerPart(("actions",), "gripper"),
-        ),
-        gripper="closed_at_least",
-        gripper_threshold=0.0,
-    ),
-)
-"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
-
 
 def in_libero(adapter: Adapter) -> Adapter:
     """Return how the clients of LIBERO speak to a policy with this preset; the preset itself where nothing differs."""
-    if adapter.name == X_VLA_IN_LIBERO.name:
-        return X_VLA_IN_LIBERO
+    if adapter.name == "x_vla":
+        return _x_vla(adapter)
     if adapter.name not in _CHANGES:
         return adapter
     states = adapter.states
     if adapter.name == "vla_eval":
-        states = tuple(replace(rule, parts=_SHORT_STATE) for rule in states)
+        states = tuple(replace(rule, parts=SHORT_STATE) for rule in states)
     return replace(adapter, states=states, answer=_CHANGES[adapter.name](adapter.answer))
+
+
+def _x_vla(adapter: Adapter) -> Adapter:
+    """Return X-VLA's LIBERO client: absolute poses, the pose that robosuite's controller measures, and domain 3.
+
+    It turns the front image by 180 degrees and leaves the wrist image as robosuite delivers it.
+    """
+    front, wrist = adapter.views
+    measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)
+    return replace(
+        adapter,
+        views=(front, replace(wrist, turn=180)),
+        states=tuple(replace(rule, parts=measured, dtype="float64") for rule in adapter.states),
+        answer=replace(adapter.answer, space=LIBERO_ABSOLUTE.name),
+        constants=(ConstantRule(("domain_id",), 3),),
+    )

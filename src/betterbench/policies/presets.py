@@ -22,7 +22,7 @@ from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Pol
 from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
 from betterbench.policies.in_calvin import CALVIN_PRESETS, in_calvin
 from betterbench.policies.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
-from betterbench.policies.in_libero import VLA_EVAL_ABSOLUTE, in_libero
+from betterbench.policies.in_libero import SHORT_STATE, in_libero
 from betterbench.policies.libero import BASES_M, MEASURED_ROTATION_RAD, MEASURED_TRANSLATION_M, trained_on_libero
 from betterbench.policies.proprioception import StateRule
 from betterbench.policies.rotation import RotationFormat
@@ -259,6 +259,17 @@ VLA_EVAL = Adapter(
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
 model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
 Servers that want one image take the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
+
+VLA_EVAL_ABSOLUTE = replace(
+    VLA_EVAL,
+    name="vla_eval_absolute",
+    states=(
+        StateRule(("states",), SHORT_STATE),
+        StateRule(("controller_states",), ("controller_position", "controller_axis_angle", "gripper_fingers")),
+    ),
+    answer=AnswerRule("libero_absolute", _twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
+)
+"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
 
 _STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
 
