@@ -1,7 +1,9 @@
 """What the clients of the field build from an observation of LIBERO, line by line as they do.
 
 Sources: openpi ``examples/libero/main.py`` and ``openpi_client/image_tools.py`` (Apache-2.0); Isaac-GR00T
-``examples/Libero/eval/run_libero_eval.py`` and ``utils.py`` (Apache-2.0); Being-H ``BeingH/benchmark/utils/policy.py``.
+``examples/Libero/eval/run_libero_eval.py`` and ``utils.py`` (Apache-2.0); Being-H ``BeingH/benchmark/utils/policy.py``;
+starVLA ``examples/simBenchmarks/LIBERO/eval_files``; vla-evaluation-harness ``benchmarks/libero/benchmark.py``; X-VLA
+``evaluation/libero/libero_client.py``.
 ``obs`` is what LIBERO's ``env.step`` returns, with rows from the bottom up.
 """
 
@@ -83,7 +85,58 @@ def being_h(obs, lang):
     }
 
 
-CLIENTS = {"openpi_libero": openpi, "gr00t_libero_panda": gr00t, "being_h_libero": being_h}
+def turned(obs):
+    return obs["agentview_image"][::-1, ::-1], obs["robot0_eye_in_hand_image"][::-1, ::-1]
+
+
+def starvla(obs, lang):
+    images = [np.asarray(Image.fromarray(img).resize((224, 224), Image.BILINEAR)) for img in turned(obs)]
+    return {"image": dict(zip(("front", "wrist"), images, strict=True)), "lang": lang}
+
+
+def starvla_state(obs, lang):
+    state = (obs["robot0_eef_pos"], quat2axisangle(obs["robot0_eef_quat"].copy()), obs["robot0_gripper_qpos"])
+    return {**starvla(obs, lang), "state": np.concatenate(state)}
+
+
+def quat_to_axisangle(quat):
+    q = -quat if quat[3] < 0 else quat.copy()
+    w = float(np.clip(q[3], -1.0, 1.0))
+    sin_half = np.sqrt(1.0 - w * w)
+    return q[:3] / sin_half * (2.0 * np.arccos(w))
+
+
+def vla_eval(obs, lang):
+    agentview, wrist = turned(obs)
+    state = (obs["robot0_eef_pos"], quat_to_axisangle(obs["robot0_eef_quat"]), obs["robot0_gripper_qpos"])
+    return {
+        "images": {"agentview": agentview, "wrist": wrist},
+        "task_description": lang,
+        "states": np.concatenate(state),
+    }
+
+
+def x_vla(obs, lang):
+    rotation = obs["controller_mat"].reshape(3, 3)
+    proprio = np.concatenate([obs["controller_pos"], rotation[:, 0], rotation[:, 1], [0]], axis=-1)
+    return {
+        "domain_id": 3,
+        "proprio": np.concatenate([proprio, np.zeros_like(proprio)], axis=-1),
+        "language_instruction": lang,
+        "image0": np.flip(np.flip(obs["agentview_image"], 0), 1),
+        "image1": obs["robot0_eye_in_hand_image"],
+    }
+
+
+CLIENTS = {
+    "openpi_libero": openpi,
+    "gr00t_libero_panda": gr00t,
+    "being_h_libero": being_h,
+    "starvla": starvla,
+    "starvla_state": starvla_state,
+    "vla_eval": vla_eval,
+    "x_vla": x_vla,
+}
 
 
 def differences(sent, built, at=""):
@@ -96,6 +149,7 @@ def differences(sent, built, at=""):
             yield from differences(sent[key], built[key], f"{at}/{key}")
     elif isinstance(built, np.ndarray):
         expected = built if built.dtype == np.uint8 else built.astype(np.float32)
+        sent = sent if sent.dtype == np.uint8 else sent.astype(np.float32)
         if sent.dtype != expected.dtype or sent.shape != expected.shape:
             yield f"{at}: {sent.dtype} {sent.shape} and {expected.dtype} {expected.shape}"
         elif sent.tobytes() != np.ascontiguousarray(expected).tobytes():

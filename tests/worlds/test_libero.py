@@ -11,6 +11,7 @@ from betterbench.episodes import Observer
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.policies.in_libero import in_libero
 from betterbench.policies.presets import PRESETS
 from betterbench.worlds import ForeignScene, WorldProcess, WorldProcesses, world_command, world_named
 from betterbench.worlds.libero_plus import read_variant
@@ -44,6 +45,7 @@ for action in np.random.default_rng(0).uniform(-1.0, 1.0, ({STEPS}, 7)):
     obs, _, _, _ = env.step(action.tolist())
 np.savez(
     sys.argv[1], qpos=env.sim.data.qpos, qvel=env.sim.data.qvel, **{{name: obs[name] for name in OBSERVED}},
+    controller_pos=env.env.robots[0].controller.ee_pos, controller_mat=env.env.robots[0].controller.ee_ori_mat,
 )
 """
 """The loop of openpi's ``examples/libero/main.py`` up to an observation."""
@@ -67,7 +69,7 @@ def test_a_request_has_the_bytes_that_the_clients_of_the_field_build(tmp_path):
     seen = Observer(observation_spec("default")).observe(scene, scene.state())
     with np.load(tmp_path / "seen.npz") as obs:
         for preset, client in CLIENTS.items():
-            sent, built = PRESETS[preset].request(seen), client(obs, scene.task.instruction)
+            sent, built = in_libero(PRESETS[preset]).request(seen), client(obs, scene.task.instruction)
             assert list(differences(sent, built)) == [], preset
         assert seen.native["ee_axis_angle"].tobytes() == quat2axisangle(obs["robot0_eef_quat"]).tobytes()
         assert scene.simulator_state()["qpos"].tobytes() == obs["qpos"].tobytes()

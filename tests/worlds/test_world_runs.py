@@ -13,6 +13,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
+from betterbench.policies.in_libero import in_libero
 from betterbench.policies.presets import PRESETS
 from betterbench.worlds import PROTOCOLS, SUITES, ForeignScene, WorldProcesses, process
 from betterbench.worlds.scene import quat2axisangle
@@ -191,11 +192,14 @@ def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fak
         "robot0_eef_pos": np.array([0.01, 0.0, 0.0]),
         "robot0_eef_quat": quaternion,
         "robot0_gripper_qpos": np.array([0.0262, -0.0261]),
+        "controller_pos": np.array([0.01, 0.0, 0.0]),
+        "controller_mat": np.eye(3),
     }
-    assert list(differences(PRESETS[preset].request(seen), CLIENTS[preset](obs, scene.task.instruction))) == []
+    adapter = in_libero(PRESETS[preset])
+    assert list(differences(adapter.request(seen), CLIENTS[preset](obs, scene.task.instruction))) == []
     assert np.linalg.norm(quat2axisangle(quaternion)) > math.pi, "the vector is not the shorter way round"
     obs["agentview_image"] = seen.images["front"][::-1]
-    assert list(differences(PRESETS[preset].request(seen), CLIENTS[preset](obs, scene.task.instruction))) != []
+    assert list(differences(adapter.request(seen), CLIENTS[preset](obs, scene.task.instruction))) != []
     scene.close(well=True)
     processes.close()
 
