@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 
 def quat2axisangle(quat):
@@ -137,6 +138,59 @@ CLIENTS = {
     "vla_eval": vla_eval,
     "x_vla": x_vla,
 }
+
+
+def calvin_starvla(obs, lang):
+    static, gripper = (resize_with_pad(obs["rgb_obs"][name], 224, 224) for name in ("rgb_static", "rgb_gripper"))
+    return {"image": {"front": static, "wrist": gripper}, "lang": lang}
+
+
+def calvin_openpi(obs, lang):
+    robot = obs["robot_obs"]
+    return {
+        "observation/image": obs["rgb_obs"]["rgb_static"],
+        "observation/wrist_image": obs["rgb_obs"]["rgb_gripper"],
+        "observation/state": robot[:7],
+        "observation/state_ee_pos": robot[:3],
+        "observation/state_ee_rot": robot[3:6],
+        "observation/state_gripper": robot[6:7],
+        "prompt": lang,
+    }
+
+
+def calvin_vla_eval(obs, lang):
+    return {
+        "images": {
+            "rgb_static": obs["rgb_obs"]["rgb_static"],
+            "rgb_gripper": resize_with_pad(obs["rgb_obs"]["rgb_gripper"], 200, 200),
+        },
+        "task_description": lang,
+        "states": np.concatenate([obs["robot_obs"][0:7], obs["robot_obs"][14:15]]).astype(np.float32),
+    }
+
+
+def calvin_x_vla(obs, lang):
+    robot = obs["robot_obs"]
+    turned_by = Rotation.from_euler("xyz", robot[3:6]).as_matrix()[..., :, :2].reshape(6)
+    proprio = np.concatenate([robot[:3], turned_by, robot[-1:] < 0.5])
+    return {
+        "language_instruction": lang,
+        "proprio": np.concatenate([proprio, np.zeros_like(proprio)]),
+        "image0": obs["rgb_obs"]["rgb_static"],
+        "image1": obs["rgb_obs"]["rgb_gripper"],
+        "domain_id": 2,
+        "steps": 10,
+    }
+
+
+CALVIN_CLIENTS = {
+    "starvla_calvin": calvin_starvla,
+    "openpi_calvin": calvin_openpi,
+    "vla_eval_calvin": calvin_vla_eval,
+    "vla_eval_calvin_absolute": calvin_vla_eval,
+    "x_vla_calvin": calvin_x_vla,
+}
+"""Sources: the same projects; RLinf ``toolkits/eval_scripts_openpi/calvin_eval.py`` for openpi."""
 
 
 def differences(sent, built, at=""):

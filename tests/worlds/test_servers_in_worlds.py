@@ -1,17 +1,26 @@
 """Policy servers and Python policies in LIBERO and CALVIN, by the runner: what the simulator gets and they see."""
 
+import json
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.policies.test_starvla import Server, answer, array
+from tests.worlds.clients import CALVIN_CLIENTS, differences
 
+from betterbench.calvin import calvin_chains, start_of
+from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
-from betterbench.interface.actions import PLAYED_IN
-from betterbench.worlds import process
+from betterbench.interface import EpisodeStart, Observation, observation_spec
+from betterbench.interface.actions import CALVIN_RELATIVE, PLAYED_IN
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.http_act import HttpActClient, HttpAnswer, HttpServer
+from betterbench.policies.json_wire import decode_body
+from betterbench.policies.presets import PRESETS
+from betterbench.worlds import WorldProcesses, process
 from betterbench.worlds.registry import start_code
 
 POLICY = """
@@ -63,6 +72,48 @@ def given(monkeypatch):
 
     monkeypatch.setattr(process.WorldProcess, "step", watched)
     return found
+
+
+@pytest.mark.parametrize("name", CALVIN_CLIENTS)
+def test_an_observation_of_calvin_is_what_the_clients_of_the_field_make_of_it(calvin_command, name):
+    settings = make_chain_plan("noop", suite="calvin", trials=1, command=calvin_command).world
+    processes = WorldProcesses(settings.command)
+    scene = settings.open_scene(
+        processes, task="calvin", condition="base", seed=0, action_space=CALVIN_RELATIVE, images=True
+    )
+    seen = Observer(observation_spec("calvin")).observe(scene, scene.reset())
+    images = {"rgb_static": seen.images["front"], "rgb_gripper": seen.images["wrist"]}
+    obs = {"rgb_obs": images, "robot_obs": start_of(calvin_chains()[0].start).robot}
+    sent, built = PRESETS[name].request(seen), CALVIN_CLIENTS[name](obs, seen.instruction)
+    if name == "x_vla_calvin":  # columns of a matrix that was made in another order of operations
+        np.testing.assert_allclose(sent.pop("proprio"), built.pop("proprio"), atol=1e-12)
+    assert list(differences(sent, built)) == []
+    scene.close(well=False)
+    processes.close()
+
+
+def test_x_vla_is_shown_what_it_commanded_last(monkeypatch):
+    chunk = np.random.default_rng(1).uniform(-0.5, 0.5, (30, 20))
+    asked = []
+
+    def post(self, body, timeout_s, **_):
+        asked.append(np.array(decode_body(decode_body(body)["proprio"].encode())))
+        return HttpAnswer(200, json.dumps({"action": chunk.tolist()}).encode())
+
+    monkeypatch.setattr(HttpServer, "__init__", lambda *_, **__: None)
+    monkeypatch.setattr(HttpServer, "post", post)
+    client = HttpActClient(PolicyAddress.parse("http://host/act?preset=x_vla", world="calvin"))
+    client.reset(EpisodeStart("go", 0, "calvin_absolute_quaternion"))
+    native = {"gripper_command_closed": np.array([1.0]), "ee_position": np.array([0.1, 0.2, 0.3])}
+    images = {"front": np.zeros((200, 200, 3), np.uint8), "wrist": np.zeros((84, 84, 3), np.uint8)}
+    for step in (0, 25, 27, 0):
+        numbers = np.zeros(7), np.zeros(7), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        client.act(Observation("go", step, images, *numbers, 0.08, {}, {}, native))
+    measured = [0.1, 0.2, 0.3, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]
+    np.testing.assert_allclose(asked[0], [*measured, *[0.0] * 10])
+    np.testing.assert_array_equal(asked[1], [*chunk[24, :10], *[0.0] * 10])
+    np.testing.assert_array_equal(asked[2], [*chunk[1, :10], *[0.0] * 10])
+    np.testing.assert_allclose(asked[3], [*measured, *[0.0] * 10])  # another trial
 
 
 @pytest.mark.parametrize(("said", "closes"), [(1.0, -1.0), (0.0, 1.0)])
