@@ -105,6 +105,7 @@ def test_wall_clock_figures_stay_out_of_the_record():
         "policy_s",
         "policy_latency_p50_s",
         "policy_latency_max_s",
+        "policy_answers",
         "observe_s",
         "simulation_s",
     }

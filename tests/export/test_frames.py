@@ -15,7 +15,7 @@ from betterbench.export.frames import DONE, active_subgoals, frame_numbers
 from betterbench.export.layout import layout_of
 from betterbench.export.numbers import color_counts, image_stats, sampled_rows, vector_stats
 from betterbench.interface.actions import ACTION_SPACES
-from betterbench.policies.presets import PRESETS
+from betterbench.policies.presets import OWN_PRESETS
 from betterbench.recording import Demonstrator, SubgoalSegment
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
@@ -83,7 +83,7 @@ def test_the_active_subgoal_is_that_of_the_segment(demonstrations):
     assert active_subgoals(record) == (DONE,) * record.n_steps  # the gripper never closes
 
 
-@pytest.mark.parametrize("name", sorted(PRESETS))
+@pytest.mark.parametrize("name", sorted(OWN_PRESETS))
 def test_every_preset_has_a_layout(name):
     layout = layout_of(name)
     columns = [*layout.all_images, *(c.name for c in layout.states), layout.action.name]
@@ -140,3 +140,9 @@ def test_long_episodes_are_sampled_evenly_and_short_ones_wholly():
     assert sampled_rows(5) == set(range(5))
     assert len(sampled_rows(1000)) == 32
     assert {0, 999} < sampled_rows(1000)
+
+
+@pytest.mark.parametrize("name", ["starvla_calvin", "vla_eval_absolute"])
+def test_a_preset_of_a_foreign_world_has_no_layout(name):
+    with pytest.raises(InvalidInputError, match=rf"{name}: its actions are .*, which our own scenes do not have"):
+        layout_of(name)

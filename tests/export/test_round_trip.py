@@ -20,7 +20,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.answers import get_entry
 from betterbench.policies.checkpoint import Features
 from betterbench.policies.lerobot import derive_adapter
-from betterbench.policies.presets import PRESETS
+from betterbench.policies.presets import OWN_PRESETS
 from betterbench.tasks import TrialId
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -28,8 +28,8 @@ from validators import check_modality, read_v21, read_v30
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
 
-WITH_DEFAULT_CAMERAS = [n for n in PRESETS if layout_of(n).observation.name == "default"]
-DELTAS = [n for n in WITH_DEFAULT_CAMERAS if PRESETS[n].answer.space == "ee_delta"]
+WITH_DEFAULT_CAMERAS = [n for n in OWN_PRESETS if layout_of(n).observation.name == "default"]
+DELTAS = [n for n in WITH_DEFAULT_CAMERAS if OWN_PRESETS[n].answer.space == "ee_delta"]
 OTHER_ROOM = re.compile(r"_(90|goal|object|spatial|living_room|study)$")
 """Ending of a preset that differs from the one that ends with _10 in the origin of LIBERO's world alone."""
 

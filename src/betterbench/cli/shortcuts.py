@@ -23,7 +23,7 @@ def shortcuts_command(
     instruction: str | None = None,
     gripper: tuple[str, ...] = (),
     place: tuple[str, ...] = (),
-    closed: Literal["low", "high"] | None = None,
+    closed: Literal["auto", "low", "high"] = "auto",
     seed: int = 0,
     out: Path | None = None,
     sign: Path | None = None,
@@ -50,7 +50,7 @@ def shortcuts_command(
         gripper: Number that tells how far the gripper is closed, such as action:gripper; one per arm.
         place: Numbers of the position of the gripper, x first, such as observation.state[0,1,2]; as many for each
             --gripper, in the same order. A + before them adds up steps.
-        closed: End of the gripper's numbers at which it is closed.
+        closed: End of the gripper's numbers at which it is closed; auto reads it off names and numbers, or asks for it.
         seed: Seed of the sample that is drawn of more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
@@ -58,7 +58,13 @@ def shortcuts_command(
     """
     if sign is not None and out is None:
         raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
-    choices = {"instruction": instruction, "grippers": gripper, "places": place, "closed": closed, "seed": seed}
+    choices = {
+        "instruction": instruction,
+        "grippers": gripper,
+        "places": place,
+        "closed": None if closed == "auto" else closed,
+        "seed": seed,
+    }
     facts, audit, prediction = _audited(data, choices)
     if out is not None:
         _write(out, audit, prediction, sign)

@@ -22,13 +22,12 @@ from betterbench.policies import Noop, Random, Replay, load_plugin, source_of
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connection import ConnectionLimits
 from betterbench.policies.handshake import space_cure
+from betterbench.policies.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 from betterbench.policies.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.recording import RunFolder, first_difference
 from betterbench.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.state import PrivilegedPolicy
 from betterbench.worlds import ForeignScene
-from betterbench.worlds.calvin import CALVIN
-from betterbench.worlds.calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 
 SOURCE = "source file"
 """Key in the metadata of a Python policy under which its file and the file's SHA-256 stand."""
@@ -193,7 +192,7 @@ class PolicyFactory:
     @property
     def _rate_hz(self) -> float:
         """Control rate of the run [Hz]."""
-        return CALVIN_RATE_HZ if self._world == CALVIN else CONTROL_RATE_HZ
+        return CALVIN_RATE_HZ if self._world == "calvin" else CONTROL_RATE_HZ
 
     def policy(self, scene: Scene | ForeignScene, trial: Trial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
