@@ -152,6 +152,13 @@ def test_the_last_step_counts_and_the_one_after_it_does_not():
     assert (late.length, late.played[0].steps) == (0, 360)
 
 
+def test_a_chain_that_was_not_played_counts_for_no_subtask():
+    name = calvin_chains()[0].names[0]
+    found = summarize([ChainResult(0, (SubtaskResult(name, False, 360),)), ChainResult(1, ())])
+    assert (found.chains, found.length.value) == (2, 0.0)
+    assert {subtask: (rate.k, rate.n) for subtask, rate in found.subtasks.items()} == {name: (0, 1)}
+
+
 def test_results_that_no_chain_can_have_are_refused(perfect):
     whole, name = perfect[0], calvin_chains()[0].names[0]
     for wrong, problem in (
@@ -159,7 +166,6 @@ def test_results_that_no_chain_can_have_are_refused(perfect):
         ([whole, whole], "stands twice"),
         ([ChainResult(1000, whole.played)], "is none of"),
         ([ChainResult(1, whole.played)], "has not the subtasks"),
-        ([ChainResult(0, ())], "has not the subtasks"),
         ([ChainResult(0, (SubtaskResult(name, True, 3),))], "first failure"),
         ([ChainResult(0, (dataclasses.replace(whole.played[0], success=False), *whole.played[1:]))], "first failure"),
     ):

@@ -204,7 +204,8 @@ def test_a_worker_whose_run_is_gone_ends_without_a_word(monkeypatch):
     from betterbench.evaluation.workers import pool
 
     class Ready:
-        free = 1
+        free = envs = 1
+        busy, problem = False, None
 
         def __init__(self, _settings):
             pass

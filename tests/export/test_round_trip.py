@@ -77,7 +77,7 @@ def request_of(layout, row: dict) -> dict:
     for column in layout.states:
         for part in column.parts:
             set_entry(message, part.key, row[column.name][part.start : part.end])
-    set_entry(message, layout.adapter.instruction.key, row["task"])
+    set_entry(message, layout.adapter.instruction.key, layout.adapter.instruction.write(row["task"]))
     return message
 
 

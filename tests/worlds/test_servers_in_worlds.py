@@ -11,7 +11,7 @@ from tests.worlds.clients import CALVIN_CLIENTS, differences
 
 from betterbench.calvin import calvin_chains, start_of
 from betterbench.episodes import Observer
-from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.errors import HandshakeError, InvalidInputError, UnknownNameError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
@@ -169,3 +169,15 @@ def test_an_action_space_that_a_world_does_not_play_is_refused(fake_command, cal
     with pytest.raises(InvalidInputError, match=r"openpi_droid answers in joint_delta, which LIBERO does not play"):
         make_world_plan("openpi://host?preset=openpi_droid", suite="libero_object", command=fake_command)
     assert PLAYED_IN["calvin"][0] == "calvin_relative"
+
+
+def test_an_adapter_with_depth_is_refused_before_a_run_that_draws_none(calvin_command, tmp_path):
+    file = tmp_path / "deep.json"
+    form = PRESETS["starvla_calvin"].to_json() | {"depths": [{"key": "depth", "camera": "front"}], "name": "deep"}
+    file.write_text(json.dumps(form), encoding="utf-8")
+    with opened(1.0) as server:
+        policy = f"starvla://127.0.0.1:{server.port}?adapter={file}"
+        plan = make_chain_plan(policy, suite="calvin", trials=1, command=calvin_command)
+        with pytest.raises(HandshakeError, match=r"depth: adapter deep .* --observation calvin_depth"):
+            evaluate(plan, tmp_path / "run", workers=1, envs=1)
+    assert not (tmp_path / "run" / "run.json").exists()

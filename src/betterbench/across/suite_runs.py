@@ -144,13 +144,13 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return what a chain came to by its record; without one, it ended at its first subtask.
+    """Return what a chain came to by its record; without one, it was not played.
 
     Raises:
         RecordError: If the record is of other subtasks.
     """
     if record is None:
-        return ChainResult(chain.number, (SubtaskResult(chain.names[0], False, 0),))
+        return ChainResult(chain.number, ())
     if record.metadata.subgoal_names != chain.names:
         raise RecordError(
             f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} and not "

@@ -26,7 +26,10 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """One chain: its number among the 1,000 and its subtasks up to the first that was not done."""
+    """One chain: its number among the 1,000 and its subtasks up to the first that was not done.
+
+    A chain without subtasks was not played: its length is 0, and it counts for no subtask.
+    """
 
     number: int
     played: tuple[SubtaskResult, ...]
@@ -138,8 +141,10 @@ def _check(results: Sequence[ChainResult]) -> None:
             problem = "stands twice" if result.number in seen else f"is none of {len(every)}"
             raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
         seen.add(result.number)
+        if not result.played:
+            continue
         names = tuple(subtask.name for subtask in result.played)
-        if not names or names != every[result.number].names[: len(names)]:
+        if names != every[result.number].names[: len(names)]:
             raise InvalidInputError(
                 where, f"has not the subtasks {', '.join(every[result.number].names)}", "Play these"
             )

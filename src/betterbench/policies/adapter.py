@@ -328,7 +328,7 @@ class Adapter:
 
 _ANYTHING = TypeAdapter(dict[str, Any])
 _MAX_BYTES = 1_000_000
-_CURE = "Write it as better doctor --policy P --json prints it"
+_CURE = "Write it as docs/policies.md and docs/calvin.md show, or as better doctor --policy P --json prints it"
 _ADAPTER = TypeAdapter(Adapter)
 _KEYS = ("key", "episode_key", "state_key", "answer_key")
 

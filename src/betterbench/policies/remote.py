@@ -112,6 +112,11 @@ class AdaptedPolicy:
                 f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
                 "address."
             )
+        if adapter.depths and not observation.depth:
+            raise HandshakeError(
+                f"depth: adapter {adapter.name} shows depth images, and the observation {observation.name} has none. "
+                "In CALVIN, give --observation calvin_depth; elsewhere, remove depths from the adapter."
+            )
         if adapter.control_rate_hz != rate_hz:
             raise HandshakeError(
                 f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "

@@ -50,6 +50,12 @@ _NPY_HEADER = re.compile(
 _MAX_JSON = 1_000_000
 _NUMBERS = re.compile(r"[<>=|]?(b1|[iu][1248]|f[248])", re.ASCII)
 _TEXTS = re.compile(r"[<>=|]?[SU][0-9]{1,6}", re.ASCII)
+_NAMES = {
+    np.dtype(code).name: np.dtype(code).str
+    for code in ("b1", *(f"{k}{n}" for k in "iu" for n in "1248"), *("f2", "f4", "f8"))
+}
+"""Names of plain number types ("float32"), which some servers write in place of NumPy's own codes ("<f4")."""
+
 _PLAIN_KINDS = ("", *"biufSU")
 
 _UNREADABLE = (
@@ -419,6 +425,7 @@ def _token(data: bytes, at: int) -> tuple[int, int]:
 
 
 def _dtype(text: object, *, texts: bool = True) -> np.dtype[Any]:
+    text = _NAMES.get(text, text) if isinstance(text, str) else text
     if not isinstance(text, str) or not (_NUMBERS.fullmatch(text) or (texts and _TEXTS.fullmatch(text))):
         raise ValueError(f"an array has the type {str(text)[:20]!r}, which is not a plain number")
     return np.dtype(text)
