@@ -444,3 +444,11 @@ def test_a_key_that_stands_twice_is_refused(dialect):
     frame = packer.pack_map_header(2) + b"".join(packer.pack(x) for x in ("actions", [0.1], "actions", [0.9]))
     with pytest.raises(PolicyError, match="actions: is given twice"):
         DIALECTS[dialect][1](frame)
+
+
+def test_an_array_may_name_its_type_in_words():
+    """``float32`` in place of ``<f4``, as servers of vla-evaluation-harness may write."""
+    packed = msgpack.packb({"a": {"__ndarray__": True, "data": b"\0\0\x80?", "dtype": "float32", "shape": [1]}})
+    assert decode_vla_eval(packed)["a"].tolist() == [1.0]
+    with pytest.raises(PolicyError, match="object"):
+        decode_vla_eval(packed.replace(b"float32", b"object_"))
