@@ -6,6 +6,7 @@ and the place is told by names, and refused where they do not tell; :class:`Data
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -36,9 +37,11 @@ from betterbench.shortcuts.lerobot_files import (
     task_columns,
     texts_in,
 )
+from betterbench.shortcuts.lerobot_order import FileOrder, Part, joined
 from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
 from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
 from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
+from betterbench.statistics.wording import plural
 
 MOST_EPISODES = 5000
 """Most episodes that are read; the test needs no more."""
@@ -120,7 +123,7 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     widths = {
         n.column: len(numbers[n.column]) for n in (*(g.number for g in grips), *(n for p in places for n in p.numbers))
     }
-    episodes = _read(chosen, grips, places, widths)
+    episodes = _read(scanned, chosen, grips, places, widths)
     arms = []
     for pair in zip(grips, places, strict=True):
         jaws = jaws_of(pair[0], [e.grips[pair[0].arm] for e in episodes], given.closed, where)
@@ -228,13 +231,16 @@ class _Said:
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """The rows of an episode in a file, and its segments: rows from its start, and the instruction."""
+    """An episode: its rows by file in the order of its frames, and its segments: rows from its start, and instruction."""
 
-    file: Path
     index: int
-    start: int
-    stop: int
+    parts: tuple[Part, ...]
     segments: tuple[tuple[int, int, str], ...]
+
+    @property
+    def length(self) -> int:
+        """How many frames it has."""
+        return sum(map(len, self.parts))
 
 
 @dataclass(slots=True)
@@ -243,12 +249,14 @@ class _Scanned:
 
     Attributes:
         episodes: Those that can.
+        orders: The files whose rows had to be sorted, with their order.
         short: Episodes of less than two frames.
         silent: Episodes without an instruction.
         pointers: Files that are pointers of Git LFS.
     """
 
     episodes: list[_Stretch] = field(default_factory=list)
+    orders: dict[Path, FileOrder] = field(default_factory=dict)
     short: int = 0
     silent: int = 0
     pointers: int = 0
@@ -263,33 +271,44 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     """Return the episodes of all files with their instructions; RecordError if one stands there twice."""
     frames = Frames.of(path)
     frames.require_some(path)
-    found, seen, known = _Scanned(pointers=len(frames.pointers)), set[int](), dict[str | None, int]()
+    found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
+    parts: dict[int, list[tuple[Part, list[tuple[int, int]]]]] = {}
     for file in frames.files:
-        columns = read_columns(file, {"episode_index": 1, said.column: 1})
-        numbers = numbers_in(file, "episode_index", columns["episode_index"], 1)
-        require_finite_column(file, "episode_index", numbers)
-        index = numbers.astype(np.int64)
-        codes = said.codes(file, columns[said.column], known)
-        texts = list(known)
-        for start, stop in runs(index):
-            number = int(index[start])
-            if number in seen:
-                raise RecordError(f"{file}: episode {number} stands in the data twice. Fetch the files again.")
-            seen.add(number)
-            cut = [(a, b, texts[codes[start + a]]) for a, b in runs(codes[start:stop])]
-            segments = tuple((a, b, text) for a, b, text in cut if text is not None and b - a >= 2)
-            if stop - start < 2:
-                found.short += 1
-            elif not segments:
-                found.silent += 1
-            else:
-                found.episodes.append(_Stretch(file, number, start, stop, segments))
+        order = FileOrder.of(file)
+        if order.rows is not None:
+            found.orders[file] = order
+        codes = order.sort(said.codes(file, read_columns(file, {said.column: 1})[said.column], known))
+        for start, stop in runs(order.episodes):
+            lengths = [(b - a, int(codes[start + a])) for a, b in runs(codes[start:stop])]
+            parts.setdefault(int(order.episodes[start]), []).append((Part.of(file, order, start, stop), lengths))
+    texts = list(known)
+    for number, some in parts.items():
+        order_of_parts = joined(number, [part for part, _ in some])
+        said_in = [run for i in order_of_parts for run in some[i][1]]
+        stretch = _Stretch(number, tuple(some[i][0] for i in order_of_parts), _segments(said_in, texts))
+        if stretch.length < 2:
+            found.short += 1
+        elif not stretch.segments:
+            found.silent += 1
+        else:
+            found.episodes.append(stretch)
     if not found.episodes and found.silent:
         problem = f"none of the {found.silent} episodes has an instruction"
         raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
     if not found.episodes:
         raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
     return found
+
+
+def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
+    """Return the segments of two frames or more that have an instruction, of runs of frames and the codes of texts."""
+    found, at = [], 0
+    for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
+        size, text = sum(length for length, _ in group), texts[code]
+        if text is not None and size >= 2:
+            found.append((at, at + size, text))
+        at += size
+    return tuple(found)
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
@@ -310,7 +329,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
         for text, group in sorted(by_text.items())
         for rank in draw.permutation(len(group))[: shares[text]]
     ]
-    return sorted(chosen, key=lambda e: (str(e.file), e.start))
+    return sorted(chosen, key=lambda e: (str(e.parts[0].file), e.parts[0].start))
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,33 +342,54 @@ class _Episode:
 
 
 def _read(
-    chosen: Sequence[_Stretch], grips: Sequence[Grip], places: Sequence[ArmPlace], widths: Mapping[str, int]
+    scanned: _Scanned,
+    chosen: Sequence[_Stretch],
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    widths: Mapping[str, int],
 ) -> list[_Episode]:
     """Return the numbers of some episodes."""
-    by_file: dict[Path, list[_Stretch]] = {}
+    by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
     for stretch in chosen:
-        by_file.setdefault(stretch.file, []).append(stretch)
+        for i, part in enumerate(stretch.parts):
+            by_file.setdefault(part.file, []).append((stretch, i))
     used = {name: sorted({n.index for n in _all(grips, places) if n.column == name}) for name in widths}
-    episodes = []
-    for file, stretches in by_file.items():
+    pieces: dict[int, dict[int, Mapping[str, _Floats]]] = {}
+    found: dict[int, _Episode] = {}
+    for file, some in by_file.items():
         columns = read_columns(file, widths)
         rows = {}
         for name, width in widths.items():
             values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
             require_finite_column(file, name, values)
-            rows[name] = values
-        for stretch in stretches:
-            cut = {name: values[stretch.start : stretch.stop] for name, values in rows.items()}
+            rows[name] = values[scanned.orders[file].rows] if file in scanned.orders else values
+        for stretch, i in some:
+            part, there = stretch.parts[i], pieces.setdefault(stretch.index, {})
+            there[i] = {name: values[part.start : part.stop] for name, values in rows.items()}
+            if len(there) == len(stretch.parts):
+                del pieces[stretch.index]
+                cut = {name: np.concatenate([there[k][name] for k in range(len(there))]) for name in widths}
+                found[stretch.index] = _episode(stretch, grips, places, cut, used)
+    return [found[stretch.index] for stretch in chosen]
 
-            def of(number: NamedNumber, cut: Mapping[str, _Floats] = cut) -> _Floats:
-                return cut[number.column][:, used[number.column].index(number.index)]
 
-            ways = {}
-            for place in places:
-                way = np.column_stack([of(n) for n in place.numbers])
-                ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
-            episodes.append(_Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways))
-    return episodes
+def _episode(
+    stretch: _Stretch,
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    cut: Mapping[str, _Floats],
+    used: Mapping[str, Sequence[int]],
+) -> _Episode:
+    """Return the numbers of an episode: ``cut`` has those (T, n) of each column that ``used`` lists."""
+
+    def of(number: NamedNumber) -> _Floats:
+        return cut[number.column][:, used[number.column].index(number.index)]
+
+    ways = {}
+    for place in places:
+        way = np.column_stack([of(n) for n in place.numbers])
+        ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
+    return _Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways)
 
 
 def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNumber]:
@@ -439,7 +479,7 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
         names.append([[(row, next(given)) for row in rows] for rows in edges])
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
-            last = end == episode.stretch.stop - episode.stretch.start
+            last = end == episode.stretch.length
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
@@ -504,9 +544,25 @@ def _reading(read: _Read) -> DataReading:
         instruction,
         tuple(_gripper(arm, arm.jaws) for arm in moving if arm.jaws is not None),
         tuple(_place(arm) for arm in moving),
+        about=tuple(_about(read.scanned)),
         left_out=tuple(_left_out(read)),
         warnings=tuple(_warnings(read)),
     )
+
+
+def _count(count: int, one: str) -> str:
+    """Return "1 episode", "1,200 episodes"."""
+    return f"{count:,} {plural(count, one).partition(' ')[2]}"
+
+
+def _about(scanned: _Scanned) -> Iterator[str]:
+    """Yield how the frames were put in order, where their files did not have them so."""
+    for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
+        by = f"by episode_index and {key}" if key else "by episode_index alone: no column tells the order of the frames"
+        yield f"Order of the frames: the rows of {_count(group, 'file')} had to be sorted, {by}"
+    split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
+    if split:
+        yield f"Order of the frames: {_count(split, 'episode')} of which the frames stand in several files were joined"
 
 
 def _left_out(read: _Read) -> Iterator[str]:

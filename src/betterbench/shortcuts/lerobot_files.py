@@ -257,6 +257,16 @@ class Frames:
             raise InvalidInputError(str(path / "data"), "it holds no episode", CURE)
 
 
+def column_names(file: Path) -> frozenset[str]:
+    """Return the names of the columns of a file of frames; RecordError if it cannot be read."""
+    try:
+        _require_file(file)
+        with pq.ParquetFile(file) as table:
+            return frozenset(table.schema_arrow.names)
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
+
+
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
     """Return columns of a file of frames; ``widths`` says how many numbers each has per frame at most.
 
@@ -328,7 +338,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
     """Raise RecordError if some number of a column is not finite."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:
-        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Leave the episode out.")
+        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Correct or remove this row.")
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:

@@ -1,0 +1,105 @@
+"""Strangers' frames that are not in order, not finite or far too large, and arms that are idle."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tests.looping import each
+from tests.shortcuts.strangers import STEPS, make
+
+from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.shortcuts.lerobot import Choices, read_lerobot
+
+
+def files_of(path):
+    return sorted((path / "data").rglob("*.parquet"))
+
+
+def change_rows(path, change, files=None):
+    """Rewrites the tables of a dataset as ``change(table)`` returns them."""
+    for file in files or files_of(path):
+        pq.write_table(change(pq.read_table(file)), file)
+
+
+def change_numbers(path, name, change):
+    """Rewrites a column (rows, width): ``change(values, episodes)`` changes it in place."""
+
+    def apply(table):
+        values = np.array(table[name].to_pylist(), dtype=np.float64)
+        change(values, np.array(table["episode_index"].to_pylist()))
+        column = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel(), pa.float64()), values.shape[1])
+        return table.set_column(table.schema.get_field_index(name), name, column)
+
+    change_rows(path, apply)
+
+
+def info_of(path, **changes):
+    file = path / "meta" / "info.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+def facts_by_name(read):
+    return {(f.group, f.episode): f for f in read.facts}
+
+
+def permuted(table):
+    return table.take(np.random.default_rng(3).permutation(len(table)))
+
+
+def interleaved(table):
+    return table.take(np.argsort(np.tile(np.arange(STEPS), len(table) // STEPS), kind="stable"))
+
+
+@each(
+    "change",
+    [permuted, interleaved, lambda t: t.take(np.arange(len(t))[::-1]), lambda t: t.sort_by("task_index")],
+)
+@each("key", ["frame_index", "timestamp"])
+def test_the_order_of_the_rows_in_a_file_does_not_matter(tmp_path_factory, change, key):
+    path = make(tmp_path_factory.mktemp("set") / "set", "segments", "word", count=24)
+    if key == "timestamp":
+        change_rows(path, lambda t: t.rename_columns([{"frame_index": key}.get(n, n) for n in t.column_names]))
+    plain = read_lerobot(path)
+    assert "Order of the frames" not in plain.reading.paragraph
+    change_rows(path, change)
+    mixed = read_lerobot(path)
+    assert facts_by_name(mixed) == facts_by_name(plain)
+    told = f"Order of the frames: the rows of 2 files had to be sorted, by episode_index and {key}."
+    assert told in mixed.reading.paragraph
+
+
+def test_without_a_column_for_the_order_it_is_that_of_the_file(tmp_path):
+    path = make(tmp_path / "set", "plain", "word", count=24)
+    change_rows(path, lambda t: t.drop_columns(["frame_index"]))
+    plain = read_lerobot(path)
+    change_rows(path, interleaved)
+    mixed = read_lerobot(path)
+    assert facts_by_name(mixed) == facts_by_name(plain)
+    assert "by episode_index alone: no column tells the order of the frames" in mixed.reading.paragraph
+
+
+def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
+    path = make(tmp_path / "set", "plain", "word", count=24)
+    plain, (first, second) = read_lerobot(path), files_of(path)
+    one, two = pq.read_table(first), pq.read_table(second)
+    late = pa.compute.greater_equal(one["frame_index"], 20)
+    pq.write_table(pa.concat_tables([two, one.filter(late)]), first)
+    pq.write_table(one.filter(pa.compute.invert(late)), second)
+    read = read_lerobot(path)
+    assert facts_by_name(read) == facts_by_name(plain)
+    assert "12 episodes of which the frames stand in several files were joined" in read.reading.paragraph
+    pq.write_table(one, second)
+    with pytest.raises(RecordError, match=r"file-001\.parquet: episode 0 stands in the data twice"):
+        read_lerobot(path)
+
+
+def test_a_frame_that_stands_there_twice_is_refused(tmp_path):
+    path = make(tmp_path / "set", "plain", "clean", count=12)
+    change_rows(path, lambda t: pa.concat_tables([t, t.slice(3, 1)]), files_of(path)[:1])
+    with pytest.raises(RecordError, match=r"episode 0 stands in the data twice \(frame_index 3\)\. .*remove the rows"):
+        read_lerobot(path)
