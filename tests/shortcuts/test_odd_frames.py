@@ -103,3 +103,54 @@ def test_a_frame_that_stands_there_twice_is_refused(tmp_path):
     change_rows(path, lambda t: pa.concat_tables([t, t.slice(3, 1)]), files_of(path)[:1])
     with pytest.raises(RecordError, match=r"episode 0 stands in the data twice \(frame_index 3\)\. .*remove the rows"):
         read_lerobot(path)
+
+
+def refusal(path, choices=None):
+    with pytest.raises(InvalidInputError) as refused:
+        read_lerobot(path, choices)
+    return str(refused.value)
+
+
+@each("layout, last", [("humanoid with hands", 27), ("no names", 3)])
+def test_the_advice_about_a_gripper_guesses_no_number(tmp_path_factory, layout, last):
+    said = refusal(make(tmp_path_factory.mktemp("set") / "set", layout, "clean", count=12))
+    assert f"--gripper 'action[N]', where N is the number that closes the gripper (0 to {last})" in said
+    assert not re.search(r"--(gripper|place) '?(action|observation\.state)(\[\d|:[a-z])", said)
+
+
+def test_numbers_that_may_be_the_gripper_are_listed_and_none_is_advised(tmp_path):
+    path = make(tmp_path / "set", "plain", "clean", count=12)
+    feature = {"dtype": "float32", "shape": [4], "names": ["gripper", "x", "y", "gripper"]}
+    info = json.loads((path / "meta" / "info.json").read_text())
+    info_of(path, features=info["features"] | {"action": feature})
+    said = refusal(path)
+    assert "gripper (0), gripper (3)" in said
+    assert "--gripper 'action[N]', where N is its number" in said
+    assert "action[N], where N is one of 0, 3" in refusal(path, Choices(grippers=("action:gripper",)))
+    assert "as COLUMN[N], where N is its number (0, 1, 2, 3)" in refusal(path, Choices(grippers=("action",)))
+    assert "action[ ] has 0 numbers. Give a number" in refusal(path, Choices(grippers=("action[ ]",)))
+
+
+def test_the_advice_about_places_lists_numbers_of_that_arm(tmp_path):
+    path = make(tmp_path / "set", "two arms, interleaved", "clean", count=12)
+    info = json.loads((path / "meta" / "info.json").read_text())
+    state = info["features"]["observation.state"]
+    names = ["left_x", "right_wrist", "left_y", "right_x", "left_z", "a", "left_gripper", "right_gripper"]
+    info_of(path, features=info["features"] | {"observation.state": state | {"names": names}})
+    said = refusal(path, Choices(grippers=("action:right_gripper",)))
+    assert "no names tell where the right arm is" in said
+    assert "observation.state has observation.state:right_wrist, observation.state:right_x" in said
+    assert "left" not in said
+    assert "--place 'COLUMN[0,1,2]', with its own column and numbers, x first, counted from 0" in said
+
+
+@each("layout", ["ALOHA", "two arms, interleaved", "two arms, nested", "humanoid"])
+@each("side", ["left", "right"])
+def test_a_named_gripper_keeps_the_place_of_its_arm(tmp_path_factory, layout, side):
+    path = make(tmp_path_factory.mktemp("set") / "set", layout, "word", count=24)
+    usual = read_lerobot(path)
+    name = next(g.source.split()[0] for g in usual.reading.grippers if g.arm == side)
+    read = read_lerobot(path, Choices(grippers=(name,)))
+    assert [g.arm for g in read.reading.grippers] == [side]
+    assert read.reading.places == tuple(p for p in usual.reading.places if p.arm == side)
+    assert [f.steps for f in read.facts] == [f.steps for f in usual.facts if f.group.endswith(f"{side} arm")]

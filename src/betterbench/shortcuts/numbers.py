@@ -266,5 +266,6 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
     if len(found) > 1:
         problem = f"{len(found)} numbers of {column} are called {one_line(name, most=80)!r}"
-        raise InvalidInputError(option, problem, f"Give {column}[{found[0].index}] or the like")
+        which = ", ".join(str(n.index) for n in found[:8])
+        raise InvalidInputError(option, problem, f"Give {column}[N], where N is one of {which}")
     return (found[0],)
