@@ -12,7 +12,7 @@ import pytest
 from tests.looping import each
 from tests.shortcuts.strangers import STEPS, make
 
-from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.shortcuts.lerobot import Choices, read_lerobot
 
 
@@ -111,7 +111,7 @@ def refusal(path, choices=None):
     return str(refused.value)
 
 
-@each("layout, last", [("humanoid with hands", 27), ("no names", 3)])
+@each("layout, last", [("humanoid with hands", 27), ("no names", 3)], lambda layout, _: layout)
 def test_the_advice_about_a_gripper_guesses_no_number(tmp_path_factory, layout, last):
     said = refusal(make(tmp_path_factory.mktemp("set") / "set", layout, "clean", count=12))
     assert f"--gripper 'action[N]', where N is the number that closes the gripper (0 to {last})" in said
@@ -154,3 +154,93 @@ def test_a_named_gripper_keeps_the_place_of_its_arm(tmp_path_factory, layout, si
     assert [g.arm for g in read.reading.grippers] == [side]
     assert read.reading.places == tuple(p for p in usual.reading.places if p.arm == side)
     assert [f.steps for f in read.facts] == [f.steps for f in usual.facts if f.group.endswith(f"{side} arm")]
+
+
+def noisy_arm(path, noise, column=13):
+    """Puts numbers (rows,) in the place of the right gripper of the layout ALOHA."""
+
+    def change(values, episodes):
+        values[:, column] = noise(np.random.default_rng(5), episodes)
+
+    change_numbers(path, "action", change)
+
+
+IDLE = {
+    "normal": lambda draw, e: draw.normal(0, 0.008, len(e)),
+    "even": lambda draw, e: draw.uniform(-0.02, 0.02, len(e)),
+    "two steps of a sensor": lambda draw, e: draw.choice([0.0, 0.02], len(e)),
+    "an offset by episode": lambda draw, e: draw.choice([0.0, 0.05], e.max() + 1)[e],
+    "constant": lambda _, e: np.zeros(len(e)),
+}
+
+
+@each("kind", IDLE)
+def test_the_gripper_of_an_idle_arm_is_left_out(tmp_path_factory, kind):
+    path = make(tmp_path_factory.mktemp("set") / "set", "ALOHA", "word", count=40)
+    noisy_arm(path, IDLE[kind])
+    read = read_lerobot(path)
+    assert [g.arm for g in read.reading.grippers] == ["left"]
+    assert {f.group for f in read.facts} == {"LeRobot dataset set, left arm"}
+    (told,) = read.reading.left_out
+    assert re.match(r"the gripper action:right_gripper, which never moves \(range \S+ to \S+", told)
+    assert ("under 10 % of that of action:left_gripper" in told) == (kind != "constant")
+
+
+def test_a_small_gripper_that_is_held_at_two_ends_is_no_idle_one(tmp_path):
+    path = make(tmp_path / "set", "ALOHA", "word", count=40)
+    change_numbers(path, "action", lambda values, _: values.__setitem__((..., 13), 0.08 * values[:, 13]))
+    assert [g.arm for g in read_lerobot(path).reading.grippers] == ["left", "right"]
+
+
+def test_an_arm_is_idle_beside_a_gripper_in_meters_too(tmp_path):
+    path = make(tmp_path / "set", "ALOHA", "word", count=40)
+    change_numbers(path, "action", lambda values, _: values.__setitem__((..., 6), 0.08 * values[:, 6]))
+    noisy_arm(path, lambda draw, e: draw.normal(0.04, 0.001, len(e)))
+    assert "which never moves (range 0.03" in read_lerobot(path).reading.paragraph
+    noisy_arm(path, lambda draw, e: draw.uniform(-0.02, 0.02, len(e)))
+    told = r"never moves \(range -0.0\d+ to 0.0\d+, smaller than that of action:left_gripper, and as fast as noise\)"
+    assert re.search(told, read_lerobot(path).reading.paragraph)
+
+
+@each("value, reason", [
+    (float("nan"), "a number that is not finite"),
+    (float("inf"), "a number that is not finite"),
+    (-3e38, "a number beyond 1,000,000 on either side of 0"),
+    (1.1e6, "a number beyond 1,000,000 on either side of 0"),
+], lambda value, _: value)  # fmt: skip
+@each("name", ["action", "observation.state"])
+def test_an_episode_with_a_number_that_cannot_be_used_is_left_out(tmp_path_factory, name, value, reason):
+    path = make(tmp_path_factory.mktemp("set") / "set", "no names", "word", count=24)
+    chosen = Choices(grippers=("action[3]",), places=("observation.state[0,1,2]",))
+    plain = facts_by_name(read_lerobot(path, chosen))
+    change_numbers(
+        path, name, lambda v, e: v.__setitem__((np.flatnonzero(e == 12)[5:6], 3 if name == "action" else 1), value)
+    )
+    read = read_lerobot(path, chosen)
+    assert {f.episode for f in read.facts} == {episode for _, episode in plain} - {"episode 12"}
+    assert (read.reading.episodes, read.reading.of) == (23, 24)
+    assert f"Left out: 1 episode with {reason} (in {name}): episode 12." in read.reading.paragraph
+    change_numbers(path, name, lambda v, e: v.__setitem__((e < 12, slice(None)), value))
+    said = refusal(path, chosen)
+    assert f"13 of 24 episodes cannot be used: episode 0 has {reason} (in {name})" in said
+    assert "Name other columns with --gripper, --place or --instruction, or write these numbers again" in said
+
+
+def test_numbers_that_are_not_read_may_be_anything(tmp_path):
+    path = make(tmp_path / "set", "plain", "word", count=24)
+    change_numbers(path, "action", lambda values, _: values.__setitem__((..., 0), np.nan))
+    assert read_lerobot(path).reading.left_out == ()
+
+
+@each("name", ["task_index", "frame_index"])
+def test_an_episode_without_number_of_task_or_frame_is_left_out(tmp_path_factory, name):
+    path = make(tmp_path_factory.mktemp("set") / "set", "plain", "word", count=24)
+
+    def change(table):
+        values = table[name].to_pylist()
+        values[45] = None
+        return table.set_column(table.schema.get_field_index(name), name, pa.array(values))
+
+    change_rows(path, change, files_of(path)[1:])
+    told = "1 episode with a number that is not finite (in task_index or the order of the frames): episode 13"
+    assert read_lerobot(path).reading.left_out == (told,)

@@ -152,7 +152,7 @@ def test_pointers_of_git_lfs_are_named(tmp_path_factory, file):
     if file.startswith("data"):
         reading = read_lerobot(path).reading
         assert (reading.episodes, reading.of) == (11, 12)
-        assert "1 files that are pointers of Git LFS" in reading.paragraph
+        assert "1 file that is a pointer of Git LFS" in reading.paragraph
         for data in (path / "data").rglob("*.parquet"):
             data.write_bytes(POINTER)
     with pytest.raises(BetterError, match=rf"{file.rpartition('/')[2]}.*a pointer of Git LFS.*git lfs pull"):

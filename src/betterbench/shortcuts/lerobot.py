@@ -19,7 +19,7 @@ import numpy.typing as npt
 from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
-from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of
+from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of, still_ones
 from betterbench.shortcuts.lerobot_choice import ArmPlace, Columns, Grip, choose_grippers, choose_places
 from betterbench.shortcuts.lerobot_files import (
     CURE,
@@ -32,7 +32,6 @@ from betterbench.shortcuts.lerobot_files import (
     read_info,
     read_json,
     read_tasks,
-    require_finite_column,
     runs,
     task_columns,
     texts_in,
@@ -43,10 +42,18 @@ from betterbench.shortcuts.places import direction, in_plane, place_names, princ
 from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
 from betterbench.statistics.wording import plural
 
+MOST_NUMBER = 1e6
+"""Largest number of a state or an action that is read.
+
+Meters, radians and degrees stay far below it, as do millimeters and the ticks of an encoder (4,096 to 65,536 a turn).
+"""
+NOT_FINITE = "a number that is not finite"
+BEYOND = f"a number beyond {MOST_NUMBER:,.0f} on either side of 0"
 MOST_EPISODES = 5000
 """Most episodes that are read; the test needs no more."""
 USUAL_FPS = 10.0
 _MOST_COUNT = 10**9
+_MOST_LISTED = 8
 _MAX_JSON_BYTES = 64 * 1024 * 1024
 _SPACES = {
     "position": "",
@@ -123,22 +130,31 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     widths = {
         n.column: len(numbers[n.column]) for n in (*(g.number for g in grips), *(n for p in places for n in p.numbers))
     }
-    episodes = _read(scanned, chosen, grips, places, widths)
-    arms = []
-    for pair in zip(grips, places, strict=True):
-        jaws = jaws_of(pair[0], [e.grips[pair[0].arm] for e in episodes], given.closed, where)
-        arms.append(_Arm.of(pair, jaws, episodes, _shortest(info)))
-    moving = [arm for arm in arms if arm.jaws is not None]
-    if not moving:
-        still = ", ".join(arm.grip.number.shown for arm in arms)
-        raise InvalidInputError(str(path), f"the gripper ({still}) never moves", "Say which it is with --gripper")
+    episodes, odd = _read(scanned, chosen, grips, places, widths)
+    for reason, left in scanned.odd.items():
+        odd.setdefault(reason, []).extend(left)
+    _require_mostly_usable(path, odd, len(chosen) + sum(map(len, scanned.odd.values())))
+    shortest = _shortest(info)
+    values = [(grip, [e.grips[grip.arm] for e in episodes]) for grip in grips]
+    arms, still = [], []
+    for (grip, numbers_of), place, idle in zip(values, places, still_ones(values, shortest), strict=True):
+        if idle is None:
+            jaws = jaws_of(grip, numbers_of, given.closed, where)
+            arms.append(_Arm.of((grip, place), jaws, episodes, shortest))
+        else:
+            still.append(f"the gripper {grip.number.shown}, {idle.told}")
+    if not arms:
+        shown = ", ".join(grip.number.shown for grip in grips)
+        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Say which it is with --gripper")
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
-    for arm in moving:
-        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(arms) > 1 else name, arm, episodes)
-    if len(moving) > 1:
-        facts += _facts_on_arms(name, moving, episodes)
-    return LeRobotFacts(tuple(facts), _reading(_Read(info, said, scanned, tuple(episodes), tuple(arms), given.seed)))
+    for arm in arms:
+        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(grips) > 1 else name, arm, episodes)
+    if len(arms) > 1:
+        facts += _facts_on_arms(name, arms, episodes)
+    not_drawn = len(scanned.episodes) - len(chosen)
+    read = _Read(info, said, scanned, tuple(episodes), tuple(arms), tuple(still), odd, not_drawn, given.seed)
+    return LeRobotFacts(tuple(facts), _reading(read))
 
 
 def _modality(path: Path) -> Mapping[str, Any]:
@@ -204,7 +220,7 @@ class _Said:
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
         """Return the number of each row's instruction in ``known``, to which new ones are added.
 
-        Raises RecordError if a number has no text.
+        It is -1 where the column has a number that is not finite. Raises RecordError if a number has no text.
         """
         texts = texts_in(file, self.column, column)
         if texts is not None:
@@ -214,9 +230,9 @@ class _Said:
                 problem = f"{self.column} holds no texts"
                 raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
             values = numbers_in(file, self.column, column, 1)
-            require_finite_column(file, self.column, values)
-            values = np.clip(values, -_MOST_COUNT, 2.0 * _MOST_COUNT)
-            unique, codes = np.unique(values.astype(np.int64), return_inverse=True)
+            finite = np.isfinite(values)
+            counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
+            unique, codes_of = np.unique(counts.astype(np.int64), return_inverse=True)
             unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
             if unknown:
                 raise RecordError(
@@ -224,14 +240,16 @@ class _Said:
                     "Write the file of tasks again."
                 )
             listed = [self.tasks.texts[int(n)] for n in unique]
+            codes = np.full(len(values), len(listed) + 1, dtype=np.int64)
+            codes[finite] = codes_of
         clean = [text if text is not None and text.strip() else None for text in (*listed, None)]
-        numbers = np.array([known.setdefault(text, len(known)) for text in clean], dtype=np.int64)
-        return np.asarray(numbers[codes], dtype=np.int64)
+        numbers = np.array([*(known.setdefault(text, len(known)) for text in clean), -1], dtype=np.int64)
+        return np.asarray(numbers[np.where(codes < 0, len(listed), codes)], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """An episode: its rows by file in the order of its frames, and its segments: rows from its start, and instruction."""
+    """An episode: its rows by file in the order of its frames, and its segments (rows from its start, instruction)."""
 
     index: int
     parts: tuple[Part, ...]
@@ -253,6 +271,7 @@ class _Scanned:
         short: Episodes of less than two frames.
         silent: Episodes without an instruction.
         pointers: Files that are pointers of Git LFS.
+        odd: Numbers of the episodes with numbers that cannot be used, by the reason.
     """
 
     episodes: list[_Stretch] = field(default_factory=list)
@@ -260,11 +279,12 @@ class _Scanned:
     short: int = 0
     silent: int = 0
     pointers: int = 0
+    odd: dict[str, list[int]] = field(default_factory=dict)
 
     @property
     def there(self) -> int:
         """How many episodes the files hold."""
-        return len(self.episodes) + self.short + self.silent
+        return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
@@ -286,12 +306,15 @@ def _scan(path: Path, said: _Said) -> _Scanned:
         order_of_parts = joined(number, [part for part, _ in some])
         said_in = [run for i in order_of_parts for run in some[i][1]]
         stretch = _Stretch(number, tuple(some[i][0] for i in order_of_parts), _segments(said_in, texts))
-        if stretch.length < 2:
+        if not all(part.finite for part in stretch.parts) or any(code < 0 for _, code in said_in):
+            found.odd.setdefault(f"{NOT_FINITE} (in {said.column} or the order of the frames)", []).append(number)
+        elif stretch.length < 2:
             found.short += 1
         elif not stretch.segments:
             found.silent += 1
         else:
             found.episodes.append(stretch)
+    _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
         problem = f"none of the {found.silent} episodes has an instruction"
         raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
@@ -300,11 +323,21 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     return found
 
 
+def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int) -> None:
+    """Raise InvalidInputError if more than half of the episodes have numbers that cannot be used."""
+    count = sum(map(len, odd.values()))
+    if 2 * count > of:
+        reason = next(iter(odd))
+        problem = f"{count:,} of {_count(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
+        cure = "Name other columns with --gripper, --place or --instruction, or write these numbers again"
+        raise InvalidInputError(str(path), problem, cure)
+
+
 def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
     """Return the segments of two frames or more that have an instruction, of runs of frames and the codes of texts."""
     found, at = [], 0
     for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
-        size, text = sum(length for length, _ in group), texts[code]
+        size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
         if text is not None and size >= 2:
             found.append((at, at + size, text))
         at += size
@@ -347,8 +380,9 @@ def _read(
     grips: Sequence[Grip],
     places: Sequence[ArmPlace],
     widths: Mapping[str, int],
-) -> list[_Episode]:
-    """Return the numbers of some episodes."""
+) -> tuple[list[_Episode], dict[str, list[int]]]:
+    """Return the numbers of some episodes, and which of them have numbers that cannot be used, by the reason."""
+    odd: dict[str, list[int]] = {}
     by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
     for stretch in chosen:
         for i, part in enumerate(stretch.parts):
@@ -361,7 +395,6 @@ def _read(
         rows = {}
         for name, width in widths.items():
             values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
-            require_finite_column(file, name, values)
             rows[name] = values[scanned.orders[file].rows] if file in scanned.orders else values
         for stretch, i in some:
             part, there = stretch.parts[i], pieces.setdefault(stretch.index, {})
@@ -369,8 +402,19 @@ def _read(
             if len(there) == len(stretch.parts):
                 del pieces[stretch.index]
                 cut = {name: np.concatenate([there[k][name] for k in range(len(there))]) for name in widths}
-                found[stretch.index] = _episode(stretch, grips, places, cut, used)
-    return [found[stretch.index] for stretch in chosen]
+                reason = next(filter(None, itertools.starmap(_odd, cut.items())), "")
+                if reason:
+                    odd.setdefault(reason, []).append(stretch.index)
+                else:
+                    found[stretch.index] = _episode(stretch, grips, places, cut, used)
+    return [found[stretch.index] for stretch in chosen if stretch.index in found], odd
+
+
+def _odd(column: str, values: _Floats) -> str:
+    """Return why numbers cannot be used, "" if they can."""
+    if not np.isfinite(values).all():
+        return f"{NOT_FINITE} (in {column})"
+    return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
 
 
 def _episode(
@@ -404,7 +448,7 @@ class _Arm:
     Attributes:
         grip: Its gripper.
         place: Where it is.
-        jaws: How its gripper is read, None if that never moves.
+        jaws: How its gripper is read.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens.
         share_closed: Share of all rows in which it is closed.
@@ -414,7 +458,7 @@ class _Arm:
 
     grip: Grip
     place: ArmPlace
-    jaws: Jaws | None
+    jaws: Jaws
     closings: tuple[tuple[int, ...], ...]
     openings: tuple[tuple[int, ...], ...]
     share_closed: float
@@ -423,12 +467,12 @@ class _Arm:
     span: float
 
     @classmethod
-    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws | None, episodes: Sequence[_Episode], shortest: int) -> _Arm:
+    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
         """Return what an arm does.
 
         Args:
             chosen: Its gripper and its place.
-            jaws: How its gripper is read, None if that never moves.
+            jaws: How its gripper is read.
             episodes: The numbers of all episodes.
             shortest: Rows for which a gripper is closed or open at least.
         """
@@ -441,9 +485,9 @@ class _Arm:
             plane = principal_plane(every)
             points = [in_plane(way, plane) for way in ways]
         span = float(max(np.ptp(np.concatenate([p[:: max(1, len(p) // 50)] for p in points]), axis=0).max(), 1e-9))
-        closed = [closed_in(values, jaws, shortest) for values in grips] if jaws is not None else []
+        closed = [closed_in(values, jaws, shortest) for values in grips]
         edges = [edges_of(rows) for rows in closed]
-        share = float(np.mean(np.concatenate(closed))) if closed else 0.0
+        share = float(np.mean(np.concatenate(closed)))
         return cls(
             grip,
             place,
@@ -507,13 +551,22 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """All that was read of a data set, to be told."""
+    """All that was read of a data set, to be told.
+
+    Attributes:
+        still: The grippers that never move, with the reason.
+        odd: Episodes that were left out for their numbers, by the reason.
+        not_drawn: How many episodes were left out by the sample.
+    """
 
     info: Mapping[str, Any]
     said: _Said
     scanned: _Scanned
     episodes: tuple[_Episode, ...]
     arms: tuple[_Arm, ...]
+    still: tuple[str, ...]
+    odd: Mapping[str, Sequence[int]]
+    not_drawn: int
     seed: int
 
     @property
@@ -536,14 +589,13 @@ def _reading(read: _Read) -> DataReading:
     if read.said.others:
         shown = ", ".join(one_line(other, most=60) for other in read.said.others[:4])
         instruction += f" (also there: {shown}; --instruction COLUMN reads another one)"
-    moving = [arm for arm in read.arms if arm.jaws is not None]
     return DataReading(
         episodes,
         max(read.listed or 0, read.scanned.there),
         observations,
         instruction,
-        tuple(_gripper(arm, arm.jaws) for arm in moving if arm.jaws is not None),
-        tuple(_place(arm) for arm in moving),
+        tuple(map(_gripper, read.arms)),
+        tuple(map(_place, read.arms)),
         about=tuple(_about(read.scanned)),
         left_out=tuple(_left_out(read)),
         warnings=tuple(_warnings(read)),
@@ -569,17 +621,22 @@ def _left_out(read: _Read) -> Iterator[str]:
     """Yield what was not read, and why."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
-        yield f"{(read.listed or 0) - scanned.there:,} episodes whose frames are not in the folder"
+        yield f"{_count((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
     if scanned.pointers:
-        yield f"{scanned.pointers:,} files that are pointers of Git LFS (run git lfs pull to fetch them)"
+        what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
+        yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
     if scanned.short:
-        yield f"{scanned.short:,} episodes of less than two frames"
+        yield f"{_count(scanned.short, 'episode')} of less than two frames"
     if scanned.silent:
-        yield f"{scanned.silent:,} episodes without an instruction"
-    if len(read.episodes) < len(scanned.episodes):
-        drawn = len(scanned.episodes) - len(read.episodes)
-        yield f"{drawn:,} episodes that were not drawn (each instruction in proportion, seed {read.seed})"
-    yield from (f"the gripper {arm.grip.number.shown}, which never moves" for arm in read.arms if arm.jaws is None)
+        yield f"{_count(scanned.silent, 'episode')} without an instruction"
+    for reason, left in sorted(read.odd.items()):
+        shown = ", ".join(map(str, sorted(left)[:_MOST_LISTED])) + (", ..." if len(left) > _MOST_LISTED else "")
+        yield f"{_count(len(left), 'episode')} with {reason}: {plural(len(left), 'episode').partition(' ')[2]} {shown}"
+    if read.not_drawn:
+        was = "was" if read.not_drawn == 1 else "were"
+        drawn = f"{_count(read.not_drawn, 'episode')} that {was} not drawn"
+        yield f"{drawn} (each instruction in proportion, seed {read.seed})"
+    yield from read.still
 
 
 def _warnings(read: _Read) -> Iterator[str]:
@@ -591,13 +648,14 @@ def _warnings(read: _Read) -> Iterator[str]:
         yield f"meta/info.json says {total:,} episodes, and the files hold {read.scanned.there:,}"
     for arm in read.arms:
         of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""
-        if arm.jaws is not None and arm.never:
+        if arm.never:
             yield f"the gripper{of_arm} never closes in {arm.never:,} of {len(read.episodes):,} episodes"
-        if arm.jaws is not None and arm.jaws.warning:
+        if arm.jaws.warning:
             yield arm.jaws.warning
 
 
-def _gripper(arm: _Arm, jaws: Jaws) -> GripperReading:
+def _gripper(arm: _Arm) -> GripperReading:
+    jaws = arm.jaws
     source = f"{arm.grip.number.shown} (by {arm.grip.by})"
     return GripperReading(
         arm.grip.arm, source, round(jaws.low, 6), round(jaws.high, 6), jaws.closed, jaws.because,

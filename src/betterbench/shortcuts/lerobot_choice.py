@@ -105,7 +105,9 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
         numbers = named_numbers("--gripper", text, columns.numbers)
         if len(numbers) != 1:
             problem = f"{one_line(text, most=80)} has {len(numbers)} numbers"
-            which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (", ..." if len(numbers) > MOST_SHOWN else "")
+            which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
+                ", ..." if len(numbers) > MOST_SHOWN else ""
+            )
             cure = f"Give one of them, as COLUMN[N], where N is its number ({which})" if which else "Give a number"
             raise InvalidInputError("--gripper", problem, cure)
         found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))

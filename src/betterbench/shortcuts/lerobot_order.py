@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +17,8 @@ from betterbench.shortcuts.lerobot_files import column_names, numbers_in, read_c
 _KEYS = ("frame_index", "timestamp")
 """Columns that tell the order of the frames of an episode, the first one that is there."""
 _MOST_INDEX = 2**53
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int64]
@@ -57,9 +61,9 @@ class FileOrder:
         rows = np.lexsort((frames, episodes)).astype(np.int64)
         return cls(episodes[rows], frames[rows], key, rows)
 
-    def sort(self, values: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def sort(self, values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
         """Return values (rows, ...) of the file in this order."""
-        return values if self.rows is None else values[self.rows]
+        return values if self.rows is None else np.asarray(values[self.rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,7 @@ class Part:
         key: Column that tells the order of its frames, "" if none does.
         first: Value of this column in the first row.
         last: Value in the last row.
+        finite: Whether it is a finite number in all of them.
     """
 
     file: Path
@@ -81,16 +86,17 @@ class Part:
     key: str
     first: float
     last: float
+    finite: bool
 
     @classmethod
     def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> Part:
         """Return a part of an episode; RecordError if a frame stands there twice."""
         frames = order.frames[start:stop]
-        same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else ()
-        if len(same):
+        same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
+        if same.size:
             frame = f"(frame_index {frames[same[0]]:.0f})"
             raise RecordError(f"{file}: episode {order.episodes[start]} stands in the data twice {frame}. {_CURE}.")
-        return cls(file, start, stop, order.key, float(frames[0]), float(frames[-1]))
+        return cls(file, start, stop, order.key, float(frames[0]), float(frames[-1]), bool(np.isfinite(frames).all()))
 
     def __len__(self) -> int:
         """How many rows it has."""
@@ -103,8 +109,10 @@ _CURE = "Fetch the files again, or remove the rows that are there twice"
 def joined(episode: int, parts: Sequence[Part]) -> list[int]:
     """Return the order of the parts of an episode; RecordError if two of them hold frames of the same time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
-    for a, b in zip(order, order[1:], strict=False):
+    for a, b in itertools.pairwise(order):
         before, after = parts[a], parts[b]
+        if not (before.finite and after.finite):
+            continue  # such an episode is left out
         if not before.key or before.key != after.key or not before.last < after.first:
             raise RecordError(f"{parts[max(a, b)].file}: episode {episode} stands in the data twice. {_CURE}.")
     return order
