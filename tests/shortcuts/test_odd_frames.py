@@ -92,7 +92,7 @@ def test_an_episode_in_two_files_is_one_if_its_frames_differ(tmp_path):
     pq.write_table(one.filter(pa.compute.invert(late)), second)
     read = read_lerobot(path)
     assert facts_by_name(read) == facts_by_name(plain)
-    assert "12 episodes of which the frames stand in several files were joined" in read.reading.paragraph
+    assert "12 episodes with frames in several files had to be joined" in read.reading.paragraph
     pq.write_table(one, second)
     with pytest.raises(RecordError, match=r"file-001\.parquet: episode 0 stands in the data twice"):
         read_lerobot(path)
@@ -244,3 +244,48 @@ def test_an_episode_without_number_of_task_or_frame_is_left_out(tmp_path_factory
     change_rows(path, change, files_of(path)[1:])
     told = "1 episode with a number that is not finite (in task_index or the order of the frames): episode 13"
     assert read_lerobot(path).reading.left_out == (told,)
+
+
+@each("fps, told", [
+    (None, "is missing"), (0, "is 0,"), ("10", "is '10',"), (float("nan"), "is nan,"), (True, "is True,"),
+    (-5, "is -5,"), (10**400, "is 1000"),
+], lambda fps, _: repr(fps))  # fmt: skip
+def test_a_rate_that_is_assumed_is_told(tmp_path_factory, fps, told):
+    path = make(tmp_path_factory.mktemp("set") / "set", "plain", "word", count=12)
+    plain = read_lerobot(path)
+    info_of(path, fps=fps)
+    read = read_lerobot(path)
+    assert read.facts == plain.facts
+    assert f"Warning: fps in meta/info.json {told}" in read.reading.paragraph
+    assert "; 10 frames per second were assumed." in read.reading.paragraph
+
+
+def test_a_number_with_too_many_digits_is_one_line_without_advice_about_python(tmp_path):
+    path = make(tmp_path / "set", "pretty JSON, width", "clean", count=12)
+    tasks, info = path / "meta" / "tasks.jsonl", path / "meta" / "info.json"
+    kept = tasks.read_text()
+    tasks.write_text(f'{{"task_index": {"9" * 5000}, "task": "a"}}')
+    with pytest.raises(RecordError, match=r"a whole number of more than 4,300 digits"):
+        read_lerobot(path)
+    tasks.write_text(kept)
+    info.write_text(info.read_text().replace('"total_episodes": 12', f'"total_episodes": {"9" * 5000}'))
+    said = refusal(path)
+    assert said.endswith("it holds a whole number of more than 4,300 digits. Correct this number.")
+
+
+@each("text", ["action[" + "9" * 5000 + "]", "action[4]"])
+def test_a_number_that_there_is_not_is_one_short_line(tmp_path_factory, text):
+    path = make(tmp_path_factory.mktemp("set") / "set", "plain", "clean", count=12)
+    said = refusal(path, Choices(grippers=(text,)))
+    assert "action has 4 numbers, and " in said
+    assert len(said) < 200
+
+
+def test_one_episode_is_no_plural(tmp_path):
+    path = make(tmp_path / "set", "plain", "clean", count=2)
+    change_rows(path, lambda t: t.slice(0, 1), files_of(path)[:1])
+    paragraph = read_lerobot(path).reading.paragraph
+    assert paragraph.startswith("Read: 1 of 2 episodes.")
+    assert "Left out: 1 episode of less than two frames." in paragraph
+    info_of(path, total_episodes=1)
+    assert "meta/info.json says 1 episode, and the files hold 2." in read_lerobot(path).reading.paragraph

@@ -39,8 +39,7 @@ from betterbench.shortcuts.lerobot_files import (
 from betterbench.shortcuts.lerobot_order import FileOrder, Part, joined
 from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
 from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
-from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
-from betterbench.statistics.wording import plural
+from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading, how_many
 
 MOST_NUMBER = 1e6
 """Largest number of a state or an action that is read.
@@ -52,6 +51,7 @@ BEYOND = f"a number beyond {MOST_NUMBER:,.0f} on either side of 0"
 MOST_EPISODES = 5000
 """Most episodes that are read; the test needs no more."""
 USUAL_FPS = 10.0
+_MOST_FPS = 1e4
 _MOST_COUNT = 10**9
 _MOST_LISTED = 8
 _MAX_JSON_BYTES = 64 * 1024 * 1024
@@ -316,7 +316,7 @@ def _scan(path: Path, said: _Said) -> _Scanned:
             found.episodes.append(stretch)
     _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
-        problem = f"none of the {found.silent} episodes has an instruction"
+        problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
         raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
     if not found.episodes:
         raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
@@ -328,7 +328,7 @@ def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int
     count = sum(map(len, odd.values()))
     if 2 * count > of:
         reason = next(iter(odd))
-        problem = f"{count:,} of {_count(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
+        problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
         cure = "Name other columns with --gripper, --place or --instruction, or write these numbers again"
         raise InvalidInputError(str(path), problem, cure)
 
@@ -508,9 +508,14 @@ class _Arm:
 
 def _shortest(info: Mapping[str, Any]) -> int:
     """Return the least number of frames in which a gripper is closed or open."""
+    return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
+
+
+def _rate(info: Mapping[str, Any]) -> float | None:
+    """Return the frames per second that a data set says it has, None if it says nothing that can be."""
     fps = info.get("fps")
-    rate = float(fps) if isinstance(fps, int | float) and 0.0 < fps < 1e4 else USUAL_FPS
-    return max(1, round(SHORTEST_S * rate))
+    known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0.0 < fps < _MOST_FPS
+    return float(fps) if known and fps is not None else None
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
@@ -602,39 +607,35 @@ def _reading(read: _Read) -> DataReading:
     )
 
 
-def _count(count: int, one: str) -> str:
-    """Return "1 episode", "1,200 episodes"."""
-    return f"{count:,} {plural(count, one).partition(' ')[2]}"
-
-
 def _about(scanned: _Scanned) -> Iterator[str]:
     """Yield how the frames were put in order, where their files did not have them so."""
     for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
         by = f"by episode_index and {key}" if key else "by episode_index alone: no column tells the order of the frames"
-        yield f"Order of the frames: the rows of {_count(group, 'file')} had to be sorted, {by}"
+        yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
     split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
     if split:
-        yield f"Order of the frames: {_count(split, 'episode')} of which the frames stand in several files were joined"
+        yield f"Order of the frames: {how_many(split, 'episode')} with frames in several files had to be joined"
 
 
 def _left_out(read: _Read) -> Iterator[str]:
     """Yield what was not read, and why."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
-        yield f"{_count((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
+        yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
     if scanned.pointers:
         what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
         yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
     if scanned.short:
-        yield f"{_count(scanned.short, 'episode')} of less than two frames"
+        yield f"{how_many(scanned.short, 'episode')} of less than two frames"
     if scanned.silent:
-        yield f"{_count(scanned.silent, 'episode')} without an instruction"
+        yield f"{how_many(scanned.silent, 'episode')} without an instruction"
     for reason, left in sorted(read.odd.items()):
-        shown = ", ".join(map(str, sorted(left)[:_MOST_LISTED])) + (", ..." if len(left) > _MOST_LISTED else "")
-        yield f"{_count(len(left), 'episode')} with {reason}: {plural(len(left), 'episode').partition(' ')[2]} {shown}"
+        numbers = ", ".join(map(str, sorted(left)[:_MOST_LISTED])) + (", ..." if len(left) > _MOST_LISTED else "")
+        shown = f"episode {numbers}" if len(left) == 1 else f"episodes {numbers}"
+        yield f"{how_many(len(left), 'episode')} with {reason}: {shown}"
     if read.not_drawn:
         was = "was" if read.not_drawn == 1 else "were"
-        drawn = f"{_count(read.not_drawn, 'episode')} that {was} not drawn"
+        drawn = f"{how_many(read.not_drawn, 'episode')} that {was} not drawn"
         yield f"{drawn} (each instruction in proportion, seed {read.seed})"
     yield from read.still
 
@@ -645,11 +646,15 @@ def _warnings(read: _Read) -> Iterator[str]:
     if read.listed is None and total is not None:
         yield "total_episodes in meta/info.json is no count of episodes"
     elif 0 < (read.listed or 0) < read.scanned.there:
-        yield f"meta/info.json says {total:,} episodes, and the files hold {read.scanned.there:,}"
+        yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, and the files hold {read.scanned.there:,}"
+    if _rate(read.info) is None:
+        fps = read.info.get("fps")
+        found = "is missing" if fps is None else f"is {one_line(repr(fps), most=40)}, which is no rate"
+        yield f"fps in meta/info.json {found}; {USUAL_FPS:.0f} frames per second were assumed"
     for arm in read.arms:
         of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""
         if arm.never:
-            yield f"the gripper{of_arm} never closes in {arm.never:,} of {len(read.episodes):,} episodes"
+            yield f"the gripper{of_arm} never closes in {arm.never:,} of {how_many(len(read.episodes), 'episode')}"
         if arm.jaws.warning:
             yield arm.jaws.warning
 
