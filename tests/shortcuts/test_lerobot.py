@@ -135,7 +135,7 @@ def test_episodes_that_are_missing_or_stand_there_twice_are_told(tmp_path):
     last.unlink()
     reading = read_lerobot(path).reading
     assert (reading.episodes, reading.of) == (11, 12)
-    assert reading.left_out == ("1 episodes whose frames are not in the folder",)
+    assert reading.left_out == ("1 episode whose frames are not in the folder",)
     last.write_bytes(first.read_bytes())
     with pytest.raises(RecordError, match=r"episode_000011\.parquet: episode 0 stands in the data twice"):
         facts_of_lerobot(path)
@@ -214,9 +214,13 @@ def changed(name, change):
     [
         (lambda t: t.drop_columns(["action"]), "has no column action"),
         (lambda t: t.drop_columns(["task_index"]), "has no column task_index"),
-        (changed("action", lambda v: [[float("nan")] * 4, *v[1:]]), "action is no finite number in row 0"),
-        (changed("observation.state", lambda v: [*v[:-1], [0.0, 0.0, float("inf"), 0.0]]), r"observation\.state is no"),
-        (changed("task_index", lambda v: [None] * len(v)), "task_index is no finite number"),
+        (changed("action", lambda v: [[float("nan")] * 4] * len(v)), r"not finite \(in action\)"),
+        (
+            changed("observation.state", lambda v: [[0.0, 0.0, float("inf"), 0.0]] * len(v)),
+            r"\(in observation\.state\)",
+        ),
+        (changed("task_index", lambda v: [None] * len(v)), r"not finite \(in task_index"),
+        (changed("episode_index", lambda v: [None, *v[1:]]), "episode_index is no finite number in row 0"),
         (changed("action", lambda v: [x[:1] for x in v]), "does not have 4 numbers in each row"),
         (changed("observation.state", lambda v: [x[0] for x in v]), "800 numbers in 800 rows, and not 4"),
         (changed("action", lambda v: [[*v[0], *v[1][:2]], v[1][2:], *v[2:]]), "does not have 4 numbers in each row"),

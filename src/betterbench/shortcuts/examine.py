@@ -28,6 +28,7 @@ from betterbench.shortcuts.questions import (
 )
 from betterbench.shortcuts.reading import DataReading
 from betterbench.shortcuts.words import instruction_words, is_spaced, overlapping, shown_as, without_joined
+from betterbench.statistics.wording import plural
 from betterbench.tasks import get_task, task_names
 
 ALPHA = 0.05
@@ -354,15 +355,24 @@ def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
 
 
 def _least_found(title: str, n: int, words: int) -> list[str]:
-    """Return a note if so few demonstrations cannot show every rule that would count as strong."""
-    tests = words * 2 * len(WORD_OUTCOMES)
-    share = least_share(n, tests, ALPHA)
-    if share is None:
-        return [f"{title}: {n} demonstrations and {words} words are too few to show even a rule without an exception"]
-    if share <= _SHARE_OF_STRONG:
-        return []
-    least = f"that {100.0 * share:.0f} % of the demonstrations follow"
-    return [f"{title}: with {n} demonstrations and {words} words, the weakest rule that could be found is one {least}"]
+    """Return a note if so few demonstrations cannot show every rule of a word or of two that would be strong."""
+    questions = 2 * len(WORD_OUTCOMES)
+    one = least_share(n, words * questions, ALPHA)
+    # Of two even words, the rule is tested in the half that has the first one: with and without the second.
+    pairs = words * (words - 1) // 2
+    two = least_share(n // 2, pairs * questions, ALPHA) if n // 4 >= FEWEST else None
+    if one is None:
+        rule = "a rule without an exception" + (", of one word or of two together" if pairs else "")
+        return [f"{title}: {n} demonstrations and {plural(words, 'word')} are too few to show even {rule}"]
+    told = []
+    if one > _SHARE_OF_STRONG:
+        share = f"{100.0 * one:.0f} % of the demonstrations"
+        told.append(f"the weakest rule that could be found is one that {share} follow")
+    if pairs and two is None:
+        told.append("no rule of two words together could be found, not even one without an exception")
+    elif pairs and two is not None and two > _SHARE_OF_STRONG:
+        told.append(f"the weakest rule of two words together is one that {100.0 * two:.0f} % follow")
+    return [f"{title}: with {n} demonstrations and {plural(words, 'word')}, {'; '.join(told)}"] if told else []
 
 
 _SHARE_OF_STRONG = 0.89

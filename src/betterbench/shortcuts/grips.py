@@ -19,6 +19,10 @@ AGREEING = 0.9
 """Share of the episodes that begin on one side from which that side counts as open."""
 WIDTH_M = (0.005, 0.15)
 """Least and largest opening of a gripper whose numbers count as a width in meters [m]."""
+IDLE_SHARE = 0.1
+"""Range of a gripper, as a share of the largest one of the same column, below which it is the noise of an idle arm."""
+_BETWEEN = 0.1
+"""Share of the frames in the middle third of a range below which a gripper is at two ends, and not at rest."""
 _LEAST_RANGE = 1e-6
 
 _Floats = npt.NDArray[np.float64]
@@ -46,8 +50,74 @@ class Jaws:
     warning: str = ""
 
 
-def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws | None:
-    """Return how the numbers of a gripper are read, None if they never change.
+@dataclass(frozen=True, slots=True)
+class Still:
+    """Range of a gripper that counts as one that never moves, and the reason, "" if it is constant."""
+
+    low: float
+    high: float
+    reason: str = ""
+
+    @property
+    def told(self) -> str:
+        """The reason, for people."""
+        return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
+
+
+def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
+    """Return which grippers never move, and why: those that are constant, and those of an idle arm with noise.
+
+    Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
+    differs in the side alone), or less than that range and changes sides faster than a gripper is closed and opened.
+    A gripper that is held at two ends moves however small its range is: its numbers may have other units.
+
+    Args:
+        grips: Each gripper with its numbers (T,) by episode.
+        shortest: Rows for which a gripper is closed or open at least.
+    """
+    ends = [_ends(np.concatenate(episodes)) for _, episodes in grips]
+    found: list[Still | None] = []
+    for (grip, episodes), (low, high) in zip(grips, ends, strict=True):
+        beside = [
+            (other_high - other_low, other.number.shown)
+            for (other, _), (other_low, other_high) in zip(grips, ends, strict=True)
+            if other is not grip and _sideless(other.number.column) == _sideless(grip.number.column)
+        ]
+        widest, shown = max(beside, default=(0.0, ""))
+        if high - low < _LEAST_RANGE * max(1.0, abs(high)):
+            found.append(Still(low, high))
+        elif high - low >= widest:
+            found.append(None)
+        else:
+            middle = (low + high) / 2.0
+            sides = [(episode > middle).astype(np.int64) for episode in episodes]
+            stays = [b - a for side in sides if side.min() < side.max() for a, b in runs(side)]
+            stay = float(np.median(stays)) if stays else 0.0
+            third = (high - low) / 6.0
+            between = float(np.mean(np.abs(np.concatenate(episodes) - middle) < third))
+            if high - low < IDLE_SHARE * widest and not (stay >= shortest and between < _BETWEEN):
+                found.append(Still(low, high, f", under {100.0 * IDLE_SHARE:.0f} % of that of {shown}"))
+            elif stays and stay < shortest:
+                found.append(Still(low, high, f", smaller than that of {shown}, and as fast as noise"))
+            else:
+                found.append(None)
+    return found
+
+
+def _sideless(column: str) -> tuple[str, ...]:
+    return tuple(word for word in tokens(column) if word not in ("left", "right", "l", "r") and not word.isdigit())
+
+
+def _ends(values: _Floats) -> tuple[float, float]:
+    """Return the range of numbers without the lowest and the highest 1 %; all of it if nearly all are equal."""
+    low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
+    if high - low < _LEAST_RANGE:
+        low, high = float(values.min()), float(values.max())
+    return low, high
+
+
+def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
+    """Return how the numbers of a gripper that moves are read.
 
     The closed end is told by the name ("width", "closed"), by numbers that are a width in meters, by LeRobot's rule for
     ``gripper.pos`` (0 closed, 100 open), or by where episodes begin. The last two have to agree if both speak.
@@ -62,11 +132,7 @@ def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: st
         InvalidInputError: If nothing tells which end is the closed one, or two sources differ.
     """
     values = np.concatenate(episodes)
-    low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
-    if high - low < _LEAST_RANGE:
-        low, high = float(values.min()), float(values.max())
-    if high - low < _LEAST_RANGE * max(1.0, abs(high)):
-        return None
+    low, high = _ends(values)
     between = _between(values, low, high)
     share = float(np.mean([episode[0] > between for episode in episodes]))
     begins = "high" if share >= AGREEING else "low" if share <= 1.0 - AGREEING else ""

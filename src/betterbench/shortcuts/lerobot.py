@@ -6,6 +6,7 @@ and the place is told by names, and refused where they do not tell; :class:`Data
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from betterbench.errors import InvalidInputError, RecordError, one_line
 from betterbench.json_form import parse_json, read_bounded
 from betterbench.shortcuts.facts import EpisodeFacts, ShownStep
-from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of
+from betterbench.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of, still_ones
 from betterbench.shortcuts.lerobot_choice import ArmPlace, Columns, Grip, choose_grippers, choose_places
 from betterbench.shortcuts.lerobot_files import (
     CURE,
@@ -31,19 +32,28 @@ from betterbench.shortcuts.lerobot_files import (
     read_info,
     read_json,
     read_tasks,
-    require_finite_column,
     runs,
     task_columns,
     texts_in,
 )
+from betterbench.shortcuts.lerobot_order import FileOrder, Part, joined
 from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
 from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
-from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading
+from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading, how_many
 
+MOST_NUMBER = 1e6
+"""Largest number of a state or an action that is read.
+
+Meters, radians and degrees stay far below it, as do millimeters and the ticks of an encoder (4,096 to 65,536 a turn).
+"""
+NOT_FINITE = "a number that is not finite"
+BEYOND = f"a number beyond {MOST_NUMBER:,.0f} on either side of 0"
 MOST_EPISODES = 5000
 """Most episodes that are read; the test needs no more."""
 USUAL_FPS = 10.0
+_MOST_FPS = 1e4
 _MOST_COUNT = 10**9
+_MOST_LISTED = 8
 _MAX_JSON_BYTES = 64 * 1024 * 1024
 _SPACES = {
     "position": "",
@@ -120,22 +130,31 @@ def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
     widths = {
         n.column: len(numbers[n.column]) for n in (*(g.number for g in grips), *(n for p in places for n in p.numbers))
     }
-    episodes = _read(chosen, grips, places, widths)
-    arms = []
-    for pair in zip(grips, places, strict=True):
-        jaws = jaws_of(pair[0], [e.grips[pair[0].arm] for e in episodes], given.closed, where)
-        arms.append(_Arm.of(pair, jaws, episodes, _shortest(info)))
-    moving = [arm for arm in arms if arm.jaws is not None]
-    if not moving:
-        still = ", ".join(arm.grip.number.shown for arm in arms)
-        raise InvalidInputError(str(path), f"the gripper ({still}) never moves", "Say which it is with --gripper")
+    episodes, odd = _read(scanned, chosen, grips, places, widths)
+    for reason, left in scanned.odd.items():
+        odd.setdefault(reason, []).extend(left)
+    _require_mostly_usable(path, odd, len(chosen) + sum(map(len, scanned.odd.values())))
+    shortest = _shortest(info)
+    values = [(grip, [e.grips[grip.arm] for e in episodes]) for grip in grips]
+    arms, still = [], []
+    for (grip, numbers_of), place, idle in zip(values, places, still_ones(values, shortest), strict=True):
+        if idle is None:
+            jaws = jaws_of(grip, numbers_of, given.closed, where)
+            arms.append(_Arm.of((grip, place), jaws, episodes, shortest))
+        else:
+            still.append(f"the gripper {grip.number.shown}, {idle.told}")
+    if not arms:
+        shown = ", ".join(grip.number.shown for grip in grips)
+        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Say which it is with --gripper")
     name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
     facts: list[EpisodeFacts] = []
-    for arm in moving:
-        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(arms) > 1 else name, arm, episodes)
-    if len(moving) > 1:
-        facts += _facts_on_arms(name, moving, episodes)
-    return LeRobotFacts(tuple(facts), _reading(_Read(info, said, scanned, tuple(episodes), tuple(arms), given.seed)))
+    for arm in arms:
+        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(grips) > 1 else name, arm, episodes)
+    if len(arms) > 1:
+        facts += _facts_on_arms(name, arms, episodes)
+    not_drawn = len(scanned.episodes) - len(chosen)
+    read = _Read(info, said, scanned, tuple(episodes), tuple(arms), tuple(still), odd, not_drawn, given.seed)
+    return LeRobotFacts(tuple(facts), _reading(read))
 
 
 def _modality(path: Path) -> Mapping[str, Any]:
@@ -201,7 +220,7 @@ class _Said:
     def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
         """Return the number of each row's instruction in ``known``, to which new ones are added.
 
-        Raises RecordError if a number has no text.
+        It is -1 where the column has a number that is not finite. Raises RecordError if a number has no text.
         """
         texts = texts_in(file, self.column, column)
         if texts is not None:
@@ -211,9 +230,9 @@ class _Said:
                 problem = f"{self.column} holds no texts"
                 raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
             values = numbers_in(file, self.column, column, 1)
-            require_finite_column(file, self.column, values)
-            values = np.clip(values, -_MOST_COUNT, 2.0 * _MOST_COUNT)
-            unique, codes = np.unique(values.astype(np.int64), return_inverse=True)
+            finite = np.isfinite(values)
+            counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
+            unique, codes_of = np.unique(counts.astype(np.int64), return_inverse=True)
             unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
             if unknown:
                 raise RecordError(
@@ -221,20 +240,25 @@ class _Said:
                     "Write the file of tasks again."
                 )
             listed = [self.tasks.texts[int(n)] for n in unique]
+            codes = np.full(len(values), len(listed) + 1, dtype=np.int64)
+            codes[finite] = codes_of
         clean = [text if text is not None and text.strip() else None for text in (*listed, None)]
-        numbers = np.array([known.setdefault(text, len(known)) for text in clean], dtype=np.int64)
-        return np.asarray(numbers[codes], dtype=np.int64)
+        numbers = np.array([*(known.setdefault(text, len(known)) for text in clean), -1], dtype=np.int64)
+        return np.asarray(numbers[np.where(codes < 0, len(listed), codes)], dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class _Stretch:
-    """The rows of an episode in a file, and its segments: rows from its start, and the instruction."""
+    """An episode: its rows by file in the order of its frames, and its segments (rows from its start, instruction)."""
 
-    file: Path
     index: int
-    start: int
-    stop: int
+    parts: tuple[Part, ...]
     segments: tuple[tuple[int, int, str], ...]
+
+    @property
+    def length(self) -> int:
+        """How many frames it has."""
+        return sum(map(len, self.parts))
 
 
 @dataclass(slots=True)
@@ -243,53 +267,81 @@ class _Scanned:
 
     Attributes:
         episodes: Those that can.
+        orders: The files whose rows had to be sorted, with their order.
         short: Episodes of less than two frames.
         silent: Episodes without an instruction.
         pointers: Files that are pointers of Git LFS.
+        odd: Numbers of the episodes with numbers that cannot be used, by the reason.
     """
 
     episodes: list[_Stretch] = field(default_factory=list)
+    orders: dict[Path, FileOrder] = field(default_factory=dict)
     short: int = 0
     silent: int = 0
     pointers: int = 0
+    odd: dict[str, list[int]] = field(default_factory=dict)
 
     @property
     def there(self) -> int:
         """How many episodes the files hold."""
-        return len(self.episodes) + self.short + self.silent
+        return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
 def _scan(path: Path, said: _Said) -> _Scanned:
     """Return the episodes of all files with their instructions; RecordError if one stands there twice."""
     frames = Frames.of(path)
     frames.require_some(path)
-    found, seen, known = _Scanned(pointers=len(frames.pointers)), set[int](), dict[str | None, int]()
+    found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
+    parts: dict[int, list[tuple[Part, list[tuple[int, int]]]]] = {}
     for file in frames.files:
-        columns = read_columns(file, {"episode_index": 1, said.column: 1})
-        numbers = numbers_in(file, "episode_index", columns["episode_index"], 1)
-        require_finite_column(file, "episode_index", numbers)
-        index = numbers.astype(np.int64)
-        codes = said.codes(file, columns[said.column], known)
-        texts = list(known)
-        for start, stop in runs(index):
-            number = int(index[start])
-            if number in seen:
-                raise RecordError(f"{file}: episode {number} stands in the data twice. Fetch the files again.")
-            seen.add(number)
-            cut = [(a, b, texts[codes[start + a]]) for a, b in runs(codes[start:stop])]
-            segments = tuple((a, b, text) for a, b, text in cut if text is not None and b - a >= 2)
-            if stop - start < 2:
-                found.short += 1
-            elif not segments:
-                found.silent += 1
-            else:
-                found.episodes.append(_Stretch(file, number, start, stop, segments))
+        order = FileOrder.of(file)
+        if order.rows is not None:
+            found.orders[file] = order
+        codes = order.sort(said.codes(file, read_columns(file, {said.column: 1})[said.column], known))
+        for start, stop in runs(order.episodes):
+            lengths = [(b - a, int(codes[start + a])) for a, b in runs(codes[start:stop])]
+            parts.setdefault(int(order.episodes[start]), []).append((Part.of(file, order, start, stop), lengths))
+    texts = list(known)
+    for number, some in parts.items():
+        order_of_parts = joined(number, [part for part, _ in some])
+        said_in = [run for i in order_of_parts for run in some[i][1]]
+        stretch = _Stretch(number, tuple(some[i][0] for i in order_of_parts), _segments(said_in, texts))
+        if not all(part.finite for part in stretch.parts) or any(code < 0 for _, code in said_in):
+            found.odd.setdefault(f"{NOT_FINITE} (in {said.column} or the order of the frames)", []).append(number)
+        elif stretch.length < 2:
+            found.short += 1
+        elif not stretch.segments:
+            found.silent += 1
+        else:
+            found.episodes.append(stretch)
+    _require_mostly_usable(path, found.odd, found.there)
     if not found.episodes and found.silent:
-        problem = f"none of the {found.silent} episodes has an instruction"
+        problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
         raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
     if not found.episodes:
         raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
     return found
+
+
+def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int) -> None:
+    """Raise InvalidInputError if more than half of the episodes have numbers that cannot be used."""
+    count = sum(map(len, odd.values()))
+    if 2 * count > of:
+        reason = next(iter(odd))
+        problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
+        cure = "Name other columns with --gripper, --place or --instruction, or write these numbers again"
+        raise InvalidInputError(str(path), problem, cure)
+
+
+def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
+    """Return the segments of two frames or more that have an instruction, of runs of frames and the codes of texts."""
+    found, at = [], 0
+    for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
+        size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
+        if text is not None and size >= 2:
+            found.append((at, at + size, text))
+        at += size
+    return tuple(found)
 
 
 def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
@@ -310,7 +362,7 @@ def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
         for text, group in sorted(by_text.items())
         for rank in draw.permutation(len(group))[: shares[text]]
     ]
-    return sorted(chosen, key=lambda e: (str(e.file), e.start))
+    return sorted(chosen, key=lambda e: (str(e.parts[0].file), e.parts[0].start))
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,33 +375,65 @@ class _Episode:
 
 
 def _read(
-    chosen: Sequence[_Stretch], grips: Sequence[Grip], places: Sequence[ArmPlace], widths: Mapping[str, int]
-) -> list[_Episode]:
-    """Return the numbers of some episodes."""
-    by_file: dict[Path, list[_Stretch]] = {}
+    scanned: _Scanned,
+    chosen: Sequence[_Stretch],
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    widths: Mapping[str, int],
+) -> tuple[list[_Episode], dict[str, list[int]]]:
+    """Return the numbers of some episodes, and which of them have numbers that cannot be used, by the reason."""
+    odd: dict[str, list[int]] = {}
+    by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
     for stretch in chosen:
-        by_file.setdefault(stretch.file, []).append(stretch)
+        for i, part in enumerate(stretch.parts):
+            by_file.setdefault(part.file, []).append((stretch, i))
     used = {name: sorted({n.index for n in _all(grips, places) if n.column == name}) for name in widths}
-    episodes = []
-    for file, stretches in by_file.items():
+    pieces: dict[int, dict[int, Mapping[str, _Floats]]] = {}
+    found: dict[int, _Episode] = {}
+    for file, some in by_file.items():
         columns = read_columns(file, widths)
         rows = {}
         for name, width in widths.items():
             values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
-            require_finite_column(file, name, values)
-            rows[name] = values
-        for stretch in stretches:
-            cut = {name: values[stretch.start : stretch.stop] for name, values in rows.items()}
+            rows[name] = values[scanned.orders[file].rows] if file in scanned.orders else values
+        for stretch, i in some:
+            part, there = stretch.parts[i], pieces.setdefault(stretch.index, {})
+            there[i] = {name: values[part.start : part.stop] for name, values in rows.items()}
+            if len(there) == len(stretch.parts):
+                del pieces[stretch.index]
+                cut = {name: np.concatenate([there[k][name] for k in range(len(there))]) for name in widths}
+                reason = next(filter(None, itertools.starmap(_odd, cut.items())), "")
+                if reason:
+                    odd.setdefault(reason, []).append(stretch.index)
+                else:
+                    found[stretch.index] = _episode(stretch, grips, places, cut, used)
+    return [found[stretch.index] for stretch in chosen if stretch.index in found], odd
 
-            def of(number: NamedNumber, cut: Mapping[str, _Floats] = cut) -> _Floats:
-                return cut[number.column][:, used[number.column].index(number.index)]
 
-            ways = {}
-            for place in places:
-                way = np.column_stack([of(n) for n in place.numbers])
-                ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
-            episodes.append(_Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways))
-    return episodes
+def _odd(column: str, values: _Floats) -> str:
+    """Return why numbers cannot be used, "" if they can."""
+    if not np.isfinite(values).all():
+        return f"{NOT_FINITE} (in {column})"
+    return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
+
+
+def _episode(
+    stretch: _Stretch,
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    cut: Mapping[str, _Floats],
+    used: Mapping[str, Sequence[int]],
+) -> _Episode:
+    """Return the numbers of an episode: ``cut`` has those (T, n) of each column that ``used`` lists."""
+
+    def of(number: NamedNumber) -> _Floats:
+        return cut[number.column][:, used[number.column].index(number.index)]
+
+    ways = {}
+    for place in places:
+        way = np.column_stack([of(n) for n in place.numbers])
+        ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
+    return _Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways)
 
 
 def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNumber]:
@@ -364,7 +448,7 @@ class _Arm:
     Attributes:
         grip: Its gripper.
         place: Where it is.
-        jaws: How its gripper is read, None if that never moves.
+        jaws: How its gripper is read.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens.
         share_closed: Share of all rows in which it is closed.
@@ -374,7 +458,7 @@ class _Arm:
 
     grip: Grip
     place: ArmPlace
-    jaws: Jaws | None
+    jaws: Jaws
     closings: tuple[tuple[int, ...], ...]
     openings: tuple[tuple[int, ...], ...]
     share_closed: float
@@ -383,12 +467,12 @@ class _Arm:
     span: float
 
     @classmethod
-    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws | None, episodes: Sequence[_Episode], shortest: int) -> _Arm:
+    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
         """Return what an arm does.
 
         Args:
             chosen: Its gripper and its place.
-            jaws: How its gripper is read, None if that never moves.
+            jaws: How its gripper is read.
             episodes: The numbers of all episodes.
             shortest: Rows for which a gripper is closed or open at least.
         """
@@ -401,9 +485,9 @@ class _Arm:
             plane = principal_plane(every)
             points = [in_plane(way, plane) for way in ways]
         span = float(max(np.ptp(np.concatenate([p[:: max(1, len(p) // 50)] for p in points]), axis=0).max(), 1e-9))
-        closed = [closed_in(values, jaws, shortest) for values in grips] if jaws is not None else []
+        closed = [closed_in(values, jaws, shortest) for values in grips]
         edges = [edges_of(rows) for rows in closed]
-        share = float(np.mean(np.concatenate(closed))) if closed else 0.0
+        share = float(np.mean(np.concatenate(closed)))
         return cls(
             grip,
             place,
@@ -424,9 +508,14 @@ class _Arm:
 
 def _shortest(info: Mapping[str, Any]) -> int:
     """Return the least number of frames in which a gripper is closed or open."""
+    return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
+
+
+def _rate(info: Mapping[str, Any]) -> float | None:
+    """Return the frames per second that a data set says it has, None if it says nothing that can be."""
     fps = info.get("fps")
-    rate = float(fps) if isinstance(fps, int | float) and 0.0 < fps < 1e4 else USUAL_FPS
-    return max(1, round(SHORTEST_S * rate))
+    known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0.0 < fps < _MOST_FPS
+    return float(fps) if known and fps is not None else None
 
 
 def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
@@ -439,7 +528,7 @@ def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[Epis
         names.append([[(row, next(given)) for row in rows] for rows in edges])
     for i, episode in enumerate(episodes):
         for begin, end, text in episode.stretch.segments:
-            last = end == episode.stretch.stop - episode.stretch.start
+            last = end == episode.stretch.length
             origins = [name for row, name in names[0][i] if begin <= row < end]
             targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
             count = max(len(origins), len(targets))
@@ -467,13 +556,22 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """All that was read of a data set, to be told."""
+    """All that was read of a data set, to be told.
+
+    Attributes:
+        still: The grippers that never move, with the reason.
+        odd: Episodes that were left out for their numbers, by the reason.
+        not_drawn: How many episodes were left out by the sample.
+    """
 
     info: Mapping[str, Any]
     said: _Said
     scanned: _Scanned
     episodes: tuple[_Episode, ...]
     arms: tuple[_Arm, ...]
+    still: tuple[str, ...]
+    odd: Mapping[str, Sequence[int]]
+    not_drawn: int
     seed: int
 
     @property
@@ -496,34 +594,50 @@ def _reading(read: _Read) -> DataReading:
     if read.said.others:
         shown = ", ".join(one_line(other, most=60) for other in read.said.others[:4])
         instruction += f" (also there: {shown}; --instruction COLUMN reads another one)"
-    moving = [arm for arm in read.arms if arm.jaws is not None]
     return DataReading(
         episodes,
         max(read.listed or 0, read.scanned.there),
         observations,
         instruction,
-        tuple(_gripper(arm, arm.jaws) for arm in moving if arm.jaws is not None),
-        tuple(_place(arm) for arm in moving),
+        tuple(map(_gripper, read.arms)),
+        tuple(map(_place, read.arms)),
+        about=tuple(_about(read.scanned)),
         left_out=tuple(_left_out(read)),
         warnings=tuple(_warnings(read)),
     )
+
+
+def _about(scanned: _Scanned) -> Iterator[str]:
+    """Yield how the frames were put in order, where their files did not have them so."""
+    for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
+        by = f"by episode_index and {key}" if key else "by episode_index alone: no column tells the order of the frames"
+        yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
+    split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
+    if split:
+        yield f"Order of the frames: {how_many(split, 'episode')} with frames in several files had to be joined"
 
 
 def _left_out(read: _Read) -> Iterator[str]:
     """Yield what was not read, and why."""
     scanned = read.scanned
     if (read.listed or 0) > scanned.there:
-        yield f"{(read.listed or 0) - scanned.there:,} episodes whose frames are not in the folder"
+        yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
     if scanned.pointers:
-        yield f"{scanned.pointers:,} files that are pointers of Git LFS (run git lfs pull to fetch them)"
+        what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
+        yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
     if scanned.short:
-        yield f"{scanned.short:,} episodes of less than two frames"
+        yield f"{how_many(scanned.short, 'episode')} of less than two frames"
     if scanned.silent:
-        yield f"{scanned.silent:,} episodes without an instruction"
-    if len(read.episodes) < len(scanned.episodes):
-        drawn = len(scanned.episodes) - len(read.episodes)
-        yield f"{drawn:,} episodes that were not drawn (each instruction in proportion, seed {read.seed})"
-    yield from (f"the gripper {arm.grip.number.shown}, which never moves" for arm in read.arms if arm.jaws is None)
+        yield f"{how_many(scanned.silent, 'episode')} without an instruction"
+    for reason, left in sorted(read.odd.items()):
+        numbers = ", ".join(map(str, sorted(left)[:_MOST_LISTED])) + (", ..." if len(left) > _MOST_LISTED else "")
+        shown = f"episode {numbers}" if len(left) == 1 else f"episodes {numbers}"
+        yield f"{how_many(len(left), 'episode')} with {reason}: {shown}"
+    if read.not_drawn:
+        was = "was" if read.not_drawn == 1 else "were"
+        drawn = f"{how_many(read.not_drawn, 'episode')} that {was} not drawn"
+        yield f"{drawn} (each instruction in proportion, seed {read.seed})"
+    yield from read.still
 
 
 def _warnings(read: _Read) -> Iterator[str]:
@@ -532,16 +646,21 @@ def _warnings(read: _Read) -> Iterator[str]:
     if read.listed is None and total is not None:
         yield "total_episodes in meta/info.json is no count of episodes"
     elif 0 < (read.listed or 0) < read.scanned.there:
-        yield f"meta/info.json says {total:,} episodes, and the files hold {read.scanned.there:,}"
+        yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, and the files hold {read.scanned.there:,}"
+    if _rate(read.info) is None:
+        fps = read.info.get("fps")
+        found = "is missing" if fps is None else f"is {one_line(repr(fps), most=40)}, which is no rate"
+        yield f"fps in meta/info.json {found}; {USUAL_FPS:.0f} frames per second were assumed"
     for arm in read.arms:
         of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""
-        if arm.jaws is not None and arm.never:
-            yield f"the gripper{of_arm} never closes in {arm.never:,} of {len(read.episodes):,} episodes"
-        if arm.jaws is not None and arm.jaws.warning:
+        if arm.never:
+            yield f"the gripper{of_arm} never closes in {arm.never:,} of {how_many(len(read.episodes), 'episode')}"
+        if arm.jaws.warning:
             yield arm.jaws.warning
 
 
-def _gripper(arm: _Arm, jaws: Jaws) -> GripperReading:
+def _gripper(arm: _Arm) -> GripperReading:
+    jaws = arm.jaws
     source = f"{arm.grip.number.shown} (by {arm.grip.by})"
     return GripperReading(
         arm.grip.arm, source, round(jaws.low, 6), round(jaws.high, 6), jaws.closed, jaws.because,

@@ -105,8 +105,12 @@ def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
         numbers = named_numbers("--gripper", text, columns.numbers)
         if len(numbers) != 1:
             problem = f"{one_line(text, most=80)} has {len(numbers)} numbers"
-            raise InvalidInputError("--gripper", problem, f"Give one of them, such as {numbers[0].shown}")
-        found.append(Grip(_arm(numbers[0]) if len(named) > 1 else "", numbers[0], "--gripper"))
+            which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
+                ", ..." if len(numbers) > MOST_SHOWN else ""
+            )
+            cure = f"Give one of them, as COLUMN[N], where N is its number ({which})" if which else "Give a number"
+            raise InvalidInputError("--gripper", problem, cure)
+        found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))
     if len({grip.arm for grip in found}) < len(found):
         found = [Grip(str(i), grip.number, grip.by) for i, grip in enumerate(found, start=1)]
     return tuple(found)
@@ -133,9 +137,10 @@ def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
             len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
         )
         if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
-            shown = ", ".join(number.shown for number, _ in group[:MOST_SHOWN])
+            shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
             problem = f"{len(group)} numbers of {column} have the name of a gripper: {shown}"
-            raise InvalidInputError(columns.where, problem, f"Say which one with --gripper {group[0][0].shown!r}")
+            cure = f"Say which one with --gripper '{column}[N]', where N is its number, as in brackets"
+            raise InvalidInputError(columns.where, problem, cure)
         number, part = group[0]
         _require_agreement(columns, number, part)
         found.append(Grip(arm, number, part.by + (", the first of two fingers" if len(group) == 2 else "")))
@@ -163,15 +168,20 @@ def _why_no_gripper(columns: Columns) -> str:
         shown = ", ".join(hands[:3]) + (" and more" if len(hands) > 3 else "")
         return f"no number has the name of a gripper; {shown} belong to hands with several joints"
     unnamed = not any(n.name for n in numbers)
-    last = numbers[-1]
-    tail = "its numbers have no names" if unnamed else f"the last of its {len(numbers)} numbers is {last.shown}"
+    tail = "its numbers have no names" if unnamed else f"none of the names of its {len(numbers)} numbers says so"
     return f"no number has the name of a gripper; {pool[0]} was looked at first, and {tail}"
 
 
 def _cure_gripper(columns: Columns) -> str:
     pool = columns.actions or columns.states
-    example = f"{pool[0]}[{len(columns.numbers[pool[0]]) - 1}]" if pool else "COLUMN[3]"
-    return f"Say which number it is with --gripper 'COLUMN[NUMBER]' or 'COLUMN:NAME', such as --gripper '{example}'"
+    column = pool[0] if pool else "COLUMN"
+    counted = f" ({_span(len(columns.numbers[column]))})" if pool else ", counted from 0"
+    told = f"--gripper '{column}[N]', where N is the number that closes the gripper{counted}"
+    return f"Say which number it is with {told}, or with --gripper '{column}:NAME'"
+
+
+def _span(count: int) -> str:
+    return f"0 to {count - 1}"
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
@@ -252,22 +262,24 @@ def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, .
 
 def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
     """Return all numbers of the state if it has no names, and there is one gripper; InvalidInputError otherwise."""
-    cure = "Say where the gripper is with --place, such as --place 'COLUMN[0]' 'COLUMN[1]' 'COLUMN[2]'"
+    syntax = "with its own column and numbers, x first, counted from 0"
+    cure = f"Say where the gripper is with --place 'COLUMN[0,1,2]', {syntax}"
     if not columns.states:
         problem = "the dataset has no proprioception (observation.state)"
-        more = ", or --place '+action[0]' '+action[1]' if the actions are steps of the tool"
+        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
         raise InvalidInputError(columns.where, problem, "Give one with proprioception" + more)
     column = next((name for name in _STATES if name in columns.numbers), columns.states[0])
     pairs = columns.pairs(column)
     left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]
     if not left:
         raise InvalidInputError(columns.where, f"all numbers of {column} are of the gripper", "Correct their names")
-    telling = [n for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
+    telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
     if not alone or telling:
         of = f"the {grip.arm} arm" if grip.arm else "the gripper"
         problem = f"no names tell where {of} is ({grip.number.shown} is its gripper)"
-        if telling:
-            problem += f"; {column} has {', '.join(n.shown for n in telling[:3])}"
+        own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
+        if own:
+            problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"
         raise InvalidInputError(columns.where, problem, cure)
     return ArmPlace(grip.arm, tuple(left), "numbers", f"{column} has no names that tell")
 

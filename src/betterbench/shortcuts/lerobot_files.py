@@ -40,6 +40,9 @@ MOST_TASKS = 1_000_000
 MOST_TEXT = 2_000
 """Characters of an instruction that are looked at."""
 _MAX_JSON_BYTES = 256 * 1024 * 1024
+_HAS_DIGITS = "set_int_max_str_digits"
+"""Part of Python's error about a whole number with more digits than it reads; its advice is about Python."""
+_TOO_LONG = "it holds a whole number of more than 4,300 digits"
 _INDEX = re.compile(r"__index_level_\d+__")
 _TEXTS = ("task", "tasks", "instruction", "language_instruction", "task_description", "prompt")
 """Columns of ``tasks.parquet`` that hold the instruction, the first one that is there."""
@@ -67,7 +70,12 @@ def read_json(path: Path) -> dict[str, Any]:
     """Return the JSON object of a file of ``meta``; InvalidInputError if it holds none."""
     if is_pointer(path):
         raise InvalidInputError(str(path), "the file cannot be read", FETCH)
-    return read_object(path, max_bytes=_MAX_JSON_BYTES, cure=CURE)
+    try:
+        return read_object(path, max_bytes=_MAX_JSON_BYTES, cure=CURE)
+    except InvalidInputError as error:
+        if _HAS_DIGITS in error.problem:
+            raise InvalidInputError(str(path), _TOO_LONG, "Correct this number") from error
+        raise
 
 
 def read_info(path: Path) -> Mapping[str, Any]:
@@ -136,7 +144,8 @@ def _one_line(where: Path) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError, ValueError, KeyError, TypeError, ArithmeticError) as error:
-        raise RecordError(f"{where}: the instructions cannot be read ({one_line(error)}). {CURE}.") from error
+        said = _TOO_LONG if _HAS_DIGITS in str(error) else one_line(error)
+        raise RecordError(f"{where}: the instructions cannot be read ({said}). {CURE}.") from error
 
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
@@ -257,6 +266,16 @@ class Frames:
             raise InvalidInputError(str(path / "data"), "it holds no episode", CURE)
 
 
+def column_names(file: Path) -> frozenset[str]:
+    """Return the names of the columns of a file of frames; RecordError if it cannot be read."""
+    try:
+        _require_file(file)
+        with pq.ParquetFile(file) as table:
+            return frozenset(table.schema_arrow.names)
+    except (pa.ArrowException, OSError, ValueError, KeyError) as error:
+        raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
+
+
 def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedArray]:
     """Return columns of a file of frames; ``widths`` says how many numbers each has per frame at most.
 
@@ -328,7 +347,7 @@ def require_finite_column(file: Path, name: str, values: _Floats) -> None:
     """Raise RecordError if some number of a column is not finite."""
     bad = np.flatnonzero(~np.isfinite(values if values.ndim == 1 else values.sum(axis=1)))
     if bad.size:
-        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Leave the episode out.")
+        raise RecordError(f"{file}: {name} is no finite number in row {bad[0]}. Correct or remove this row.")
 
 
 def texts_in(file: Path, name: str, column: pa.ChunkedArray) -> tuple[_Ints, list[str | None]] | None:

@@ -16,6 +16,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError, one_line
 
 MOST_NUMBERS = 10_000
 """Most numbers of a column per frame."""
+_MOST_DIGITS = 9
 
 _GRIPPER = re.compile(r"grip|claw$|jaws?$")
 _FINGERS = {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "pinkie", "little", "hand", "palm"}
@@ -253,12 +254,12 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
     indexed = re.fullmatch(r"(.+)\[([\d,\s]+)\]", text)
     if indexed:
         numbers = columns[find_column(option, indexed.group(1), columns)]
-        chosen = [int(i) for i in indexed.group(2).split(",") if i.strip()]
+        chosen = re.findall(r"\d+", indexed.group(2))
         for i in chosen:
-            if i >= len(numbers):
-                problem = f"{indexed.group(1)} has {len(numbers)} numbers, and {i} is asked for"
+            if len(i) > _MOST_DIGITS or int(i) >= len(numbers):
+                problem = f"{indexed.group(1)} has {len(numbers)} numbers, and {one_line(i, most=20)} is asked for"
                 raise InvalidInputError(option, problem, f"They count from 0 to {len(numbers) - 1}")
-        return tuple(numbers[i] for i in chosen)
+        return tuple(numbers[int(i)] for i in chosen)
     column, colon, name = text.partition(":")
     numbers = columns[find_column(option, column, columns)]
     found = [n for n in numbers if name in (n.name, *n.labels)]
@@ -266,5 +267,6 @@ def named_numbers(option: str, text: str, columns: Mapping[str, Sequence[NamedNu
         raise UnknownNameError(f"number of {column}", name, {n.name or str(n.index) for n in numbers})
     if len(found) > 1:
         problem = f"{len(found)} numbers of {column} are called {one_line(name, most=80)!r}"
-        raise InvalidInputError(option, problem, f"Give {column}[{found[0].index}] or the like")
+        which = ", ".join(str(n.index) for n in found[:8])
+        raise InvalidInputError(option, problem, f"Give {column}[N], where N is one of {which}")
     return (found[0],)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from betterbench.statistics.wording import plural
+
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
@@ -75,7 +77,7 @@ class DataReading:
 
     def sentences(self) -> Iterator[str]:
         """Yield the sentences of the paragraph with which every audit begins."""
-        yield f"Read: {self.episodes:,} of {self.of:,} episodes{self.observations}."
+        yield f"Read: {self.episodes:,} of {how_many(self.of, 'episode')}{self.observations}."
         yield f"Instruction: {self.instruction}."
         for found in self.grippers:
             yield (
@@ -96,3 +98,8 @@ class DataReading:
 
 def _of(what: str, arm: str) -> str:
     return f"{what} of the {arm} arm" if arm else what
+
+
+def how_many(count: int, one: str) -> str:
+    """Return "1 episode", "1,200 episodes"."""
+    return f"{count:,} {plural(count, one).partition(' ')[2]}"
