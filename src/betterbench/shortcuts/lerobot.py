@@ -36,7 +36,7 @@ from betterbench.shortcuts.lerobot_files import (
     task_columns,
     texts_in,
 )
-from betterbench.shortcuts.lerobot_order import FileOrder, Part, joined
+from betterbench.shortcuts.lerobot_order import EpisodePart, FileOrder, joined
 from betterbench.shortcuts.numbers import NamedNumber, columns_of, find_column
 from betterbench.shortcuts.places import direction, in_plane, place_names, principal_plane
 from betterbench.shortcuts.reading import DataReading, GripperReading, PlaceReading, how_many
@@ -252,7 +252,7 @@ class _Stretch:
     """An episode: its rows by file in the order of its frames, and its segments (rows from its start, instruction)."""
 
     index: int
-    parts: tuple[Part, ...]
+    parts: tuple[EpisodePart, ...]
     segments: tuple[tuple[int, int, str], ...]
 
     @property
@@ -292,7 +292,7 @@ def _scan(path: Path, said: _Said) -> _Scanned:
     frames = Frames.of(path)
     frames.require_some(path)
     found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
-    parts: dict[int, list[tuple[Part, list[tuple[int, int]]]]] = {}
+    parts: dict[int, list[tuple[EpisodePart, list[tuple[int, int]]]]] = {}
     for file in frames.files:
         order = FileOrder.of(file)
         if order.rows is not None:
@@ -300,7 +300,7 @@ def _scan(path: Path, said: _Said) -> _Scanned:
         codes = order.sort(said.codes(file, read_columns(file, {said.column: 1})[said.column], known))
         for start, stop in runs(order.episodes):
             lengths = [(b - a, int(codes[start + a])) for a, b in runs(codes[start:stop])]
-            parts.setdefault(int(order.episodes[start]), []).append((Part.of(file, order, start, stop), lengths))
+            parts.setdefault(int(order.episodes[start]), []).append((EpisodePart.of(file, order, start, stop), lengths))
     texts = list(known)
     for number, some in parts.items():
         order_of_parts = joined(number, [part for part, _ in some])

@@ -67,7 +67,7 @@ class FileOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class EpisodePart:
     """The sorted rows [start, stop) of a file that belong to one episode.
 
     Attributes:
@@ -89,7 +89,7 @@ class Part:
     finite: bool
 
     @classmethod
-    def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> Part:
+    def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
         """Return a part of an episode; RecordError if a frame stands there twice."""
         frames = order.frames[start:stop]
         same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
@@ -106,7 +106,7 @@ class Part:
 _CURE = "Fetch the files again, or remove the rows that are there twice"
 
 
-def joined(episode: int, parts: Sequence[Part]) -> list[int]:
+def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
     """Return the order of the parts of an episode; RecordError if two of them hold frames of the same time."""
     order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
     for a, b in itertools.pairwise(order):
