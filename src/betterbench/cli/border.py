@@ -39,6 +39,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "tokens_per_gpu": (1, 1 << 30),
     "trials": (1, 10_000),
     "validation": (0.0, 0.99),
+    "variants": (1, 10_000),
     "workers": (1, 256),
 }
 """Least and largest value of each number that a verb takes, by the name of its option; ports are checked where they are
