@@ -462,6 +462,16 @@ class AnswerRule:
         return np.where(beyond, 1.0, 0.0 if self.gripper_threshold > 0.0 else -1.0)
 
 
+def twist(*keys: str) -> tuple[AnswerPart, ...]:
+    """Return translation, rotation and gripper, under one key or under one each."""
+    translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
+    return (
+        AnswerPart((translation,), "translation"),
+        AnswerPart((rotation,), "rotation"),
+        AnswerPart((gripper,), "gripper"),
+    )
+
+
 def own_conventions(space: str) -> dict[str, Any]:
     """Return rotation format, units and polarity of the numbers of an action space, by field of an answer's rule.
 

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, CALVIN_RELATIVE
 from betterbench.policies.adapter import Adapter, ConstantRule, Feedback, InstructionRule
-from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule
+from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, twist
 from betterbench.policies.image_rule import ImageRule
 from betterbench.policies.proprioception import StatePart, StateRule
 
@@ -27,21 +27,12 @@ CONTROL_RATE_HZ = 30.0
 _ROBOT_OBS: tuple[StatePart, ...] = ("ee_position", "ee_rpy", "gripper_width", "gripper_command")
 
 
-def _twist(translation: str, rotation: str | None = None, gripper: str | None = None) -> tuple[AnswerPart, ...]:
-    """Return translation, rotation and gripper, under one key or under one each."""
-    return (
-        AnswerPart((translation,), "translation"),
-        AnswerPart((rotation or translation,), "rotation"),
-        AnswerPart((gripper or translation,), "gripper"),
-    )
-
-
 STARVLA_CALVIN = Adapter(
     "starvla_calvin",
     views=(ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224)),
     states=(),
     instruction=InstructionRule(("lang",)),
-    answer=AnswerRule(CALVIN_RELATIVE.name, _twist("actions"), precision="float32"),
+    answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), precision="float32"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
 """starVLA's CALVIN client: relative actions, and a gripper of which more than 0 opens."""
@@ -56,7 +47,7 @@ OPENPI_CALVIN = Adapter(
         StateRule(("observation/state_gripper",), ("gripper_width",), "float64"),
     ),
     instruction=InstructionRule(("prompt",)),
-    answer=AnswerRule(CALVIN_RELATIVE.name, _twist("actions")),
+    answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions")),
     control_rate_hz=CONTROL_RATE_HZ,
     horizon=5,
 )
@@ -70,7 +61,7 @@ VLA_EVAL_CALVIN = Adapter(
     ),
     states=(StateRule(("states",), _ROBOT_OBS),),
     instruction=InstructionRule(("task_description",)),
-    answer=AnswerRule(CALVIN_DELTA.name, _twist("actions")),
+    answer=AnswerRule(CALVIN_DELTA.name, twist("actions")),
     control_rate_hz=CONTROL_RATE_HZ,
 )
 """vla-evaluation-harness in CALVIN: deltas in meters and radians that are added up to absolute poses.
@@ -83,7 +74,7 @@ VLA_EVAL_CALVIN_ABSOLUTE = replace(
     name="vla_eval_calvin_absolute",
     answer=AnswerRule(
         CALVIN_ABSOLUTE.name,
-        _twist("actions"),
+        twist("actions"),
         rotation="axis_angle",
         gripper="closed_fraction",
         gripper_threshold=0.0,
@@ -105,7 +96,7 @@ X_VLA_CALVIN = Adapter(
     instruction=InstructionRule(("language_instruction",)),
     answer=AnswerRule(
         CALVIN_ABSOLUTE_QUATERNION.name,
-        (*_twist("action"), AnswerPart(("action",), "unused", 10)),
+        (*twist("action"), AnswerPart(("action",), "unused", 10)),
         rotation="rotation_6d_interleaved",
         gripper="closed_at_least",
         gripper_threshold=0.8,
@@ -164,7 +155,7 @@ BEING_H_CALVIN = Adapter(
     instruction=InstructionRule(("language.instruction",), depth=1),
     answer=AnswerRule(
         CALVIN_RELATIVE.name,
-        _twist("action.eef_position", "action.eef_rotation", "action.gripper_position"),
+        twist("action.eef_position", "action.eef_rotation", "action.gripper_position"),
         gripper="open_linear",
     ),
     leading_axes=1,
@@ -178,7 +169,7 @@ OPENVLA_CALVIN = Adapter(
     views=(ImageRule(("image",), "front", 224, 224),),
     states=(),
     instruction=InstructionRule(("instruction",)),
-    answer=AnswerRule(CALVIN_RELATIVE.name, _twist("actions"), gripper="closed_at_least"),
+    answer=AnswerRule(CALVIN_RELATIVE.name, twist("actions"), gripper="closed_at_least"),
     control_rate_hz=CONTROL_RATE_HZ,
 )
 """The OpenVLA family in CALVIN: relative actions, and a gripper of which a half or more closes."""

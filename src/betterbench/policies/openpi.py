@@ -37,7 +37,7 @@ from betterbench.policies.handshake import (
     read_execution,
     read_server,
 )
-from betterbench.policies.presets import NATIVE, PRESETS, adapter_of
+from betterbench.policies.presets import PRESETS, USUAL_ADAPTERS, adapter_of
 from betterbench.policies.previous_chunk import moved_up, rows_left
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
@@ -53,7 +53,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         # What is wrong with the address itself is told before anybody is dialed.
-        super().__init__(address, adapter_of(address, NATIVE), seed=seed)
+        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
         self._session = _new_session()

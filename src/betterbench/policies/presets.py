@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import cast, get_args
+from typing import get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.interface.actions import (
@@ -18,7 +18,7 @@ from betterbench.interface.actions import (
 )
 from betterbench.policies.adapter import Adapter, ConstantRule, InstructionRule
 from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, OWN_OPTIONS, PolicyAddress
-from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Polarity
+from betterbench.policies.answers import AnswerKind, AnswerPart, AnswerRule, Polarity, twist
 from betterbench.policies.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
 from betterbench.policies.in_calvin import CALVIN_PRESETS, in_calvin
 from betterbench.policies.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
@@ -35,16 +35,6 @@ _UNITS: dict[str, tuple[float, float]] = {
 """What one action unit amounts to, as translation [m] and rotation [rad]."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
-
-
-def _twist(*keys: str) -> tuple[AnswerPart, ...]:
-    """Return translation, rotation and gripper, under one key or under one each."""
-    translation, rotation, gripper = keys * 3 if len(keys) == 1 else keys
-    return (
-        AnswerPart((translation,), "translation"),
-        AnswerPart((rotation,), "rotation"),
-        AnswerPart((gripper,), "gripper"),
-    )
 
 
 def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
@@ -79,7 +69,7 @@ OPENPI_LIBERO = Adapter(
     ),
     states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("prompt",)),
-    answer=AnswerRule("ee_delta", _twist("actions")),
+    answer=AnswerRule("ee_delta", twist("actions")),
     horizon=5,
 )
 """The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
@@ -131,7 +121,7 @@ GR00T_NEW_EMBODIMENT = Adapter(
         StateRule(("state", "gripper"), ("gripper_width",)),
     ),
     instruction=InstructionRule(("language", "annotation.human.action.task_description"), depth=2),
-    answer=AnswerRule("ee_delta", _twist("ee_position", "ee_rotation", "gripper")),
+    answer=AnswerRule("ee_delta", twist("ee_position", "ee_rotation", "gripper")),
     leading_axes=2,
 )
 """GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
@@ -236,7 +226,7 @@ BEING_H_LIBERO = Adapter(
         StateRule(("state.libero_gripper_position",), ("gripper_fingers",)),
     ),
     instruction=InstructionRule(("language.instruction",), depth=1),
-    answer=AnswerRule("ee_delta", _twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
+    answer=AnswerRule("ee_delta", twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
     leading_axes=1,
     horizon=8,
 )
@@ -254,7 +244,7 @@ VLA_EVAL = Adapter(
     views=(ImageRule(("images", "agentview"), "front"), ImageRule(("images", "wrist"), "wrist")),
     states=(StateRule(("states",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("task_description",)),
-    answer=AnswerRule("ee_delta", _twist("actions")),
+    answer=AnswerRule("ee_delta", twist("actions")),
 )
 """The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
 model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
@@ -267,7 +257,7 @@ VLA_EVAL_ABSOLUTE = replace(
         StateRule(("states",), SHORT_STATE),
         StateRule(("controller_states",), ("controller_position", "controller_axis_angle", "gripper_fingers")),
     ),
-    answer=AnswerRule("libero_absolute", _twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
+    answer=AnswerRule("libero_absolute", twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
 )
 """vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
 
@@ -278,7 +268,7 @@ STARVLA = Adapter(
     views=_STARVLA_VIEWS,
     states=(),
     instruction=InstructionRule(("lang",)),
-    answer=AnswerRule("ee_delta", _twist("actions")),
+    answer=AnswerRule("ee_delta", twist("actions")),
 )
 """One example of starVLA's requests, without a state (``deployment/model_server``): what stands under ``image`` is sent
 as a list, in this order; sizes are those of its LIBERO client.
@@ -300,7 +290,7 @@ OPENVLA = Adapter(
     views=(ImageRule(("image",), "front", 224, 224),),
     states=(),
     instruction=InstructionRule(("instruction",)),
-    answer=AnswerRule("ee_delta", _twist("actions"), gripper="open_fraction"),
+    answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
 """The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
 
@@ -314,7 +304,7 @@ OPENVLA_OFT = Adapter(
     views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
     states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("instruction",)),
-    answer=AnswerRule("ee_delta", _twist("actions"), gripper="open_fraction"),
+    answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
 )
 """The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state; the answer is a chunk. See
 :data:`OPENVLA`; ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
@@ -353,7 +343,7 @@ DEXBOTIC = Adapter(
     ),
     states=(StateRule(("observation", "state"), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("observation", "prompt")),
-    answer=AnswerRule("ee_delta", _twist("actions")),
+    answer=AnswerRule("ee_delta", twist("actions")),
 )
 """The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
 ``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
@@ -381,7 +371,7 @@ LEROBOT = Adapter(
     ),
     states=(StateRule(("observation.state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
     instruction=InstructionRule(("task",)),
-    answer=AnswerRule("ee_delta", _twist("action")),
+    answer=AnswerRule("ee_delta", twist("action")),
 )
 """LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
 
@@ -472,11 +462,11 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
     options, where = address.options, f"policy {address}"
     if "preset" in options and "adapter" in options:
         raise InvalidInputError(where, "it gives both preset and adapter", "Give one")
+    named = preset(options["preset"]) if "preset" in options else default
     if "adapter" in options:
         adapter = Adapter.load(Path(options["adapter"]))
-    elif "preset" in options or default is not None:
-        named = preset(options["preset"]) if "preset" in options else default
-        adapter = _in_world(cast("Adapter", named), address)
+    elif named is not None:
+        adapter = _in_world(named, address)
     else:
         trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
         also = "" if address.world else f"; trained on LIBERO: {trained}"
@@ -549,11 +539,10 @@ def space_in_world(text: str, world: str) -> str | None:
 
     Raises what :func:`adapter_of` raises.
     """
-    scheme = text.partition(":")[0]
-    if scheme not in OWN_OPTIONS or not (scheme in USUAL_ADAPTERS or "preset=" in text or "adapter=" in text):
+    if text.partition(":")[0] not in OWN_OPTIONS:
         return None
     address = PolicyAddress.parse(text, world=world)
-    usual = USUAL_ADAPTERS.get(scheme)
+    usual = USUAL_ADAPTERS.get(address.scheme)
     return adapter_of(address, usual).answer.space if usual is not None or address.names_adapter else None
 
 

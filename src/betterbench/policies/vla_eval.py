@@ -27,7 +27,7 @@ from betterbench.interface.actions import (
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.handshake import Declaration, compare_declarations
-from betterbench.policies.presets import VLA_EVAL, adapter_of
+from betterbench.policies.presets import USUAL_ADAPTERS, adapter_of
 from betterbench.policies.proprioception import StatePart, StateRule
 from betterbench.policies.remote import ServerClient, describe_remote_policy
 from betterbench.policies.websocket import WebSocket
@@ -75,7 +75,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
+        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
         self._max_bytes, self._wanted = max_bytes, self.adapter
         self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
         self._hello: Mapping[Any, Any] = {}

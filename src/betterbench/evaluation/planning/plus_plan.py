@@ -10,13 +10,11 @@ from typing import Any
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.world_plan import (
-    OBSERVATIONS,
     action_space_of,
-    require_policy_for,
+    require_libero_trials,
     task_numbers,
     trained_task,
 )
-from betterbench.experts.libero import POLICIES
 from betterbench.tasks import Expected
 from betterbench.worlds import (
     PLUS_SUITES,
@@ -101,11 +99,7 @@ def make_plus_plan(
     if suite not in PLUS_SUITES:
         raise UnknownNameError("suite of LIBERO-Plus", suite, PLUS_SUITES)
     by, count = protocol_named(protocol), TRIALS if trials is None else trials
-    require_between("--seed", seed, 0, STATES - 1)
-    require_between("--trials", count, 1, STATES - seed)
-    if observation not in OBSERVATIONS:
-        raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
-    require_policy_for(policy, "LIBERO", POLICIES)
+    require_libero_trials(policy, seed=seed, count=count, observation=observation)
     space = action_space_of(policy, LIBERO_PLUS, action_space)
     numbers = task_numbers(suite, PLUS_SUITES[suite].tasks, tasks)
     started = tuple(command or plus_command())

@@ -41,7 +41,7 @@ from betterbench.worlds.scene import task_id
 
 LIBERO = "libero"
 
-OBSERVATIONS = ("default", "state_only")
+_OBSERVATIONS = ("default", "state_only")
 _CALVIN_OBSERVATIONS = ("calvin", "calvin_depth", "state_only")
 
 
@@ -80,11 +80,7 @@ def make_world_plan(
     """
     chosen, by = suite_named(suite), protocol_named(protocol)
     count = by.trials if trials is None else trials
-    require_between("--seed", seed, 0, STATES - 1)
-    require_between("--trials", count, 1, STATES - seed)
-    if observation not in OBSERVATIONS:
-        raise UnknownNameError("observation preset of LIBERO", observation, OBSERVATIONS)
-    require_policy_for(policy, "LIBERO", POLICIES)
+    require_libero_trials(policy, seed=seed, count=count, observation=observation)
     space = action_space_of(policy, LIBERO, action_space)
     numbers = task_numbers(chosen.name, chosen.tasks, tasks)
     started = tuple(command or world_named(LIBERO).command())
@@ -149,7 +145,7 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in _CALVIN_OBSERVATIONS:
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", *_CALVIN_OBSERVATIONS))
-    require_policy_for(policy, "CALVIN")
+    _require_policy_for(policy, "CALVIN")
     space = action_space_of(policy, CALVIN, action_space)
     started, said = describe_chains(command, suite)
     try:
@@ -169,6 +165,19 @@ def make_chain_plan(
     return Plan(policy, planned, space, shown, "standard", world=settings)
 
 
+def require_libero_trials(policy: str, *, seed: int, count: int, observation: str) -> None:
+    """Check initial states, observation preset and policy of a run in LIBERO or LIBERO-Plus.
+
+    Raises InvalidInputError if a number is out of range or the policy cannot be run there, and UnknownNameError if the
+    observation preset is unknown.
+    """
+    require_between("--seed", seed, 0, STATES - 1)
+    require_between("--trials", count, 1, STATES - seed)
+    if observation not in _OBSERVATIONS:
+        raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
+    _require_policy_for(policy, "LIBERO", POLICIES)
+
+
 def action_space_of(policy: str, world: str, asked: str | None) -> str:
     """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
     if asked is not None and asked not in PLAYED_IN[world]:
@@ -176,7 +185,7 @@ def action_space_of(policy: str, world: str, asked: str | None) -> str:
     return asked or space_in_world(policy, world) or PLAYED_IN[world][0]
 
 
-def require_policy_for(policy: str, world: str, known: Collection[str] = ()) -> None:
+def _require_policy_for(policy: str, world: str, known: Collection[str] = ()) -> None:
     """Refuse a policy that knows only our world, or that translates from it."""
     asked = parse_address(policy)
     if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
