@@ -48,6 +48,7 @@ class _Worker:
     ready: deque = field(default_factory=deque)  # (trial, question) that can go on
     gathered: list = field(default_factory=list)  # waiting for a call
     calling: bool = False
+    returned_at: float = 0.0  # the call before
     free_at: float = 0.0
     open: int = 0
     worked_s: float = 0.0
@@ -61,7 +62,7 @@ class Queue:
         envs: Environments of each worker at the beginning, and what a warm-up may choose at most.
         worker_s: Mean time of a chunk [s]; times vary by half of it.
         setup_s: Time in which a worker sets a trial up [s].
-        chunks: Questions of a trial.
+        chunks: Questions of the trials, in turn.
         unclean: Answers at the beginning for which a connection is made again.
     """
 
@@ -71,8 +72,13 @@ class Queue:
     envs: tuple[int, int] = (8, 48)
     worker_s: float = 0.015
     setup_s: float = 0.1
-    chunks: int = 68
+    chunks: tuple[int, ...] = (68,)
     unclean: int = 0
+
+    @property
+    def questions(self) -> list[int]:
+        """Questions of each trial."""
+        return [self.chunks[i % len(self.chunks)] for i in range(self.trials)]
 
     def run(self, seed: int = 0) -> tuple[float, float, list[int]]:
         """Return the time of the run, that of the busier worker [s], and the numbers of environments at the end."""
@@ -80,20 +86,21 @@ class Queue:
         self._events: list = []
         self._order, self._numbers = itertools.count(), itertools.count()
         self._waiting, self._running, self._now = self.trials, 0, 0.0
+        questions = self.questions
         workers = [_Worker(EnvironmentCount(*self.envs, left=self._left)) for _ in range(self.workers)]
         while True:
             for worker in workers:
                 self._give_trials(worker)
                 self._work(worker)
+                self._call(worker)
             if not self._running:
                 return self._now, max(w.worked_s for w in workers), [w.count.number for w in workers]
             self._now, _, worker, what = heapq.heappop(self._events)
             if isinstance(what, list):
                 self._take_answers(worker, what)
-            elif what[1] < self.chunks:
+            elif what and what[1] < questions[what[0]]:
                 worker.gathered.append((*what, self._now))
-                self._call(worker)
-            else:
+            elif what:
                 worker.open, self._running = worker.open - 1, self._running - 1
 
     def _left(self) -> int:
@@ -121,17 +128,22 @@ class Queue:
 
     def _call(self, worker):
         """Ask what has gathered: in one call at a time of a server of batches, each question by itself otherwise."""
-        most = self.server.batch if self.server.kind == "batches" else 1
-        while worker.gathered and not worker.calling:
-            some, worker.gathered = worker.gathered[:most], worker.gathered[most:]
-            worker.calling = self.server.kind == "batches"
+        if self.server.kind != "batches":
+            while worker.gathered:
+                self._later(self.server.end_of(self._now), worker, [worker.gathered.pop(0)])
+        elif worker.gathered and not worker.calling:
+            until = max(worker.returned_at, worker.gathered[0][2]) + self.server.latency_s
+            if len(worker.gathered) < min(self.server.batch, worker.open) and self._now < until - 1e-9:
+                self._later(until, worker, ())  # further questions are expected
+                return
+            some, worker.gathered = worker.gathered[: self.server.batch], worker.gathered[self.server.batch :]
+            worker.calling = True
             self._later(self.server.end_of(self._now), worker, some)
 
     def _take_answers(self, worker, questions):
-        worker.calling = False
+        worker.calling, worker.returned_at = False, self._now
         for trial, chunk, asked_at in questions:
             worker.ready.append((trial, chunk))
             clean, self.unclean = self.unclean <= 0, self.unclean - 1
             took_s = self._now - asked_at
             worker.count.answered(trial, asked_at=asked_at, now=self._now, took_s=took_s, clean=clean)
-        self._call(worker)

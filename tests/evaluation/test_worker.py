@@ -512,6 +512,16 @@ def test_long_tasks_come_first_and_trials_of_a_scene_together():
     assert sorted(map(str, ordered)) == sorted(map(str, plan.trials))
 
 
+def test_the_last_trials_begin_with_the_longest():
+    plan = make_plan("noop", tasks=["morning_coffee"], variations=["T1"], trials=6)
+    limits = {t.id: t.resolve().task.step_limit(t.resolve().condition) for t in plan.trials}
+    assert len(set(limits.values())) == 2
+    together, ordered = _by_scene(list(plan.trials)), _by_scene(list(plan.trials), last=8)
+    assert ordered[:4] == together[:4]
+    assert [limits[t.id] for t in ordered[4:]] == sorted((limits[t.id] for t in together[4:]), reverse=True)
+    assert set(map(str, ordered)) == set(map(str, plan.trials))
+
+
 @pytest.mark.parametrize("envs", [0, 257])
 def test_an_impossible_number_of_environments_is_refused_before_anything_is_written(tiny_plan, tmp_path, envs):
     with pytest.raises(InvalidInputError, match="--envs"):

@@ -290,6 +290,43 @@ def test_what_waits_is_answered_together_and_nothing_waits_for_company():
     assert sizes == [1, 3, 2]
 
 
+@pytest.mark.parametrize(("expected", "sizes"), [(4, [1, 4]), (5, [1, 4]), (1, [1, 1, 3])])
+def test_a_call_waits_for_questions_that_are_expected_but_not_for_longer_than_a_call_takes(expected, sizes):
+    found, answers = [], {}
+
+    def answer(questions):
+        found.append(len(questions))
+        time.sleep(0.5)
+        return questions
+
+    collector = BatchCollector(answer, expected=lambda: expected if found else 1)
+    assert collector.ask(0) == 0
+    threads = [threading.Thread(target=lambda i=i: answers.update({i: collector.ask(i)})) for i in range(4)]
+    for i, thread in enumerate(threads):
+        thread.start()
+        time.sleep(0.1 if i == 0 else 0.0)
+    for thread in threads:
+        thread.join(PATIENCE_S)
+    collector.close()
+    assert (found, answers) == (sizes, {i: i for i in range(4)})
+
+
+def test_a_call_does_not_wait_for_questions_that_are_expected_no_longer():
+    expected, ended = [1], []
+    collector = BatchCollector(lambda questions: time.sleep(1.0) or questions, expected=lambda: expected[0])
+    collector.ask(0)
+    expected[0] = 2
+    thread = threading.Thread(target=lambda: ended.append((collector.ask(1), time.perf_counter())))
+    began = time.perf_counter()
+    thread.start()
+    time.sleep(0.1)
+    expected[0] = 1  # its trial has ended without a further question
+    thread.join(PATIENCE_S)
+    collector.close()
+    assert ended[0][0] == 1
+    assert ended[0][1] - began < 1.8
+
+
 def test_a_batch_that_fails_is_asked_one_by_one():
     begun, go_on, sizes, outcomes = threading.Event(), threading.Event(), [], {}
 

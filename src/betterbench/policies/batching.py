@@ -16,6 +16,8 @@ AnswerT = TypeVar("AnswerT")
 MAX_BATCH = 16
 """Questions that one call answers at most, unless another number is asked for."""
 
+_PAUSE_S = 0.01  # after which a call that waits for company looks again whether any is to come
+
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
@@ -30,13 +32,25 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 class BatchCollector(Generic[QuestionT, AnswerT]):
     """Answers the questions of many threads in one thread, all that wait at a moment together.
 
-    Nothing waits for company: while one call is under way the next questions gather by themselves, so a busy policy
-    gets large batches and an idle one answers at once. Where a batch fails its questions are asked one by one, so that
-    a caller sees the fault of its own question only.
+    While one call is under way the next questions gather by themselves, so a busy policy gets large batches and an idle
+    one answers at once. Where further questions are expected, a call waits for them, but no longer than the shortest
+    call so far has taken: otherwise several callers of one server send it small batches in turn. Where a batch fails
+    its questions are asked one by one, so that a caller sees the fault of its own question only.
     """
 
-    def __init__(self, answer: Callable[[Sequence[QuestionT]], Sequence[AnswerT]], *, limit: int = MAX_BATCH) -> None:
-        self._answer, self._limit = answer, max(1, limit)
+    def __init__(
+        self,
+        answer: Callable[[Sequence[QuestionT]], Sequence[AnswerT]],
+        *,
+        limit: int = MAX_BATCH,
+        expected: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """Start the thread that calls ``answer``.
+
+        ``expected`` returns how many questions may wait at once, those that wait included; it is called in that thread.
+        """
+        self._answer, self._limit, self._expected = answer, max(1, limit), expected
+        self._shortest_s = math.inf  # of the calls
         self._waiting: queue.SimpleQueue[_PendingQuestion[QuestionT, AnswerT] | None] = queue.SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="collector", daemon=True)
@@ -82,17 +96,30 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
 
     def _work(self) -> None:
         while True:
-            waiting = [self._waiting.get()]
-            while len(waiting) < self._limit:
-                try:
-                    waiting.append(self._waiting.get_nowait())
-                except queue.Empty:
-                    break
+            waiting = self._gathered()
             asked = [t for t in waiting if t is not None]
             if asked:
+                began = time.perf_counter()
                 self._serve(asked)
+                self._shortest_s = min(self._shortest_s, time.perf_counter() - began)
             if len(asked) < len(waiting):
                 return
+
+    def _gathered(self) -> list[_PendingQuestion[QuestionT, AnswerT] | None]:
+        """Wait for the questions of the next call; None stands last if the collector is closed."""
+        waiting = [self._waiting.get()]
+        until = time.perf_counter() + (self._shortest_s if math.isfinite(self._shortest_s) else 0.0)
+        while len(waiting) < self._limit and waiting[-1] is not None:
+            left_s = until - time.perf_counter() if len(waiting) < self._expected() else 0.0
+            try:
+                # What is expected can become less, so it is asked for again and again.
+                waiting.append(
+                    self._waiting.get(timeout=min(left_s, _PAUSE_S)) if left_s > 0.0 else self._waiting.get_nowait()
+                )
+            except queue.Empty:
+                if left_s <= 0.0:
+                    break
+        return waiting
 
     def _serve(self, waiting: list[_PendingQuestion[QuestionT, AnswerT]]) -> None:
         try:

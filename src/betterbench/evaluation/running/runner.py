@@ -251,18 +251,22 @@ def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_ti
         raise UnknownNameError("engine", engine, get_args(Engine))
 
 
-def _by_scene(trials: list[Trial], *, foreign: bool = False) -> list[Trial]:
+def _by_scene(trials: list[Trial], *, last: int = 0, foreign: bool = False) -> list[Trial]:
     """Order trials: those that share compiled scenes follow each other, and long tasks come before short ones.
 
-    At the end of a run workers then wait for short trials only. Results do not depend on the order.
+    The ``last`` trials are ordered by their own lengths, since at the end of a run workers should wait for short trials
+    only. Results do not depend on the order.
     """
     if foreign:
         return sorted(trials, key=lambda t: (t.task, t.seed))
-    limits = dict[str, int]()
+    limits = dict[tuple[str, str], int]()
     for trial in {(t.task, t.condition): t for t in trials}.values():
         found = trial.resolve()
-        limits[trial.task] = max(limits.get(trial.task, 0), found.task.step_limit(found.condition))
-    return sorted(trials, key=lambda t: (-limits[t.task], t.task, t.seed))
+        limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
+    longest = {task: max(s for (of, _), s in limits.items() if of == task) for task, _ in limits}
+    ordered = sorted(trials, key=lambda t: (-longest[t.task], t.task, t.seed))
+    begin = max(0, len(ordered) - last)
+    return ordered[:begin] + sorted(ordered[begin:], key=lambda t: -limits[t.task, t.condition])
 
 
 def _ray_session(cluster: Cluster, workers: int | None) -> RaySession:
@@ -282,7 +286,8 @@ def _entries(
     session: RaySession | None,
 ) -> Generator[JournalEntry, None, None]:
     """Yield the journal entry of every trial, as they end."""
-    later = (_by_scene(trials, foreign=settings.world is not None) for trials in schedule.rounds())
+    last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment takes some of them
+    later = (_by_scene(trials, last=last, foreign=settings.world is not None) for trials in schedule.rounds())
     first = next(later, [])
     if not first:
         return

@@ -30,10 +30,21 @@ class SharedPolicy:
     Only one thread calls the policy. A policy that takes no batches gets one observation at a time.
     """
 
-    def __init__(self, policy: Policy, batch: int, *, deadline: Deadline | None = None) -> None:
-        """Start the thread; ``batch`` is the largest number of observations in one call."""
+    def __init__(
+        self,
+        policy: Policy,
+        batch: int,
+        *,
+        deadline: Deadline | None = None,
+        expected: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """Start the thread.
+
+        ``batch`` is the largest number of observations in one call; ``expected`` as in
+        :class:`~betterbench.policies.batching.BatchCollector`.
+        """
         self._policy, self._deadline = policy, deadline
-        self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch)
+        self._collector: BatchCollector[_Asked, _Given] = BatchCollector(self._answer, limit=batch, expected=expected)
 
     def seat(self) -> Policy:
         """Return the policy as one connection sees it."""

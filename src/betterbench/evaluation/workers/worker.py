@@ -172,6 +172,9 @@ class Worker:
         """What the next call of :meth:`finished` raises, as soon as it is known: there may be no trial left for it."""
         return self._stop
 
+    def _open_trials(self) -> int:
+        return sum(slot.steps is not None for slot in self._slots)
+
     def start(self, trial: Trial) -> None:
         """Take a trial, which :meth:`finished` runs; InvalidInputError if no environment is free."""
         for slot in self._slots:
@@ -366,7 +369,7 @@ class Worker:
                 taken = self._trial_runner.policies.take()
                 if not isinstance(taken, BatchPolicy):
                     raise AssertionError("the policy took batches before")
-                self._shared = SharedPolicy(taken, MAX_BATCH)
+                self._shared = SharedPolicy(taken, MAX_BATCH, expected=self._open_trials)
             return self._shared.seat()
 
     def _due(self, slot: _Slot) -> float:
