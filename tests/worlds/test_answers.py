@@ -142,6 +142,7 @@ def test_the_usual_preset_of_each_server_is_that_of_its_client_in_the_world():
     assert usual["starvla", "calvin"] == ("starvla_calvin", "open_positive")
     assert usual["being-h", "libero"] == ("being_h_libero", "open_linear")
     assert usual["being-h", "calvin"] == ("being_h_calvin", "open_linear")
+    assert usual["gr00t", "libero"] == ("gr00t_libero_panda", "open_sign")
     assert usual["gr00t", "calvin"] == ("gr00t_calvin", "open_positive")
     assert usual["vla-eval", "calvin"] == ("vla_eval_calvin", "open_positive")
 
