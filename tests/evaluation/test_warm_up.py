@@ -15,7 +15,7 @@ from betterbench.recording import RunFolder
 
 LATENCY_S = 0.15
 CHUNK = 2
-STEPS = 24
+STEPS = 16
 """Steps after which a trial ends, because the policy answers with what is no number."""
 
 
