@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record
+from betterbench.diagnosis.modes import MODES
 
 ABOVE = 0.05
 """Height over the top of an object at which an open gripper hovers [m]."""
@@ -745,3 +746,60 @@ def test_every_evidence_names_time_place_and_what_was_asked(stage, task, name, a
         assert s.info.object(thing).kind in text, text
     if found.evidence.objects:
         assert "slot '" in text or " cm" in text or "at the " in text, text
+
+
+# -- grippers that never close, or never open ------------------------------------------------------------------------
+
+
+def _come_to(s, name):
+    """Goes down to an object with an open gripper, again and again, until the limit."""
+    for _ in range(6):
+        s.over(s.grip_point(name), 0.1).go(*s.grip_point(name)).wait(2.5)
+    return diagnose_record(s.end(termination="step_limit"))
+
+
+def _keep(s, name):
+    """Brings an object to its place and does not let go of it."""
+    s.grasp(name).lift()
+    place = s.goal(0) - s.grip_offset
+    s.over(place, 0.3).go(*place[:2], place[2] + 0.01).wait(3.0)
+    for _ in range(12):
+        s.over(place, 0.3).wander(2.0)
+    return diagnose_record(s.end(termination="step_limit"))
+
+
+def _asked(s):
+    return s.condition.resolve(s.condition.instruction.subgoals[0].reference)[0]
+
+
+@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting"])
+def test_a_gripper_that_never_closes_is_said_not_to(stage, task):
+    s = stage(task, "train1")
+    found = _come_to(s, _asked(s))
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "never_closes")
+    assert "never closes" in found.evidence.text
+    assert MODES[Label.TIMEOUT].conclude([found]).endswith("its gripper never closes on them.")
+
+
+@pytest.mark.parametrize("task", ["morning_coffee", "fast_food", "desk_meeting", "dinner_plates"])
+def test_a_gripper_that_never_opens_is_said_not_to(stage, task):
+    s = stage(task, "train1")
+    found = _keep(s, _asked(s))
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "never_opens")
+    assert "never opens" in found.evidence.text
+    assert MODES[Label.TIMEOUT].conclude([found]).endswith("its gripper never opens there.")
+
+
+def test_who_is_slow_on_the_way_has_a_gripper_that_works(stage):
+    s = stage("fast_food", "train1")
+    s.grasp(_asked(s)).lift().over(s.goal(0), 0.3)
+    found = diagnose_record(s.end(termination="step_limit"))
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "step_limit")
+    assert "with the burger in the gripper" in found.evidence.text
+
+
+def test_who_has_closed_once_is_not_said_never_to_close(stage):
+    s = stage("morning_coffee", "train1")
+    s.close().open()
+    found = _come_to(s, _asked(s))
+    assert found.evidence.rule != "never_closes"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+from betterbench.diagnosis.instruction_effect import instruction_effects
 from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
 from betterbench.statistics import (
@@ -61,7 +62,8 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
             its trials stopped, and numbers over several conditions are of the seeds of the first round alone.
 
     Returns:
-        Rates, distractor grasp rate and progress over every scope, ΔSR of recompositions, and illusion gaps.
+        Rates, distractor grasp rate and progress over every scope, instruction effects, ΔSR of recompositions, and
+        illusion gaps.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
@@ -75,6 +77,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
         metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, kept)), len(kept))) for n, f in rates]
         metrics.append(_distractor_grasp_rate(scope, kept))
         metrics.append(_progress(scope, kept))
+    metrics += instruction_effects(even)
     metrics += _delta_success_rates(even)
     metrics += _illusion_gaps(even, trials if decided is not None else None)
     return tuple(metrics)

@@ -12,13 +12,21 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
+from betterbench.diagnosis.instruction_effect import (
+    SAME_TARGET,
+    decider_of,
+    effect_findings,
+    effect_words,
+    tasks_without_effect,
+)
 from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
+from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
 from betterbench.diagnosis.trial import Choice, Reading, read_trial
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
-from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interventions.resolve import resolve_condition
@@ -26,6 +34,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
+from betterbench.tasks.labels import Label
 from betterbench.worlds.libero_plus import axis_of
 from betterbench.worlds.regime import TrainedTask
 
@@ -284,6 +293,14 @@ def _diagnose(
         else _without_record(trial, policy, trials.missing.get(trial), foreign)
         for trial in trials.plan
     )
+    unused = tasks_without_effect(found)
+    decider = decider_of({task: list(choices[group[task]].values()) for task in unused if group[task] in choices})
+    found = tuple(
+        _whatever_is_asked(t, trials.readings[t.trial_id], unused[t.task], decider)
+        if t.task in unused and t.trial_id in trials.readings
+        else t
+        for t in found
+    )
     waiting = tuple(_without_record(trial, policy, None, foreign) for trial in trials.pending)
     broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
     decided = trials.until_decided
@@ -293,7 +310,8 @@ def _diagnose(
     if foreign is not None and (untold := untold_by(found)):
         notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
     return RunDiagnosis(
-        policy=policy, trials=found, metrics=compute_metrics(found, decided), findings=find_findings(found, rules),
+        policy=policy, trials=found, metrics=compute_metrics(found, decided),
+        findings=(*effect_findings(unused, decider), *find_findings(found, rules)),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
         versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
@@ -307,6 +325,20 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
         return reading.diagnosis
     label, evidence = decide(reading.findings, ruling)
     return replace(reading.diagnosis, label=label, evidence=evidence)
+
+
+def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: str) -> TrialDiagnosis:
+    """Return the diagnosis of a trial of a policy that does not use the instruction.
+
+    A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
+    """
+    if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
+        return trial
+    label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))
+    if label is not Label.VISUAL_LAYOUT_BIAS:
+        return trial
+    text = f"{evidence.text} {effect_words(effect)} What decides instead: {decider}."
+    return replace(trial, label=label, evidence=replace(evidence, rule=SAME_TARGET, text=text))
 
 
 def _without_record(trial: TrialId, policy: str, reason: str | None, foreign: ForeignRun | None) -> TrialDiagnosis:

@@ -9,12 +9,14 @@ from dataclasses import dataclass, replace
 from betterbench.diagnosis.collisions import count_collisions
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
 from betterbench.diagnosis.harm import find_harm
+from betterbench.diagnosis.instruction_effect import scene_of
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
-from betterbench.diagnosis.trace import trace_of
+from betterbench.diagnosis.trace import Trace, trace_of
 from betterbench.diagnosis.verdict import Attempt, Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
+from betterbench.geometry import horizontal_distance
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.recording import Record, RecordMetadata
 from betterbench.tasks import (
@@ -46,6 +48,8 @@ class Choice:
         step_slots: The same for each later step by itself, in order.
         places: Number of slots at which something could be grasped.
         thing: Kind of what stood in the slot of the first attempt; empty if nothing did.
+        color: Its color.
+        nearest: Slot of the thing that stood nearest to the gripper at the start; empty if nothing stood in a slot.
         favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
     """
 
@@ -58,6 +62,8 @@ class Choice:
     later_slots: frozenset[str]
     places: int
     thing: str = ""
+    color: str = ""
+    nearest: str = ""
     favorite_slots: frozenset[str] = frozenset()
     step_slots: tuple[frozenset[str], ...] = ()
 
@@ -148,6 +154,7 @@ def trial_diagnosis(
         intended_any=tuple(episode.name(i) for i in intended), intention_correct=episode.intention_correct(),
         progress=episode.progress(), attempts=_attempts(episode), evidence=evidence,
         collisions=count_collisions(record, trace), steps=trace.rows - 1, duration_s=float(trace.time[-1]), record=path,
+        scene=scene_of(record),
     )  # fmt: skip
 
 
@@ -209,7 +216,14 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
         later_slots=frozenset().union(*steps), step_slots=tuple(steps),
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
         thing="" if slot not in standing else episode.kind(standing[slot]),
+        color="" if slot not in standing else trace.info.objects[standing[slot]].color,
+        nearest=place[min(standing, key=lambda s: _distance_at_start(trace, standing[s]))] if standing else "",
     )  # fmt: skip
+
+
+def _distance_at_start(trace: Trace, item: int) -> float:
+    """Return the horizontal distance of an object from the gripper at the start [m]."""
+    return horizontal_distance(trace.positions[0, item].tolist(), trace.tool[0].tolist())
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:

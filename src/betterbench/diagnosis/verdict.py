@@ -77,6 +77,8 @@ class TrialDiagnosis:
             grasp at an emptied slot: evidence of inertia that did not spoil the goal. Empty otherwise.
         collisions: How often the robot, or what it held, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
+        scene: Digest of the initial state: trials of one seed that share it differ in the instruction alone. Empty
+            without a record, and where first attempts are not judged.
     """
 
     task: str
@@ -105,6 +107,7 @@ class TrialDiagnosis:
     record: str | None
     harm: tuple[str, ...] = ()
     needless: tuple[Evidence, ...] = ()
+    scene: str = ""
 
     @property
     def kind(self) -> Kind:
@@ -144,9 +147,10 @@ class Metric:
     """One number with its uncertainty.
 
     Attributes:
-        name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy", "delta_sr",
-            "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate", "execution_failure_rate",
-            "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where trials are unfinished).
+        name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy",
+            "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
+            "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where
+            trials are unfinished).
         scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".

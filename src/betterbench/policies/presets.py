@@ -506,7 +506,9 @@ def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
     """Return what a preset is in the world of an address."""
     if address.world.startswith("libero"):
         usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
-        return in_libero(GR00T_LIBERO_PANDA if usual else adapter)  # which NVIDIA's checkpoints of LIBERO are asked with
+        return in_libero(
+            GR00T_LIBERO_PANDA if usual else adapter
+        )  # which NVIDIA's checkpoints of LIBERO are asked with
     if address.world == "calvin":
         return in_calvin(adapter, chosen="preset" in address.options)
     return adapter

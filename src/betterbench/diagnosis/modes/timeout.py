@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from betterbench.diagnosis.approaches import STAY_TIME
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.geometry import rotate
 from betterbench.statistics.wording import listed
+from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.labels import Label
+from betterbench.tasks.relations import relation
+from betterbench.tasks.thresholds import threshold
+
+OVER_GOAL = threshold(
+    "over_goal", 0.06, "m",
+    "Horizontal distance from the middle of its place within which a held object has been brought there; the largest "
+    "of our target regions reach 6 cm to each side.",
+)  # fmt: skip
 
 
 @FailureMode(
@@ -14,6 +27,12 @@ from betterbench.tasks.labels import Label
     short="timeout",
     definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
+    sharper=sharper_by_rule(
+        {
+            "never_closes": "It goes for the right things, but its gripper never closes on them.",
+            "never_opens": "It brings the right things to their places, but its gripper never opens there.",
+        }
+    ),
     finding="Does the right things until the step limit ends the trial",
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -24,9 +43,55 @@ def _find(trial: TrialView) -> Evidence | None:
     last = episode.trace.rows - 1
     words = listed(episode.open_words(last))
     tail = f"; asked for and still to do: {words}" if words else ""
-    return episode.evidence(
-        "step_limit", f"The step limit is reached {_course(episode, last)}{tail}.", rows=(last, last)
-    )
+    rule, course = _stuck(episode, last) or ("step_limit", _course(episode, last))
+    return episode.evidence(rule, f"The step limit is reached {course}{tail}.", rows=(last, last))
+
+
+def _stuck(episode: EpisodeAnalysis, last: int) -> tuple[str, str] | None:
+    """Return the rule and the clause of a gripper that never closes on the right thing, or never lets go of it."""
+    trace = episode.trace
+    stay = _stay(episode)
+    if stay is not None and not trace.closing.any() and _comes_within_reach(episode, stay):
+        kind = episode.kind(stay)
+        return "never_closes", f"with a gripper that has come to the {kind}, the right target, and never closes"
+    held = int(trace.held[last])
+    if held < 0 or not _kept_at_its_place(episode, held, last):
+        return None
+    kind = episode.kind(held)
+    return "never_opens", f"with the {kind} in a gripper that has come to the right place with it and never opens"
+
+
+def _comes_within_reach(episode: EpisodeAnalysis, i: int) -> bool:
+    """Tell whether the gripper was for a while where closing would have taken an object; who hovers over it was not."""
+    trace = episode.trace
+    low = trace.tool[:, 2] <= trace.positions[:, i, 2] + trace.info.objects[i].size_m[2]
+    rows = sum(bool(trace.within_reach(row, trace.tool[row])[i]) for row in np.flatnonzero(low).tolist())
+    return rows >= trace.steps(THRESHOLDS.stop_time)
+
+
+def _kept_at_its_place(episode: EpisodeAnalysis, held: int, last: int) -> bool:
+    """Tell whether the gripper held an object at its place for long, and has not opened since it took it."""
+    trace = episode.trace
+    taken = int(np.flatnonzero(trace.held != held)[-1]) + 1 if (trace.held != held).any() else 0
+    if not trace.closing[taken : last + 1].all():
+        return False
+    for g in episode.open_goals(last):
+        goal, t = episode.goals[g], trace.targets[g]
+        if held not in episode.meant[g] or not relation(goal.relation).carried:
+            continue
+        target = trace.info.objects[t]
+        places = {r.name: r.position for r in target.regions}
+        middle = places.get(goal.region, relation(goal.relation).middle(target, goal.region))
+        turned = [rotate((w, x, y, z), middle) for w, x, y, z in trace.quaternions[taken:, t].tolist()]
+        gaps = trace.positions[taken:, held, :2] - trace.positions[taken:, t, :2] - np.array(turned)[:, :2]
+        if (np.linalg.norm(gaps, axis=1) <= OVER_GOAL).sum() >= trace.steps(STAY_TIME):
+            return True
+    return False
+
+
+def _stay(episode: EpisodeAnalysis) -> int | None:
+    """Return the thing that an open gripper stayed over, or None."""
+    return next((s.at for s in episode.others if s.means is Means.STAY and s.at is not None), None)
 
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
@@ -34,7 +99,7 @@ def _course(episode: EpisodeAnalysis, last: int) -> str:
     held = int(episode.trace.held[last])
     if held >= 0:
         return f"with the {episode.kind(held)} in the gripper"
-    stay = next((s for s in episode.others if s.means is Means.STAY and s.at is not None), None)
-    if stay is not None and stay.at is not None:
-        return f"while the open gripper stays over the {episode.kind(stay.at)}, the right target"
+    stay = _stay(episode)
+    if stay is not None:
+        return f"while the open gripper stays over the {episode.kind(stay)}, the right target"
     return "although every attempt was right" if episode.steps else "on the way to a first attempt"

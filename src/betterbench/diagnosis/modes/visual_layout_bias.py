@@ -1,10 +1,11 @@
-"""Visual layout bias: the first attempt goes to the same place whatever is asked. A verdict over paired trials."""
+"""Visual layout bias: the first attempt does not depend on what is asked. A verdict over paired trials."""
 
 from __future__ import annotations
 
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
+from betterbench.diagnosis.instruction_effect import SAME_TARGET
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
@@ -28,8 +29,12 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.VISUAL_LAYOUT_BIAS,
     short="layout bias",
-    definition="The first attempt is at the same slot whatever the instruction; decided over several trials.",
+    definition="The first attempt does not depend on the instruction: it is at the same slot, or at whatever a feature "
+    "of the scene or of the arm's start picks; decided over pairs of trials.",
     conclusion="It goes to the same place whatever the instruction says.",
+    sharper=sharper_by_rule(
+        {SAME_TARGET: "It does not use the instruction: its first target stays the same where only that changes."}
+    ),
     finding="Goes to the same place whatever the instruction",
     rule=PLACE,
     needs_rule=True,

@@ -1,0 +1,189 @@
+"""The instruction effect: how often the first target changes where nothing but the instruction does (suite, section 4).
+
+Trials of one seed begin with the same scene wherever their conditions hold the same objects at the same places: the
+streams of chance do not depend on the condition. So every run holds pairs of trials that differ in the instruction
+alone. If their instructions ask for different things first, a policy that uses the instruction goes for different
+things, rightly or wrongly; one that does not goes for the same thing in both, whatever it likes about it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
+from betterbench.recording import Record
+from betterbench.statistics import Rate
+from betterbench.statistics.unpaired import binomial_probabilities
+from betterbench.tasks.labels import Kind
+
+if TYPE_CHECKING:
+    from betterbench.diagnosis.trial import Choice  # which begins with what is here
+
+Pair = tuple[TrialDiagnosis, TrialDiagnosis]
+
+LEAST_PAIRS = 10
+"""Pairs from which a policy can be said not to use the instruction; with fewer, chance alone could not be told from it.
+"""
+
+USED = 0.5
+"""Instruction effect of a policy that picks one of two things at random: what has to be excluded before a policy is
+said not to use the instruction."""
+
+SAME_TARGET = "same_target_whatever_the_instruction"
+"""Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""
+
+_NEARLY_ALL = 0.9
+"""Share of the first attempts that something has to explain before it is named in place of the instruction."""
+
+_PLACE_DIGITS = 4
+"""Decimals of the positions [m] and rotations by which two initial states are compared: 0.1 mm."""
+
+
+def scene_of(record: Record) -> str:
+    """Return a digest of the initial state: which objects there are, where each one is, and how the arm stands."""
+    things = sorted(
+        (thing.asset, thing.kind, np.round([*position, *quaternion], _PLACE_DIGITS).tolist())
+        for thing, position, quaternion in zip(
+            record.metadata.scene.objects, record.object_positions[0], record.object_quaternions[0], strict=True
+        )
+    )
+    arm = np.round([*record.joint_positions[0], record.finger_width[0]], _PLACE_DIGITS).tolist()
+    # Adding zero turns -0.0 into 0.0, which is another text and the same place.
+    form = json.dumps([[a, k, [x + 0.0 for x in numbers]] for a, k, numbers in things] + [[x + 0.0 for x in arm]])
+    return hashlib.sha256(form.encode()).hexdigest()[:16]
+
+
+def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
+    """Return pairs of trials that differ in the instruction alone and whose instructions want different things first.
+
+    A trial is in one pair at most, so that pairs count by themselves: a variation goes with its counterfactual twin if
+    that is possible, and otherwise with the first trial of the same scene that is left. Trials without a first grasp
+    attempt, and those in which nothing should be grasped first, are in none.
+    """
+    groups: dict[tuple[int, str], list[TrialDiagnosis]] = defaultdict(list)
+    for trial in trials:
+        if trial.scene and trial.intended_any and first_target(trial) is not None:
+            groups[trial.seed, trial.scene].append(trial)
+    return [pair for group in groups.values() for pair in _matched(group)]
+
+
+def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
+    left = {trial.key: trial for trial in sorted(group, key=lambda t: t.variation is None)}  # variations choose first
+    while left:
+        trial = left.pop(next(iter(left)))
+        others = [t for t in left.values() if not set(t.intended_any) & set(trial.intended_any)]
+        partner = min(others, key=lambda t: (t.key != trial.twin_key, t.variation is not None), default=None)
+        if partner is not None:
+            del left[partner.key]
+            yield trial, partner
+
+
+def first_target(trial: TrialDiagnosis) -> str | None:
+    """Return what a trial went for first: the name of an object, or of the slot that was grasped at, if any."""
+    return trial.first_attempt or trial.first_slot
+
+
+def changes_target(pair: Pair) -> bool:
+    """Tell whether the first target changes with the instruction."""
+    return first_target(pair[0]) != first_target(pair[1])
+
+
+def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
+    """Yield the instruction effect over all trials and of each task; training conditions count as variations do.
+
+    The p-value is that of as few changes, or fewer, from a policy that picks one of two things at random (exact).
+    """
+    ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
+    pairs = instruction_pairs(ended)
+    scopes = {"overall": pairs}
+    for pair in pairs:
+        scopes.setdefault(pair[0].task, []).append(pair)
+    for scope, members in scopes.items():
+        if not members:
+            continue
+        rate = Rate(sum(map(changes_target, members)), len(members))
+        p = min(1.0, float(binomial_probabilities(rate.n, USED)[: rate.k + 1].sum()))
+        yield Metric(
+            "instruction_effect", scope, rate.k, rate.n, rate.value, rate.low, rate.high, p,
+            method="wilson over pairs; exact binomial against 0.5",
+        )  # fmt: skip
+
+
+def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
+    """Tell whether an instruction effect proves that the instruction is not used.
+
+    That takes :data:`LEAST_PAIRS` pairs and a p-value below 2.5 % over so many tests, which is an interval below
+    :data:`USED` where there is one test.
+    """
+    if effect is None or effect.p_value is None:
+        return False
+    return effect.n >= LEAST_PAIRS and effect.p_value * tests < 0.025
+
+
+def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
+    """Return the tasks in which a policy does not use the instruction, each with the metric that proves it.
+
+    What all tasks prove together holds for each of them whose own pairs do not speak against it; otherwise a task needs
+    pairs of its own.
+    """
+    effects = {m.scope: m for m in instruction_effects(trials)}
+    overall = effects.pop("overall", None)
+    tasks = {t.task: effects.get(t.task) for t in trials}
+    if overall is not None and is_unused(overall):
+        return {task: overall for task, own in tasks.items() if own is None or (own.value or 0.0) < USED}
+    return {task: own for task, own in tasks.items() if own is not None and is_unused(own, tests=len(effects))}
+
+
+def effect_words(effect: Metric) -> str:
+    """Return the sentence that counts the pairs of an instruction effect."""
+    same = effect.n - (effect.k or 0)
+    return f"In {same} of {effect.n} pairs of trials that differ in the instruction alone the first target is the same."
+
+
+def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:
+    """Yield one sentence for each proof that the instruction is not used."""
+    for effect in dict.fromkeys(unused.values()):
+        where = "" if effect.scope == "overall" else f"{effect.scope}: "
+        percent = (
+            f"instruction effect {100 * (effect.value or 0.0):.0f} %, 95 % interval {100 * (effect.low or 0.0):.0f}"
+        )
+        yield (
+            f"{where}It does not use the instruction: the first target is the same in {effect.n - (effect.k or 0)} of "
+            f"{effect.n} pairs of trials that differ in the instruction alone ({percent} to "
+            f"{100 * (effect.high or 0.0):.0f}). What decides instead: {decider}."
+        )
+
+
+def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
+    """Return what decides in place of the instruction where it is not used, as far as the trials separate it.
+
+    ``choices`` are the first attempts of each task. A place and a kind of thing may be another one in each task.
+    """
+    every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
+    things = [choice for choice in every if choice.thing]
+    found = {
+        "its place": all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
+        "what it is": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
+        "its color": _usual([c.color for c in things]) is not None,
+        "that it is nearest to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every]) == "True",
+    }
+    names = [name for name, holds in found.items() if holds and every]
+    if not names:
+        return (
+            "neither one place, one kind of thing, one color nor the nearest thing: something else that stays the same "
+            "within a seed, such as the arm's start pose"
+        )
+    more = "" if len(names) == 1 else ", which these trials do not separate"
+    return f"{' or '.join(names)}{more}"
+
+
+def _usual(names: Sequence[str]) -> str | None:
+    """Return the name that nearly all are, or None."""
+    most = max(sorted(set(names)), key=names.count, default=None)
+    return most if most is not None and names.count(most) >= _NEARLY_ALL * len(names) else None

@@ -1,0 +1,157 @@
+"""The instruction effect: pairs of trials that differ in the instruction alone, and policies that do not use it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from betterbench.diagnosis import Label, diagnose_records
+from betterbench.diagnosis.instruction_effect import (
+    SAME_TARGET,
+    changes_target,
+    instruction_pairs,
+    is_unused,
+    scene_of,
+    tasks_without_effect,
+)
+from betterbench.diagnosis.verdict import Metric
+
+MUGS = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4")
+
+
+def take(stage, choose, names=MUGS, task="morning_coffee", seeds=range(3)):
+    """Records of a policy that takes what ``choose`` names and brings it where the first step wants it."""
+    records = []
+    for name in names:
+        for seed in seeds:
+            s = stage(task, name, seed=seed)
+            s.bring(choose(s), s.goal(0)).home().wait(4)
+            records.append(s.end())
+    return records
+
+
+def asked(s):
+    return s.condition.resolve(s.condition.instruction.subgoals[0].reference)[0]
+
+
+def red(s):
+    return next(n for n in s.movable() if s.info.object(n).color == "red")
+
+
+def by_start_pose(s):
+    """The choice of a policy that follows the arm's start pose, which only the seed decides."""
+    return s.at("near" if s.metadata.seed % 2 else "far")
+
+
+def nearest(s):
+    return min(s.movable(), key=lambda n: math.dist(s.positions[n][:2], s.tool[:2]))
+
+
+def effect(found):
+    metric = found.metric("instruction_effect", "overall")
+    return metric.k, metric.n
+
+
+def test_an_honest_policy_changes_its_target_in_every_pair(stage):
+    found = diagnose_records(take(stage, asked))
+    assert effect(found) == (12, 12)
+    assert not any("use the instruction" in text for text in found.findings)
+
+
+@pytest.mark.parametrize(
+    ("choose", "decides"),
+    [
+        (red, "what it is or its color"),
+        (by_start_pose, "something else that stays the same within a seed"),
+        (lambda s: s.at("far"), "its place"),
+        (nearest, "nearest to the gripper"),
+    ],
+)
+def test_a_policy_that_does_not_use_the_instruction_is_said_not_to(stage, choose, decides):
+    found = diagnose_records(take(stage, choose))
+    assert effect(found) == (0, 12)
+    assert "does not use the instruction" in found.findings[0]
+    assert decides in found.findings[0].partition("What decides instead:")[2]
+    wrong = [t for t in found.trials if not t.success]
+    assert len(wrong) >= 6
+    assert {t.label for t in wrong} == {Label.VISUAL_LAYOUT_BIAS}
+    assert all(t.intention_correct for t in found.trials if t.success)
+
+
+def test_evidence_counts_the_pairs_and_says_what_decides(stage):
+    found = diagnose_records(take(stage, by_start_pose))
+    proven = [t for t in found.trials if t.evidence.rule == SAME_TARGET]
+    assert proven
+    text = proven[0].evidence.text
+    assert "In 12 of 12 pairs of trials that differ in the instruction alone the first target is the same." in text
+    assert "such as the arm's start pose" in text
+
+
+def test_few_pairs_accuse_nobody(stage):
+    found = diagnose_records(take(stage, red, seeds=range(2)))
+    assert effect(found) == (0, 8)
+    assert not any("use the instruction" in text for text in found.findings)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_policy_that_picks_at_random_is_not_accused(stage, seed):
+    rng = np.random.default_rng(seed)
+    found = diagnose_records(take(stage, lambda s: rng.choice(s.movable()), seeds=range(2)))
+    metric = found.metric("instruction_effect", "overall")
+    assert not is_unused(metric)
+
+
+def test_a_word_that_leads_somewhere_is_a_use_of_the_instruction(policies):
+    records = [policies["lexical"]("morning_coffee", name, seed) for name in MUGS for seed in range(3)]
+    found = diagnose_records(records)
+    assert found.metric("instruction_effect", "overall").value >= 0.5
+    assert {t.label for t in found.trials} == {Label.SUCCESS, Label.LEXICAL_KINEMATIC_SHORTCUT}
+
+
+def test_pairs_are_of_one_scene_ask_for_different_things_and_hold_no_trial_twice(stage):
+    trials = diagnose_records(take(stage, asked)).trials
+    pairs = instruction_pairs(trials)
+    keys = [t.key for pair in pairs for t in pair]
+    assert len(keys) == len(set(keys)) == 24
+    for a, b in pairs:
+        assert (a.seed, a.scene) == (b.seed, b.scene)
+        assert a.instruction != b.instruction
+        assert not set(a.intended_any) & set(b.intended_any)
+        assert changes_target((a, b))
+    assert all(b.key == a.twin_key for a, b in pairs if a.condition in ("train1", "train2", "train3", "train4"))
+
+
+def test_another_layout_another_seed_and_another_thing_are_other_scenes(stage):
+    scenes = {
+        (n, s): scene_of(stage("fast_food", n, seed=s).end()) for n in ("train1", "R1", "L1", "O1") for s in (0, 1)
+    }
+    assert scenes["train1", 0] == scenes["R1", 0]
+    assert len({scenes["train1", 0], scenes["train1", 1], scenes["L1", 0], scenes["O1", 0]}) == 4
+
+
+def test_without_attempts_there_is_no_pair(stage):
+    records = [stage("morning_coffee", name, seed=0).home().wait(4).end() for name in MUGS]
+    assert diagnose_records(records).metric("instruction_effect", "overall") is None
+
+
+def test_what_one_task_proves_is_said_of_that_task_alone(stage):
+    def mixed(s):
+        return red(s) if s.metadata.task == "morning_coffee" else asked(s)
+
+    records = take(stage, mixed, seeds=range(6))
+    records += take(stage, asked, ("train1", "R1", "R2"), "fast_food", range(12))
+    unused = tasks_without_effect(diagnose_records(records).trials)
+    assert list(unused) == ["morning_coffee"]
+
+
+def test_an_effect_needs_pairs_and_a_proof():
+    def metric(k, n, p):
+        return Metric("instruction_effect", "overall", k, n, k / n, 0.0, 0.5, p)
+
+    assert is_unused(metric(0, 10, 0.001))
+    assert not is_unused(metric(0, 9, 0.002))
+    assert not is_unused(metric(3, 10, 0.17))
+    assert not is_unused(metric(1, 10, 0.011), tests=5)
+    assert not is_unused(None)
