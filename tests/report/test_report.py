@@ -312,7 +312,8 @@ def test_two_counts_of_training_are_explained(tmp_path):
     more = [trial(variation=None, condition="train2", seed=s) for s in range(4)]
     varied = [trial(seed=s) for s in range(2)]
     page = body(write_report([diagnosis([*varied, *twins, *more])], tmp_path / "a").read_text(encoding="utf-8"))
-    assert "Here it counts every training trial (6); beside variations it counts their twins alone (2)" in page
+    assert "It counts every training trial (6). Gaps, charts and tables of tasks count the training twins" in page
+    assert "one per pair (2)" in page
     page = body(write_report([diagnosis([*varied, *twins])], tmp_path / "b").read_text(encoding="utf-8"))
     assert "beside variations it counts" not in page
 

@@ -51,6 +51,7 @@ def diagnose_command(
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
+    from betterbench.report.headline import headline_of
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
@@ -74,6 +75,7 @@ def diagnose_command(
             **result.to_json(),
             "power": None if standing is None else standing.to_json(),
             "changes": None if changes is None else changes.to_json(),
+            "headline": headline_of(result).to_json(),
         }
         print_json(document if known is None else {**document, "knowledge": known.to_json()})
         return
@@ -87,7 +89,7 @@ def _print(
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
     from betterbench.cli.output.standing import print_standing
     from betterbench.cli.output.vqa import print_knowledge
-    from betterbench.report.headline import verdict_line
+    from betterbench.report.headline import headline_of, verdict_line
 
     print_diagnosis(result)
     if standing is not None:
@@ -98,6 +100,8 @@ def _print(
         OUT.print()
         print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
+    if deciding := headline_of(result).claim.deciding:
+        OUT.print(deciding, markup=False, soft_wrap=not OUT.is_terminal)
 
 
 def _knowledge(

@@ -171,6 +171,9 @@ def render_page(
         instructions={(d.policy, t.key): t.instruction for d in diagnoses for t in d.trials},
         opening=_opening(headlines[0], films) if len(diagnoses) == 1 else None,
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
+        training_title="Success in all training trials"
+        if any(h.twins_differ for h in headlines)
+        else "Training success",
         training_note=_training_note(diagnoses, headlines),
         trust=dict(trust or {}),
         knowledge=[knowledge_view(known) for known in knowledge],
@@ -284,17 +287,17 @@ def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headli
     """Return why the trials of training are not as many everywhere, or an empty text where they are."""
     all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
-        twins, every = twin_figure(diagnosis.even(), lambda _: True), headline.training
-        if every.missing or twins.missing or twins.n == every.n:
+        twins = twin_figure(diagnosis, "overall")
+        if headline.training.missing or twins.missing or twins.n == headline.training.n:
             continue
         whose = "" if len(diagnoses) == 1 else f" of {diagnosis.policy}"
-        all_of.append(f"{every.n}{whose}")
+        all_of.append(f"{headline.training.n}{whose}")
         twins_of.append(f"{twins.n}{whose}")
     if not all_of:
         return ""
     return (
-        f"Here it counts every training trial ({listed(all_of)}); beside variations it counts their twins alone "
-        f"({listed(twins_of)}), which differ from them by nothing but the variation."
+        f"It counts every training trial ({listed(all_of)}). Gaps, charts and tables of tasks count the training twins "
+        f"instead, one per pair ({listed(twins_of)}), which differ from the variations by nothing but the variation."
     )
 
 

@@ -15,7 +15,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError, Record
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
-from betterbench.report.headline import verdict_line
+from betterbench.report.headline import headline_of, verdict_line
 from betterbench.report.legend import LEGEND
 from betterbench.report.media import Media, Thumbnails
 from betterbench.report.outcomes import is_abroad
@@ -77,7 +77,8 @@ def build_report(
     page = write_report(
         diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
     )
-    return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
+    told = [line for d in diagnoses for line in (verdict_line(d), headline_of(d).claim.deciding) if line]
+    return BuiltReport(page, tuple(told))
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:
