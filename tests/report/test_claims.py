@@ -67,7 +67,8 @@ def test_the_case_of_the_issue_claims_nothing():
         "Nothing to conclude yet: 4 of 48 variation trials failed, and an illusion gap"
     )
     assert "p = 0.13" in headline.conclusion
-    assert headline.claim.deciding in headline.sentences
+    assert headline.claim.deciding.startswith("What would decide it")
+    assert headline.claim.command.startswith("better eval --policy ")
 
 
 @pytest.mark.parametrize("twins", [4, 8])
@@ -114,9 +115,10 @@ def test_what_was_only_counted_needs_no_test():
 
 def test_what_would_decide_is_a_command_that_names_the_variation_new_seeds_and_enough_trials():
     run = replace(lost(4), policy="openpi://localhost:8000")
-    text, _, command = headline_of(run).claim.deciding.partition(": better ")
+    text, command = headline_of(run).claim.deciding, headline_of(run).claim.command
     assert "fast_food/T1" in text
     words = shlex.split(command)
+    assert words[:2] == ["better", "eval"]
     option = dict(itertools.pairwise(words))
     assert option["--policy"] == "openpi://localhost:8000"
     assert (option["--tasks"], option["--variations"], option["--seed"]) == ("fast_food", "T1", "48")

@@ -100,8 +100,9 @@ def _print(
         OUT.print()
         print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
-    if deciding := headline_of(result).claim.deciding:
-        OUT.print(deciding, markup=False, soft_wrap=not OUT.is_terminal)
+    claim = headline_of(result).claim
+    for line in filter(None, (claim.deciding, claim.command)):
+        OUT.print(line, markup=False, soft_wrap=True)
 
 
 def _knowledge(

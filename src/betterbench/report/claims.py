@@ -35,13 +35,15 @@ class Claim:
         supported: Whether the test is passed at the usual level; also True where the conclusion only counts.
         test: What was tested, in words.
         p_value: Of that test, None where there is none.
-        deciding: What would decide it, a sentence with a command where one is known; empty where nothing is open.
+        deciding: What would decide it, a sentence; empty where nothing is open.
+        command: The command that runs it, where one is known.
     """
 
     supported: bool
     test: str = ""
     p_value: float | None = None
     deciding: str = ""
+    command: str = ""
 
 
 DESCRIBED = Claim(True)
@@ -89,8 +91,8 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     if p <= DEFAULT_ALPHA:
         return Claim(True, f"failed variation trials against {100 * USUAL_SHARE:.0f} % (exact binomial)", p)
     if gap.p_value is None:
-        return Claim(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, _deciding(diagnosis))
-    return Claim(False, "illusion gap over all variations", gap.p_value, _deciding(diagnosis))
+        return Claim(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, *_deciding(diagnosis))
+    return Claim(False, "illusion gap over all variations", gap.p_value, *_deciding(diagnosis))
 
 
 def _above(count: int, n: int, share: float) -> float:
@@ -98,7 +100,7 @@ def _above(count: int, n: int, share: float) -> float:
     return chance_p(Rate(count, n), chance=share) if n and count > share * n else 1.0
 
 
-def _deciding(diagnosis: RunDiagnosis) -> str:
+def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     """Return which variations need how many pairs for a verdict, and the command that runs them with new seeds.
 
     A new run is judged by itself: pairs added to those that made one look closer would lean towards them.
@@ -108,7 +110,7 @@ def _deciding(diagnosis: RunDiagnosis) -> str:
     lost = Counter((t.task, t.pool) for twin, t in twins(diagnosis.even_trials) if twin.success and not t.success)
     ranked = [key for key, _ in (lost or failed).most_common()]
     if not ranked:
-        return ""
+        return "", ""
     chosen = [key for key in ranked if key[0] == ranked[0][0]][:MOST_VARIATIONS]  # of one task: one command
     names = listed([f"{task}/{name}" for task, name in chosen])
     each = _pairs_needed(diagnosis, chosen)
@@ -117,15 +119,15 @@ def _deciding(diagnosis: RunDiagnosis) -> str:
     else:
         text = f"What would decide it, if they go on failing as often: {plural(each, 'pair')} of {names}"
         text += " each" if len(chosen) > 1 else ""
-    text += " on new seeds, judged by themselves"
+    text += " on new seeds, judged by themselves."
     if any(is_of_libero(task) for task, _ in chosen):
-        return f"{text}."
+        return text, ""
     command = [
         "better", "eval", "--policy", diagnosis.policy, "--tasks", chosen[0][0],
         "--variations", *(name for _, name in chosen), "--seed", str(_next_seed(diagnosis)),
         "--trials", str(each or MOST_PAIRS), "--out", "runs/decide",
     ]  # fmt: skip
-    return f"{text}: {shlex.join(command)}"
+    return text, shlex.join(command)
 
 
 def _next_seed(diagnosis: RunDiagnosis) -> int:

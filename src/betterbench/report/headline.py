@@ -138,7 +138,6 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     conclusion, family, claim = _conclusion(diagnosis, training, gap)
     breakdown = _breakdown(varied)
     sentences = [
-        claim.deciding,
         _numbers(training, variations, gap),
         _failures(varied, diagnosis.findings),
         breakdown,
@@ -272,7 +271,8 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
             return habit
         if weak and weak_claim.supported:
             return before, "execution", weak_claim
-        return _nothing_yet(len(failed), len(varied), gap), Kind.UNFINISHED.value, claim
+        planned = sum(trial.variation is not None for trial in trials)
+        return _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(varied, main)):

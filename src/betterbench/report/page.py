@@ -26,7 +26,7 @@ from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.media import NO_MEDIA, Media
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
-from betterbench.report.pretenders import pretender_views
+from betterbench.report.pretenders import pretender_views, score_tables
 from betterbench.report.task_views import task_views
 from betterbench.report.wording import THIN, Figure
 from betterbench.statistics.wording import listed, p_text, plural
@@ -151,6 +151,7 @@ def render_page(
     pages.filters.update(group=_grouped, along=_along, unbroken=_unbroken)
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
+    views = pretender_views([d for d in diagnoses if not is_abroad(d)])
     numbers = {shown.film.key: shown.number for shown in films}
     matrices, unfilled = _matrices(diagnoses)
     return pages.get_template("page.html.jinja").render(
@@ -161,7 +162,8 @@ def render_page(
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
         unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending or d.unfinished],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
-        pretenders=pretender_views([d for d in diagnoses if not is_abroad(d)]),
+        pretenders=views,
+        pretender_tables=score_tables(views),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
         charts=charts,
@@ -399,8 +401,8 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
 
 
 def _unbroken(text: str) -> str:
-    """Return a sentence in which no line ends between a number and its percent sign."""
-    return text.replace(" %", f"{THIN}%")
+    """Return a sentence in which no line ends between a number and its percent sign, or within a p-value."""
+    return text.replace(" %", f"{THIN}%").replace("p = ", "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def _grouped(number: int) -> str:

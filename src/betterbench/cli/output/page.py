@@ -77,7 +77,10 @@ def build_report(
     page = write_report(
         diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
     )
-    told = [line for d in diagnoses for line in (verdict_line(d), headline_of(d).claim.deciding) if line]
+    told = []
+    for diagnosis in diagnoses:
+        claim = headline_of(diagnosis).claim
+        told += [line for line in (verdict_line(diagnosis), claim.deciding, claim.command) if line]
     return BuiltReport(page, tuple(told))
 
 
