@@ -117,7 +117,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     entries = list(run.entries())
     trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]
     facts = []
-    with progress_bar("read", len(trials)) as (bar, shown):
+    with progress_bar("read", len(trials), stays=False) as (bar, shown):
         for _, fact in facts_of_run(run, trials):
             facts.append(fact)
             bar.update(shown, completed=len(facts))

@@ -28,7 +28,7 @@ MOST_VARIATIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class Grounds:
     """What a conclusion rests on.
 
     Attributes:
@@ -46,15 +46,15 @@ class Claim:
     command: str = ""
 
 
-DESCRIBED = Claim(True)
+DESCRIBED = Grounds(True)
 """The claim of a conclusion that only counts what was seen."""
 
 
-def claim_of_weak_training(training: Figure) -> Claim:
+def claim_of_weak_training(training: Figure) -> Grounds:
     """Return whether a policy solves less than half of the training trials."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
-    return Claim(
+    return Grounds(
         n > 0 and 2 * k < n and p <= DEFAULT_ALPHA,
         "training trials solved, against one half (exact binomial)",
         p,
@@ -62,14 +62,14 @@ def claim_of_weak_training(training: Figure) -> Claim:
     )
 
 
-def claim_of_habit(count: int, n: int, conditions: int) -> Claim:
+def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
     """Return whether a failure of some conditions is a habit; corrected for the number of conditions of the run."""
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
-    return Claim(p <= DEFAULT_ALPHA, test, p)
+    return Grounds(p <= DEFAULT_ALPHA, test, p)
 
 
-def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Claim:
+def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
     """Return whether the main kind of failure is more than chance.
 
     Variations that are solved less often than their twins show it: by the test of the illusion gap, or by a verdict of
@@ -84,15 +84,15 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     """
     decided = diagnosis.until_decided
     if decided is not None and decided.decisions.count(Verdict.DROP):
-        return Claim(True, "a variation drops (evidence of the run until decided)")
+        return Grounds(True, "a variation drops (evidence of the run until decided)")
     if gap.p_value is not None and (gap.value or 0.0) > 0.0 and gap.p_value <= DEFAULT_ALPHA:
-        return Claim(True, "illusion gap over all variations", gap.p_value)
+        return Grounds(True, "illusion gap over all variations", gap.p_value)
     p = _above(count, n, USUAL_SHARE)
     if p <= DEFAULT_ALPHA:
-        return Claim(True, f"failed variation trials against {100 * USUAL_SHARE:.0f} % (exact binomial)", p)
+        return Grounds(True, f"failed variation trials against {100 * USUAL_SHARE:.0f} % (exact binomial)", p)
     if gap.p_value is None:
-        return Claim(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, *_deciding(diagnosis))
-    return Claim(False, "illusion gap over all variations", gap.p_value, *_deciding(diagnosis))
+        return Grounds(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, *_deciding(diagnosis))
+    return Grounds(False, "illusion gap over all variations", gap.p_value, *_deciding(diagnosis))
 
 
 def _above(count: int, n: int, share: float) -> float:

@@ -12,7 +12,7 @@ from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.claims import (
     DESCRIBED,
-    Claim,
+    Grounds,
     claim_of_failure,
     claim_of_habit,
     claim_of_weak_training,
@@ -112,7 +112,7 @@ class Headline:
     failure: Failure | None
     segments: tuple[Segment, ...]
     breakdown: str = ""
-    claim: Claim = DESCRIBED
+    claim: Grounds = DESCRIBED
 
     @property
     def twins_differ(self) -> bool:
@@ -235,7 +235,7 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
         return ()
 
 
-def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Claim]:
+def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
     """Return the naming sentence, its color family and the test that it rests on."""
     trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
@@ -302,7 +302,7 @@ def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
     return f"{text}, and an illusion gap of {points(gap.value or 0.0, gap.digits)} points may be chance ({shown})."
 
 
-def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Claim] | None:
+def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
     """Return sentence, family and test of a failure that is rare over all but the rule in some conditions of a task.
 
     Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there. It is
@@ -314,7 +314,7 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Claim] | None:
             groups[trial.task, trial.label].append(trial)
     ranks, counts, shown = list(LEGEND), dict[tuple[str, Label], str](), Counter[Label]()
     conditions = len({(t.task, t.variation or t.condition) for t in trials})
-    claims = dict[tuple[str, Label], Claim]()
+    claims = dict[tuple[str, Label], Grounds]()
     for (task, label), members in groups.items():
         names = sorted({t.variation or t.condition for t in members})
         n = sum(t.task == task and (t.variation or t.condition) in names for t in trials)

@@ -137,11 +137,11 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
 def _films(run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing]) -> dict[str, Film]:
     wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
     trials = {t.key: t for t in diagnosis.trials}
-    with progress_bar(f"film strips of {diagnosis.policy}", len(wanted)) as (bar, task):
+    with progress_bar(f"film strips of {diagnosis.policy}", len(wanted), stays=False) as (bar, task):
         images = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
     if is_abroad(diagnosis):
         return {s.key: _film(s, images) for s in showings}
-    with progress_bar(f"films of {diagnosis.policy}", len(showings)) as (bar, task):
+    with progress_bar(f"films of {diagnosis.policy}", len(showings), stays=False) as (bar, task):
         clips = render_twin_films(
             run,
             [[panel_of(trials[key], heading) for key, heading in _sides(s)] for s in showings],
@@ -169,7 +169,7 @@ def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagno
     twins = [t.twin_key for t in failed if t.twin_key in recorded]
     wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
     places = {key: _shot(key, 0.0) for key in wanted}
-    with progress_bar(f"paths of {diagnosis.policy}", len(wanted)) as (bar, task):
+    with progress_bar(f"paths of {diagnosis.policy}", len(wanted), stays=False) as (bar, task):
         images = render_paths(
             run,
             [(s.task, s.condition, s.seed) for s in places.values()],
@@ -190,7 +190,7 @@ def _thumbnails(run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thum
             chosen[name] = trial
     twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
     wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
-    with progress_bar("scenes of the variations", len(wanted)) as (bar, task):
+    with progress_bar("scenes of the variations", len(wanted), stays=False) as (bar, task):
         images = render_shots(
             run, wanted, size=THUMBNAIL_PX, on_progress=lambda done, _: bar.update(task, completed=done)
         )
