@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -51,7 +51,6 @@ def diagnose_command(
     from betterbench.diagnosis.changes import find_changes
     from betterbench.diagnosis.standing import standing_of
     from betterbench.recording import RunFolder
-    from betterbench.report.headline import headline_of
 
     folder = RunFolder.open(run)
     before = stored.read_stored(folder)
@@ -71,15 +70,24 @@ def diagnose_command(
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
     standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
     if json:
-        document = {
-            **result.to_json(),
-            "power": None if standing is None else standing.to_json(),
-            "changes": None if changes is None else changes.to_json(),
-            "headline": headline_of(result).to_json(),
-        }
-        print_json(document if known is None else {**document, "knowledge": known.to_json()})
+        print_json(_document(result, standing, changes, known))
         return
     _print(result, standing, changes, known)
+
+
+def _document(
+    result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
+) -> dict[str, Any]:
+    """Return what --json prints."""
+    from betterbench.report.headline import headline_of
+
+    document = {
+        **result.to_json(),
+        "power": None if standing is None else standing.to_json(),
+        "changes": None if changes is None else changes.to_json(),
+        "headline": headline_of(result).to_json(),
+    }
+    return document if known is None else {**document, "knowledge": known.to_json()}
 
 
 def _print(

@@ -151,7 +151,6 @@ def render_page(
     pages.filters.update(group=_grouped, along=_along, unbroken=_unbroken)
     headlines = [headline_of(diagnosis) for diagnosis in diagnoses]
     trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
-    views = pretender_views([d for d in diagnoses if not is_abroad(d)])
     numbers = {shown.film.key: shown.number for shown in films}
     matrices, unfilled = _matrices(diagnoses)
     return pages.get_template("page.html.jinja").render(
@@ -162,8 +161,6 @@ def render_page(
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
         unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending or d.unfinished],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
-        pretenders=views,
-        pretender_tables=score_tables(views),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
         charts=charts,
@@ -173,10 +170,7 @@ def render_page(
         instructions={(d.policy, t.key): t.instruction for d in diagnoses for t in d.trials},
         opening=_opening(headlines[0], films) if len(diagnoses) == 1 else None,
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
-        training_title="Success in all training trials"
-        if any(h.twins_differ for h in headlines)
-        else "Training success",
-        training_note=_training_note(diagnoses, headlines),
+        training=(_training_title(headlines), _training_note(diagnoses, headlines)),
         trust=dict(trust or {}),
         knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
@@ -196,8 +190,15 @@ def render_page(
         rare=round(100 * RARE_SHARE),
         weak=round(100 * WEAK_SHARE),
         **_style_and_script(),
+        **_pretenders(diagnoses),
         data=Markup(script_json(listing_of(diagnoses, numbers, media))),  # noqa: S704 - made safe for a script element
     )
+
+
+def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
+    """Return the pretenders of each policy of ours, and the tables of them all."""
+    views = pretender_views([d for d in diagnoses if not is_abroad(d)])
+    return {"pretenders": views, "pretender_tables": score_tables(views)}
 
 
 def _style_and_script() -> dict[str, str]:
@@ -283,6 +284,11 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
             if frames
         ),
     )
+
+
+def _training_title(headlines: Sequence[Headline]) -> str:
+    """Return what the success rate on training conditions is called beside the gaps."""
+    return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 
 def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
