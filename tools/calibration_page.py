@@ -25,9 +25,9 @@ numbers stay apart.
   fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
   develop the diagnosis. Each of the other six was written after the diagnosis had been repaired on those before it,
   by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
-  sixth, the last, are what the diagnosis is worth for policies that nobody here wrote. What a use showed has been
-  repaired before the next. The last column says how many of the same failed trials get their label now, without an
-  honest policy accused; but what has been looked at is no longer held out.
+  sixth, the last, are what the diagnosis is worth for policies that nobody here wrote. The faults of the diagnosis that
+  one part revealed were repaired before the next part was used. The last column says how many of the same failed
+  trials get their label now, without an honest policy accused; these parts are no longer held out.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
@@ -76,7 +76,7 @@ the gripper, close too late, slip off an edge, shy away, freeze.
 All 13 mistakes are of two habits. `a-little-farther-each-time` sets out for the right thing, turns back and sets out
 again, a little farther each time, until the time is over: it is called a timeout by its author, and the diagnosis says
 in ten trials that it goes to and fro and in two that it stands still. `farther-for-the-second` does so after a first
-step that is right, and one of its twelve trials is called to and fro. Nothing has been repaired since.
+step that is right, and one of its twelve trials is called to and fro. The diagnosis has not been changed since.
 
 Another sixth part, by another author, was judged once before this one and lost with the computer that it was on,
 before it could be published: 95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The
@@ -93,7 +93,7 @@ and again, and `fails-at-the-second` does so after a first step that is right: b
 diagnosis says that they run out of time over the right thing. Neither is a failure of reasoning, so that the kind
 is right. The other four sweep things that were not meant aside with an open gripper: the diagnosis says of two that
 they go to and fro, and of two that they moved by mistake what they swept on purpose. In 9 of the 22 a right first
-step was grasped; in the other 13 the gripper closes on nothing. What it showed has been repaired since: an open
+step was grasped; in the other 13 the gripper closes on nothing. The diagnosis has been repaired since: an open
 gripper that runs into the right thing three times, and rises each time, has failed in execution, and a thing that
 an empty gripper comes to and moves three times was gone for. With that 364 of the 365 failed trials get their
 label, but by rules that were written for them; the last is a look-alike that is moved once and then missed. How
@@ -107,9 +107,9 @@ over: it is slow, and the diagnosis says that it goes to and fro. `shuts-it-empt
 thing that belongs into it is in, and rests: it skips a step, and the diagnosis says that it halts. The other six
 shove things with shut fingers: the diagnosis says of five that they go to and fro, and of one that it moved by
 mistake what it shoved on purpose. In none of the 30 does the gripper close on anything; where a grasp is attempted,
-every label is right. What it showed has been repaired since: a way to and fro comes no nearer to what is asked for and
-pushes nothing, and a drawer that is shut empty is a skipped step. With that all 410 failed trials get their label, but
-by rules that were written for them; how well other policies are judged is said by the numbers below.
+every label is right. The diagnosis has been repaired since: a way to and fro comes no nearer to what is asked for
+and pushes nothing, and a drawer that is shut empty is a skipped step. With that all 410 failed trials get their
+label, but by rules that were written for them; how well other policies are judged is said by the numbers below.
 
 """,
 }

@@ -53,6 +53,12 @@ class Page(HTMLParser):
             self.loaded.append(values[_LOADED[tag]])
 
 
+def write_index_script(site: Path) -> None:
+    """Write the index of the search as a script too: a page that is opened from the disk cannot fetch a file."""
+    index = (site / "search" / "search_index.json").read_text(encoding="utf-8")
+    (site / "search" / "search_index.js").write_text(f"var __index = {index}", encoding="utf-8")
+
+
 def read_pages(site: Path) -> dict[Path, Page]:
     """Return every page of a site by its place."""
     pages = {}
@@ -115,6 +121,7 @@ def main() -> int:
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}  # an advertisement of another program
     if subprocess.run(command, cwd=ROOT, env=environment, check=False).returncode != 0:
         return 1
+    write_index_script(site)
     pages = read_pages(site)
     problems = [*link_problems(site, pages), *name_problems(site, pages)]
     for problem in problems:

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageFilter
+from PIL import Image, ImageDraw, ImageFilter, ImageFont, ImageOps
 
 from betterbench.errors import InvalidInputError
-from betterbench.evaluation.figures.show import OUTLINE
+from betterbench.evaluation.figures.show import OUTLINE, wrap_text
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import vary
-from betterbench.report.image_sheet import PAPER, SheetCell, image_sheet
+from betterbench.report.image_sheet import INK, PAPER, SheetCell, image_sheet
 from betterbench.scenes import Renderer, Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, Variation, get_task
@@ -50,11 +50,34 @@ def front_view(task_id: str, condition: str, seed: int, size: int) -> Image.Imag
 
 def pair(task: Task, variation: Variation, *, seed: int, size: int) -> Image.Image:
     """Return a variation's training scene beside its test scene, same seed, each with sides of ``size`` pixels."""
-    return row(_before_and_after(task, variation, seed=seed, size=size))
+    return row(_before_and_after(task, variation, seed=seed, size=size, shown=size))
 
 
-def _before_and_after(task: Task, variation: Variation, *, seed: int, size: int) -> list[Image.Image]:
-    return [front_view(task.id, name, seed, size) for name in (f"{variation.name}/before", variation.name)]
+def _before_and_after(task: Task, variation: Variation, *, seed: int, size: int, shown: int) -> list[Image.Image]:
+    """Return both scenes, with the instruction under them where it is all that differs."""
+    images = [front_view(task.id, name, seed, size) for name in (f"{variation.name}/before", variation.name)]
+    images = [image.resize((shown, shown), Image.Resampling.LANCZOS) if shown != size else image for image in images]
+    test, changes = vary(task, variation)
+    said = [task.train(variation.base).instruction.text, test.instruction.text]
+    if changes.objects or said[0] == said[1]:
+        return images
+    told = [with_sentence(image, text) for image, text in zip(images, said, strict=True)]
+    tall = max(image.height for image in told)
+    return [ImageOps.pad(image, (shown, tall), color=PAPER, centering=(0, 0)) for image in told]
+
+
+def with_sentence(image: Image.Image, text: str) -> Image.Image:
+    """Return a picture with an instruction under it."""
+    size = max(11, image.width // 15)
+    font = ImageFont.load_default(size)
+    lines = wrap_text(text, font, image.width - 2 * _GAP)
+    height = round(1.25 * size) * len(lines) + 2 * _GAP
+    told = Image.new("RGB", (image.width, image.height + height), PAPER)
+    told.paste(image, (0, 0))
+    draw = ImageDraw.Draw(told)
+    for i, line in enumerate(lines):
+        draw.text((_GAP, image.height + _GAP + i * round(1.25 * size)), line, fill=INK, font=font)
+    return told
 
 
 def row(images: Sequence[Image.Image], *, columns: int | None = None) -> Image.Image:
@@ -80,8 +103,8 @@ def contact_sheet(tasks: Sequence[Task], *, seed: int, size: int = 256, shown: i
                     SheetCell(
                         f"{task.id}/{variation.name}",
                         [
-                            np.asarray(view.resize((shown, shown), Image.Resampling.LANCZOS))
-                            for view in _before_and_after(task, variation, seed=seed, size=size)
+                            np.asarray(view)
+                            for view in _before_and_after(task, variation, seed=seed, size=size, shown=shown)
                         ],
                         variation.title,
                     )

@@ -295,3 +295,25 @@ def test_it_prints(chromium, page, tmp_path):
     for title in titles:
         if title not in ("Trials", "Downloads"):  # no use on paper
             assert re.sub(r"\s+", " ", title) in text, title
+
+
+@pytest.mark.parametrize(("size", "scheme"), SIZES)
+def test_a_report_with_unfinished_trials_says_so_and_claims_nothing_on_few(chromium, tmp_path, size, scheme):
+    """Stopped after 94 of 106 trials, with 4 failures of 40 pairs: p = 0.13."""
+    trials = [trial(seed=s, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for s in range(4)]
+    trials += [trial(seed=s) for s in range(4, 40)] + [trial(seed=s, label=Label.UNFINISHED) for s in range(40, 48)]
+    trials += [trial(variation=None, seed=s, label=Label.SUCCESS if s < 44 else Label.UNFINISHED) for s in range(48)]
+    trials += [trial(variation=None, condition="train2", seed=s, label=Label.TIMEOUT) for s in range(10)]
+    chromium.open(write_report([diagnosis(trials, policy="openpi://localhost:8000")], tmp_path), *size, scheme=scheme)
+    assert chromium.value("document.documentElement.scrollWidth") <= size[0]
+    shown = chromium.value("document.querySelector('#verdict').innerText").replace("\N{NO-BREAK SPACE}", " ")
+    for text in (
+        "Unfinished: 94 of 106",
+        "Nothing to conclude yet: 4 of 48",
+        "p = 0.13",
+        "What would decide it",
+        "unfinished",
+    ):
+        assert text in shown, text
+    assert chromium.value("document.querySelectorAll('.bar .seg.unfinished').length") > 0
+    assert chromium.complaints() == []

@@ -171,6 +171,19 @@ def test_pretenders_stand_beside_the_score(tmp_path, monkeypatch):
     assert outward(page).found == []
 
 
+def test_the_pretenders_of_several_policies_stand_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(standing, "packaged_power_matrix", matrix)
+    right = [trial(variation="L1", seed=i) for i in range(6)]
+    wrong = [trial(variation="L1", seed=i, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for i in range(6)]
+    runs = [diagnosis(wrong, policy="first"), diagnosis(right, policy="second")]
+    page = write_report(runs, tmp_path).read_text(encoding="utf-8")
+    section = page[page.index('<section id="pretenders"') :].partition("</section>")[0]
+    assert section.count('<th scope="row">zoo:lexical</th>') == 1
+    assert section.count("Policy or pretender") == 1
+    assert {"alike, first", "alike, second"} <= set(re.findall(r'class="num">(alike[^<]*)<', section))
+    assert section.count("What the score on each variation proves") == 2, "the margins are those of each policy"
+
+
 def test_formulas_do_not_run_in_a_spreadsheet(tmp_path):
     write_report([diagnosis([trial(instruction="=1+1"), trial(variation=None)])], tmp_path)
     for path in (tmp_path / "tables").glob("*.csv"):
@@ -312,7 +325,8 @@ def test_two_counts_of_training_are_explained(tmp_path):
     more = [trial(variation=None, condition="train2", seed=s) for s in range(4)]
     varied = [trial(seed=s) for s in range(2)]
     page = body(write_report([diagnosis([*varied, *twins, *more])], tmp_path / "a").read_text(encoding="utf-8"))
-    assert "Here it counts every training trial (6); beside variations it counts their twins alone (2)" in page
+    assert "It counts every training trial (6). Gaps, charts and tables of tasks count the training twins" in page
+    assert "one per pair (2)" in page
     page = body(write_report([diagnosis([*varied, *twins])], tmp_path / "b").read_text(encoding="utf-8"))
     assert "beside variations it counts" not in page
 

@@ -299,10 +299,8 @@ def test_so_few_demonstrations_say_what_they_could_have_shown(episodes):
         for i in range(episodes)
     ]
     (group,) = audit_dataset("few", facts).groups
-    told = {
-        12: "are too few to show even a rule without an exception",
-        24: "the weakest rule that could be found is one that 92 % of the demonstrations follow; no rule of two words",
-        40: "the weakest rule of two words together is one that 100 % follow",
-    }
-    assert len(group.notes) == (episodes in told)
-    assert all(told[episodes] in note for note in group.notes)
+    shares = {rule.question: rule.least_share for rule in group.smallest}
+    assert set(shares) == {"words_first_place", "words_first_place_together"}
+    assert (shares["words_first_place_together"] is None) == (episodes < 40)
+    assert shares["words_first_place"] == {12: 1.0, 24: 1.0, 40: 0.85, 100: 0.85}[episodes]
+    assert bool(group.not_shown) == (episodes < 40)

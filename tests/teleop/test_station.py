@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import sys
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +18,8 @@ from scripted_operator import CONDITION, ITEMS, TASK, grasp_of, pack
 
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError, UnknownNameError
 from betterbench.recording import RunFolder, read_record
+from betterbench.teleop import cameras as cameras_module
+from betterbench.teleop import page
 from betterbench.teleop.controls import Controls
 from betterbench.teleop.station import WAIT_STEPS, Station
 from betterbench.teleop.store import DemonstrationStore, TeleopPlan
@@ -215,3 +219,43 @@ def test_a_run_of_something_else_is_not_written_to(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises((RunConflictError, StorageError, InvalidInputError)):
         DemonstrationStore(tmp_path / "file", WANTED)
+
+
+def test_the_panel_says_how_high_the_tool_is(tmp_path):
+    with DemonstrationStore(tmp_path / "run", WANTED) as store:
+        desk = Desk(store)
+        panel = desk.tick()
+        height = desk.station.session.state.ee_pose.position[2]
+        assert panel.height == f"tool {100 * height:.0f} cm above the table"
+
+
+def test_late_camera_images_are_said_and_nothing_waits_for_them(tmp_path, monkeypatch):
+    """A renderer that never answers: every step of the loop goes on, and the panel says why there are no images."""
+    blocked = threading.Event()
+
+    class Stuck:
+        def __init__(self, *_, **__):
+            blocked.wait(30.0)
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(cameras_module, "StoredView", Stuck)
+    monkeypatch.setattr(cameras_module, "LATE_S", 0.2)
+    images = cameras_module.CameraThread(("front",), lambda *_: None, lambda _: None)
+    try:
+        with DemonstrationStore(tmp_path / "run", WANTED) as store:
+            desk = Desk(store)
+            desk.station._cameras = images
+            began = time.monotonic()
+            first = desk.tick(3)
+            assert time.monotonic() - began < 5.0
+            assert first.images == ""
+            time.sleep(0.3)
+            late = desk.tick()
+            assert late.images.startswith("camera images are ")
+            assert "steering does not wait" in page._foot(late)
+    finally:
+        blocked.set()
+        images.close()
+    assert images.late_s == 0.0

@@ -54,3 +54,12 @@ def test_a_name_that_the_reference_leaves_out_is_found(tool, tmp_path):
         (folder / f"{page.stem}.html").write_text("".join(ids))
     (problem,) = tool.name_problems(tmp_path, tool.read_pages(tmp_path))
     assert "betterbench.interface.PolicyInfo" in problem
+
+
+def test_a_page_that_is_opened_from_the_disk_has_the_index_of_the_search_as_a_script(tool, tmp_path):
+    (tmp_path / "search").mkdir()
+    index = '{"docs": [{"title": "Shortcuts"}]}'
+    (tmp_path / "search" / "search_index.json").write_text(index)
+    tool.write_index_script(tmp_path)
+    assert (tmp_path / "search" / "search_index.js").read_text() == f"var __index = {index}"
+    assert "site/disk-search.js" in (tool.ROOT / "mkdocs.yml").read_text()

@@ -140,13 +140,14 @@ def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
 def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
     diagnosis = diagnose_run(run.path, allow_mixed=allow_mixed, whole=True)
     metrics = {(m.name, m.scope): m for m in diagnosis.metrics}
-    gap = metrics.get(("illusion_gap", "overall"))
-    changed = metrics.get(("success_rate", "overall"))
-    if gap is None or gap.value is None or changed is None or changed.value is None:
+    gap, twins, changed = (
+        metrics.get((name, "overall")) for name in ("illusion_gap", "twin_success_rate", "paired_success_rate")
+    )
+    if gap is None or twins is None or changed is None or None in (gap.value, twins.value, changed.value):
         return []
-    difference = Difference(gap.value, gap.low or 0.0, gap.high or 0.0, gap.method, 0.95)
-    base = changed.value + gap.value
-    return [WorldGap(run.policy, OURS, OURS, "all variations", base, changed.value, gap.n, difference, gap.p_value)]
+    difference = Difference(gap.value or 0.0, gap.low or 0.0, gap.high or 0.0, gap.method, 0.95)
+    rates = (twins.value or 0.0, changed.value or 0.0)
+    return [WorldGap(run.policy, OURS, OURS, "all variations", *rates, gap.n, difference, gap.p_value)]
 
 
 def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:

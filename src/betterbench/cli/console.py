@@ -183,7 +183,7 @@ def progress_bar(what: str, total: int, *, estimate: bool = True, stays: bool = 
 
     A ``total`` of 0 says that nobody knows yet how much there is. Without ``estimate``, the time taken and the time
     left give way to the note, which says them, and no lines are written. A bar that ``stays`` shows at the end how long
-    the work took.
+    the work took: the one bar of a command's own work. Bars of steps on the way go when they have ended.
     """
     from betterbench.cli.progress import WorkProgress
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -70,14 +70,24 @@ def diagnose_command(
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
     standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
     if json:
-        document = {
-            **result.to_json(),
-            "power": None if standing is None else standing.to_json(),
-            "changes": None if changes is None else changes.to_json(),
-        }
-        print_json(document if known is None else {**document, "knowledge": known.to_json()})
+        print_json(_document(result, standing, changes, known))
         return
     _print(result, standing, changes, known)
+
+
+def _document(
+    result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
+) -> dict[str, Any]:
+    """Return what --json prints."""
+    from betterbench.report.headline import headline_of
+
+    document = {
+        **result.to_json(),
+        "power": None if standing is None else standing.to_json(),
+        "changes": None if changes is None else changes.to_json(),
+        "headline": headline_of(result).to_json(),
+    }
+    return document if known is None else {**document, "knowledge": known.to_json()}
 
 
 def _print(
@@ -87,7 +97,7 @@ def _print(
     from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
     from betterbench.cli.output.standing import print_standing
     from betterbench.cli.output.vqa import print_knowledge
-    from betterbench.report.headline import verdict_line
+    from betterbench.report.headline import headline_of, verdict_line
 
     print_diagnosis(result)
     if standing is not None:
@@ -98,6 +108,9 @@ def _print(
         OUT.print()
         print_knowledge(known)
     OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
+    claim = headline_of(result).claim
+    for line in filter(None, (claim.deciding, claim.command)):
+        OUT.print(line, markup=False, soft_wrap=True)
 
 
 def _knowledge(

@@ -117,7 +117,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     entries = list(run.entries())
     trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]
     facts = []
-    with progress_bar("read", len(trials)) as (bar, shown):
+    with progress_bar("read", len(trials), stays=False) as (bar, shown):
         for _, fact in facts_of_run(run, trials):
             facts.append(fact)
             bar.update(shown, completed=len(facts))
@@ -128,14 +128,15 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
     import json as json_module
 
     from betterbench.recording import write_durably
-    from betterbench.shortcuts.page import audit_lines, prediction_lines
+    from betterbench.shortcuts.page import audit_lines, doubt, prediction_lines
     from betterbench.shortcuts.prediction import sign, write_prediction
 
     text = json_module.dumps(audit.to_json(), indent=1, ensure_ascii=False) + "\n"
     lines = ["# Shortcuts", "", *audit_lines(audit)]
     write_durably(out / "shortcuts.json", text.encode())
     if prediction is not None:
-        lines += ["## Prediction", "", *prediction_lines(prediction)]
+        doubts = [f"{said}.", ""] if (said := doubt(audit, prediction)) else []
+        lines += ["## Prediction", "", *doubts, *prediction_lines(prediction)]
         write_prediction(out / "prediction.json", prediction)
         if key is not None:
             sign(out / "prediction.json", key)
@@ -143,6 +144,8 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
 
 
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
+    from betterbench.shortcuts.page import doubt
+    from betterbench.shortcuts.smallest import shares_line
     from betterbench.statistics.wording import plural
 
     rows = []
@@ -156,8 +159,15 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     count = sum(group.episodes for group in audit.groups)
     groups = plural(len(audit.groups), "group")
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
+    OUT.print("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
+    for group in audit.groups:
+        shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"
+        told = f"  {group.group} ({plural(group.episodes, 'demonstration')}): {shown}"
+        OUT.print(told, markup=False, soft_wrap=not OUT.is_terminal)
     if prediction is not None:
         at_risk = [f for f in prediction.variations if f.risk > 0.0]
         likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
         said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, the likeliest: {likeliest}"
         OUT.print(said, markup=False, soft_wrap=not OUT.is_terminal)
+        if unsure := doubt(audit, prediction):
+            OUT.print(unsure, markup=False, soft_wrap=not OUT.is_terminal)

@@ -85,7 +85,7 @@ def _training_set(recipe: TrainingRecipe, frames: Path | None, workers: int) -> 
     """Read the demonstrations, and draw the frames of a learner of pixels that are missing."""
     from betterbench.training.data import read_training_set
 
-    with progress_bar("reading demonstrations", 0) as (bar, row):
+    with progress_bar("reading demonstrations", 0, stays=False) as (bar, row):
 
         def on_drawn(done: int, of: int) -> None:
             bar.update(row, completed=done, total=of, description="drawing frames")

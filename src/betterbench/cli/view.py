@@ -93,7 +93,7 @@ def _write_page(
 ) -> None:
     import numpy as np
 
-    from betterbench.materialization.pictures import LEAST_SEEN, mask_png, object_colors
+    from betterbench.materialization.pictures import LEAST_SEEN, mask_png, object_colors, own_colors
     from betterbench.materialization.viewing import lanes_of, shown_rows
     from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, write_player
     from betterbench.scenes.image_files import jpeg_bytes
@@ -105,6 +105,8 @@ def _write_page(
     masks: list[list[bytes]] = [[] for _ in views]
     boxes: list[list[list[tuple[int, int, int, int, int, float]]]] = [[] for _ in views]
     for shown in shown_rows(run, record, views, quality=quality):
+        if shown.row == 0:
+            colors = own_colors(shown.views[0]["rgb"], shown.views[0]["instances"], len(names))
         for number, values in enumerate(shown.views):
             fractions = np.nan_to_num(values["visible_fraction"])
             pictures[number].append(jpeg_bytes(values["rgb"], quality=88))

@@ -10,7 +10,7 @@ from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import SetRecipe
 from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
-from betterbench.shortcuts.page import audit_lines, prediction_lines
+from betterbench.shortcuts.page import audit_lines, doubt, prediction_lines
 from betterbench.shortcuts.prediction import Prediction
 from betterbench.tasks.balanced import crossed
 
@@ -132,6 +132,8 @@ def _shortcut_lines(facts: CardFacts) -> Iterator[str]:
         "Which variations a learner of this set fails, said before training:",
         "",
     )
+    if unsure := doubt(facts.audit, facts.prediction):
+        yield from (f"{unsure}.", "")
     yield from prediction_lines(facts.prediction, most=MOST_FORECASTS)
     rest = len(facts.prediction.variations) - MOST_FORECASTS
     if rest > 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
@@ -63,7 +64,8 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Returns:
         Rates, distractor grasp rate and progress over every scope, instruction effects, ΔSR of recompositions, and
-        illusion gaps.
+        illusion gaps with the success rates of their twins and of the variations in the same pairs, of which each gap
+        is the difference.
     """
     even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
     rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
@@ -178,11 +180,36 @@ def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
         anytime = stopped is not None and family is families[3]
         gap = _anytime_gap if anytime else _gap
         found = [gap(scope, members) for scope, members in sorted(family.items())]
+        for scope, members in sorted(family.items()):
+            metrics += _sides(scope, members, anytime=anytime)
         corrected = holm([m.p_value for m in found if m.p_value is not None])
         note = f", Holm over {len(found)}" if len(found) > 1 else ""
         method = f"{ANYTIME}, one-sided bet" if anytime else f"paired bootstrap or Newcombe, the wider; {test}"
         metrics += [replace(m, p_value=p, method=method + note) for m, p in zip(found, corrected, strict=True)]
     return metrics
+
+
+def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
+    """Yield the two rates that an illusion gap is the difference of: of the twins and of the variations, per pair.
+
+    A twin of several variations counts in each of its pairs. Its interval is that of as many independent pairs as the
+    pairs are worth (Kish's effective size: the squared number of pairs over the sum of the squared numbers per twin).
+    """
+    uses = Counter(twin.key for twin, _ in pairs)
+    worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())
+    for name, side in (("twin_success_rate", 0), ("paired_success_rate", 1)):
+        solved = [pair[side].success for pair in pairs]
+        k, n = sum(solved), len(solved)
+        if anytime:
+            ends = anytime_interval(map(float, solved))
+            yield Metric(name, scope, k, n, k / n, *ends, method=ANYTIME)
+        elif side == 0 and len(uses) < n:
+            size = max(1, int(worth))
+            found = Rate(round(k / n * size), size)
+            low, high = min(found.low, k / n), max(found.high, k / n)
+            yield Metric(name, scope, k, n, k / n, low, high, method=f"wilson of {size} effective pairs")
+        else:
+            yield Metric.of_rate(name, scope, Rate(k, n))
 
 
 def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:

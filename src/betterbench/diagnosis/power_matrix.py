@@ -125,7 +125,7 @@ class BlindCell:
 
 @dataclass(frozen=True, slots=True)
 class Ceiling:
-    """The best that a pretender reaches on a variation, of those that the variation is there to fail."""
+    """The best rate of a pretender on a variation, of those that the variation is designed to expose."""
 
     pretender: str
     rate: Rate

@@ -240,8 +240,8 @@ def _said(standing: Standing) -> Iterator[str]:
     proven = standing.proven
     if proven.n:
         yield (
-            f"On {proven.k} of {proven.n} variations it succeeds clearly more often than any pretender that they are "
-            "there to fail."
+            f"On {proven.k} of {proven.n} variations it succeeds clearly more often than every pretender that the "
+            "variation is designed to expose."
         )
 
 

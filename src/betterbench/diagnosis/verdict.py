@@ -150,7 +150,8 @@ class Metric:
         name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where
-            trials are unfinished).
+            trials are unfinished; "twin_success_rate" and "paired_success_rate": the two sides of "illusion_gap", over
+            its pairs).
         scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".

@@ -24,6 +24,39 @@ def object_colors(count: int) -> list[tuple[int, int, int]]:
     return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b in hues]
 
 
+def own_colors(rgb: np.ndarray, instances: np.ndarray, count: int) -> list[tuple[int, int, int]]:
+    """Return a color for each object that is near its own: a red mug is shown in red.
+
+    Objects that look alike differ in brightness. Those that the image does not show have the colors of
+    :func:`object_colors`.
+
+    Args:
+        rgb: (height, width, 3) uint8.
+        instances: (height, width) instance of each pixel.
+        count: Number of objects.
+    """
+    colors = object_colors(count)
+    taken: list[tuple[int, int, int]] = []
+    for i in range(count):
+        pixels = rgb[instances == FIRST_OBJECT + i]
+        if len(pixels):
+            hue, saturation, _ = colorsys.rgb_to_hsv(*(np.median(pixels, axis=0) / 255.0))
+            gray = saturation < _GRAY
+            for value in (0.95, 0.7, 0.5, 0.82, 0.6):
+                shade = colorsys.hsv_to_rgb(hue, 0.0 if gray else 0.75, value)
+                colors[i] = (round(255 * shade[0]), round(255 * shade[1]), round(255 * shade[2]))
+                if all(max(abs(a - b) for a, b in zip(colors[i], other, strict=True)) >= _APART for other in taken):
+                    break
+        taken.append(colors[i])
+    return colors
+
+
+_GRAY = 0.2
+"""Saturation below which an object has no hue that a person would name."""
+_APART = 24
+"""Least difference of two colors in one of red, green and blue."""
+
+
 def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, alpha: int = 96) -> bytes:
     """Return a mask (height, width) as PNG: objects in their colors, see-through elsewhere."""
     numbers = np.where(instances >= FIRST_OBJECT, instances - FIRST_OBJECT + 1, 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import MissingDependencyError
-from betterbench.materialization.pictures import LEAST_SEEN
+from betterbench.materialization.pictures import LEAST_SEEN, own_colors
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.header import instance_of_object, stage_ids
@@ -46,10 +46,15 @@ def write_rerun(
     lanes = lanes_of(record)
     try:
         stream.save(str(part), default_blueprint=_layout(blueprint, views))
-        _log_names(rerun, stream, record)
         for shown in shown_rows(run, record, views, quality=quality):
             if shown.row == 0:
                 _log_cameras(rerun, stream, views, shown.focal_px)
+                _log_names(
+                    rerun,
+                    stream,
+                    record,
+                    own_colors(shown.views[0]["rgb"], shown.views[0]["instances"], len(meta.scene.objects)),
+                )
             stream.set_time(_TIME, duration=shown.time_s)
             stream.set_time(_ROW, sequence=shown.row)
             _log_row(rerun, stream, record, views, shown)
@@ -98,13 +103,13 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
     )
 
 
-def _log_names(rerun: Any, stream: Any, record: Record) -> None:  # noqa: ANN401
-    """Log what does not change: the names of instances, and what the trial is."""
+def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
+    """Log what does not change: the names and colors of instances, and what the trial is."""
     meta = record.metadata
-    names = {0: "nothing"} | {number: name for name, number in stage_ids().items()}
-    names |= {instance_of_object(i): o.name for i, o in enumerate(meta.scene.objects)}
+    names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
+    names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]
     stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stream.log("world", rerun.AnnotationContext([(number, name) for number, name in names.items()]), static=True)
+    stream.log("world", rerun.AnnotationContext(names), static=True)
     end = f"{record.outcome.termination}{', success' if record.outcome.success else ''}"
     text = f"# {meta.task}/{meta.condition}/{meta.seed}\n\n“{meta.instruction}”\n\n{meta.policy}: {end}"
     stream.log("trial", rerun.TextDocument(text, media_type="text/markdown"), static=True)

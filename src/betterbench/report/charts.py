@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-from betterbench.diagnosis.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.report.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
 from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND, families_of
@@ -26,7 +25,8 @@ HOLM_NOTE = (
 )
 """What the chart of the gaps adds where an interval and its p-value seem to contradict each other."""
 
-_PAIR = (("training", "Training"), ("variation", "Variation"))
+_PAIR = (("training", "Training twins"), ("variation", "Variations"))
+TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."
 
 Keep = Callable[[TrialDiagnosis], bool]
 
@@ -39,14 +39,11 @@ def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
 
 def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     """Return the success on training twins and on variations, over all variations and per axis."""
-    scopes: list[tuple[str, str, Keep]] = [("overall", "All variations", lambda _: True)]
-    scopes += [(f"axis:{a}", name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
     return Chart(
         "axes",
         "Success in training and under each axis of variation",
-        "Success rate in percent with its 95 % interval. Training: the trials from which the variations above are "
-        "derived, each counted once.",
-        tuple(g for scope, title, keep in scopes if (g := _pairs(diagnoses, title, scope, keep)) is not None),
+        f"Success rate in percent with its 95 % interval. {TWINS_NOTE}",
+        tuple(g for scope, title in _scopes() if (g := _pairs(diagnoses, title, scope)) is not None),
         key=_PAIR,
     )
 
@@ -54,11 +51,11 @@ def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
 def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     """Return the success on training twins and on variations per task."""
     names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
-    groups = (_pairs(diagnoses, task_title(n), n, lambda t, n=n: t.task == n) for n in names)  # type: ignore[misc]
+    groups = (_pairs(diagnoses, task_title(name), name) for name in names)
     return Chart(
         "tasks",
         "Success in training and under variation, by task",
-        "Success rate in percent with its 95 % interval. Training: the trials from which the variations are derived.",
+        f"Success rate in percent with its 95 % interval. {TWINS_NOTE}",
         tuple(group for group in groups if group is not None),
         key=_PAIR,
     )
@@ -164,21 +161,20 @@ def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
     )
 
 
-def twin_figure(diagnosis: RunDiagnosis, keep: Keep) -> Figure:
-    """Return the success rate of the distinct training trials from which the chosen variation trials are derived."""
-    found = {twin.key: twin.success for twin, trial in twins(diagnosis.trials) if keep(trial)}
-    return Figure.of_rate(Rate(sum(found.values()), len(found)))
+def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
+    """Return the success rate of the training twins of a scope, one per pair: what its illusion gap begins with."""
+    return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
 
 
-def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str, keep: Keep) -> BarGroup | None:
+def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str) -> BarGroup | None:
     """Return two bars per policy: the training twins and the variations of a scope."""
     rows: list[Bar] = []
     for d in diagnoses:
         variation = Figure.of(d.metric("success_rate", scope))
         if variation.missing:
             continue
-        names = ("training", "variation") if len(diagnoses) == 1 else (d.policy, "")
-        rows += [Bar(names[0], twin_figure(d, keep), "training"), Bar(names[1], variation, "variation")]
+        names = ("twins", "variations") if len(diagnoses) == 1 else (d.policy, "")
+        rows += [Bar(names[0], twin_figure(d, scope), "training"), Bar(names[1], variation, "variation")]
     return BarGroup(title, tuple(rows)) if rows else None
 
 
@@ -188,7 +184,7 @@ def _families(trials: Sequence[TrialDiagnosis]) -> tuple[tuple[str, int], ...]:
 
 
 def _gap(diagnosis: RunDiagnosis, scope: str) -> Figure:
-    return Figure.of(diagnosis.metric("illusion_gap", scope), difference=True, noun="pairs")
+    return Figure.gap(diagnosis, scope)
 
 
 def _scopes() -> tuple[tuple[str, str], ...]:

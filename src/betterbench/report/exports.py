@@ -46,26 +46,34 @@ def exports_of(diagnoses: Sequence[RunDiagnosis], paper_tables: Sequence[PaperTa
 
 
 def task_table(diagnoses: Sequence[RunDiagnosis]) -> Table:
-    """Return one row per task and policy: success in training and under variation, the gap and the leading failure."""
+    """Return one row per task and policy: success of the twins and of variations, the gap and the leading failure.
+
+    The columns ``training_`` count the training twins, one per pair, and all training trials where there are no pairs.
+    The gap is ``training_success_rate`` less ``paired_success_rate``.
+    """
     rows = []
     for view in task_views(diagnoses):
         for line in view.lines:
             training, variation, gap, grasps = line.training, line.variation, line.gap, line.grasps
             failure = line.failure
+            sides = gap.sides
+            paired = (None,) * 3 if sides is None else (sides[1].k, sides[1].n, sides[1].value)
             rows.append(
                 (
                     line.policy, view.task, training.k, training.n, training.value, variation.k, variation.n,
                     variation.value, variation.low, variation.high, gap.value, gap.low, gap.high, gap.p_value,
                     grasps.k, grasps.n, grasps.value, None if failure is None else failure.label.value,
-                    None if failure is None else failure.count,
+                    None if failure is None else failure.count, *paired,
                 )
             )  # fmt: skip
     columns = (
         "policy", "task", "training_k", "training_n", "training_success_rate", "k", "n", "success_rate", "low", "high",
         "illusion_gap", "gap_low", "gap_high", "p_value", "distractor_grasps", "grasps", "distractor_grasp_rate",
-        "leading_failure", "leading_failure_trials",
+        "leading_failure", "leading_failure_trials", "paired_k", "pairs", "paired_success_rate",
     )  # fmt: skip
-    return Table("tasks", "Success rates per task with 95 % intervals.", columns, tuple(rows))
+    return Table(
+        "tasks", "Success rates per task with 95 % intervals; training: the twins, one per pair.", columns, tuple(rows)
+    )
 
 
 def variation_table(diagnoses: Sequence[RunDiagnosis]) -> Table:

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
 from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
+from betterbench.report.claims import (
+    DESCRIBED,
+    Grounds,
+    claim_of_failure,
+    claim_of_habit,
+    claim_of_weak_training,
+)
 from betterbench.report.legend import AXIS_PLACES, LEGEND
 from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure
-from betterbench.statistics import Rate
-from betterbench.statistics.wording import listed, plural, points
+from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
 RARE_SHARE = 0.05
@@ -90,6 +96,7 @@ class Headline:
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
         breakdown: How most trials ended where the policy itself failed to run.
+        claim: The test that the conclusion rests on, and what would decide where it is not passed.
     """
 
     policy: str
@@ -105,6 +112,16 @@ class Headline:
     failure: Failure | None
     segments: tuple[Segment, ...]
     breakdown: str = ""
+    claim: Grounds = DESCRIBED
+
+    @property
+    def twins_differ(self) -> bool:
+        """Whether the twins of the illusion gap are solved more or less often than all training trials are."""
+        return self.gap.sides is not None and self.gap.sides[0].number(1) != self.training.number(1)
+
+    def to_json(self) -> dict[str, object]:
+        """Return the JSON form: the conclusion, and what it rests on or would need."""
+        return {"conclusion": self.conclusion, **asdict(self.claim)}
 
 
 def headline_of(diagnosis: RunDiagnosis) -> Headline:
@@ -115,13 +132,13 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     """
     training = Figure.of(diagnosis.metric("success_rate", "training"))
     variations = Figure.of(diagnosis.metric("success_rate", "overall"))
-    gap = Figure.of(diagnosis.metric("illusion_gap", "overall"), difference=True, noun="pairs")
+    gap = Figure.gap(diagnosis, "overall")
     intention = Figure.of(diagnosis.metric("intention_accuracy", "overall"))
     varied = [trial for trial in diagnosis.trials if trial.variation is not None]
-    conclusion, family = _conclusion(diagnosis.trials, training)
+    conclusion, family, claim = _conclusion(diagnosis, training, gap)
     breakdown = _breakdown(varied)
     sentences = [
-        _numbers(training, variations, gap, _pairs(diagnosis)),
+        _numbers(training, variations, gap),
         _failures(varied, diagnosis.findings),
         breakdown,
         _unfinished(diagnosis),
@@ -140,6 +157,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         leading_failure(varied),
         segments_of([trial for trial in diagnosis.even_trials if trial.variation is not None]),
         breakdown,
+        claim,
     )
 
 
@@ -217,41 +235,75 @@ def _exposed(trial: TrialDiagnosis) -> tuple[Label, ...]:
         return ()
 
 
-def _conclusion(trials: Sequence[TrialDiagnosis], training: Figure) -> tuple[str, str]:
-    """Return the naming sentence and its color family."""
+def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple[str, str, Grounds]:
+    """Return the naming sentence, its color family and the test that it rests on."""
+    trials = diagnosis.trials
     varied = [trial for trial in trials if trial.variation is not None and trial.kind is not Kind.UNFINISHED]
     if not varied and any(trial.kind is Kind.UNFINISHED for trial in trials):
-        return "The run is not finished: no trial of a variation has ended.", Kind.UNFINISHED.value
+        return "The run is not finished: no trial of a variation has ended.", Kind.UNFINISHED.value, DESCRIBED
     if not varied:
         untold = untold_by(trials)
-        return f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}.", "system"
+        text = f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}."
+        return text, "system", DESCRIBED
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE
+    weak_claim = claim_of_weak_training(training)
     rare = len(failed) <= RARE_SHARE * len(varied)
-    if weak and rare:
+    if weak and rare and weak_claim.supported:
         solved = "all" if main is None else f"{len(varied) - len(failed)} of {len(varied)}"
         text = f"It fails the training conditions ({training.count()} solved) and solves {solved} trials of variations"
-        return f"{text}: look at the films of training first.", "execution"
+        return f"{text}: look at the films of training first.", "execution", weak_claim
+    if weak and rare:
+        solved = f"{len(varied) - len(failed)} of {len(varied)}"
+        text = f"it solved {training.count()} training trials and {solved} trials of variations"
+        return f"{NOTHING_YET}: {text}.", Kind.UNFINISHED.value, weak_claim
     if main is None:
-        return "No failure found: it solves every variation that was run.", "right"
-    if rare and (habit := _habit(trials)) is not None:
-        return habit
+        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+    habit = _habit(trials)
     if rare:
-        return f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed.", "right"
+        text = f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed."
+        return habit or (text, "right", DESCRIBED)
+    claim = claim_of_failure(diagnosis, gap, sum(trial.kind is main.kind for trial in failed), len(varied))
+    before = f"It has not learned the training conditions ({training.count()} solved)."
+    if not claim.supported:
+        if habit is not None:
+            return habit
+        if weak and weak_claim.supported:
+            return before, "execution", weak_claim
+        planned = sum(trial.variation is not None for trial in trials)
+        return _nothing_yet(len(failed), planned, gap), Kind.UNFINISHED.value, claim
     entry = LEGEND[main]
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(varied, main)):
         text = f"{text.removesuffix('.')} {where}."
-    if weak and main.kind is Kind.EXECUTION:
-        return f"It fails the training conditions too. {text}", entry.family
     if weak and main.kind is not Kind.SYSTEM:
-        return f"It has not learned the training conditions. {text}", entry.family
-    return text, entry.family
+        if not weak_claim.supported:
+            before = f"It solved {training.count()} training trials."
+        elif main.kind is Kind.EXECUTION:
+            before = "It fails the training conditions too."
+        else:
+            before = "It has not learned the training conditions."
+        return f"{before} {text}", entry.family, claim
+    return text, entry.family, claim
 
 
-def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
-    """Return the sentence and the family of a failure that is rare over all but the rule in some conditions of a task.
+NOTHING_YET = "Nothing to conclude yet"
+"""Beginning of the conclusion where no test is passed."""
+
+
+def _nothing_yet(failed: int, n: int, gap: Figure) -> str:
+    """Return the conclusion on failures that chance explains."""
+    text = f"{NOTHING_YET}: {failed} of {plural(n, 'variation trial')} failed"
+    if gap.missing:
+        return f"{text}, and there are no training twins to compare them with."
+    ends = f"95{THIN}% interval {gap.interval()}" if gap.interval() else ""
+    shown = ", ".join(part for part in (ends, p_text(gap.p_value)) if part)
+    return f"{text}, and an illusion gap of {points(gap.value or 0.0, gap.digits)} points may be chance ({shown})."
+
+
+def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
+    """Return sentence, family and test of a failure that is rare over all but the rule in some conditions of a task.
 
     Training conditions count too: a policy that does one task wrong from the beginning has no exceptions there. It is
     none if the same failure is scattered over other tasks as well.
@@ -261,10 +313,14 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
         if _has_failed(trial):
             groups[trial.task, trial.label].append(trial)
     ranks, counts, shown = list(LEGEND), dict[tuple[str, Label], str](), Counter[Label]()
+    conditions = len({(t.task, t.variation or t.condition) for t in trials})
+    claims = dict[tuple[str, Label], Grounds]()
     for (task, label), members in groups.items():
         names = sorted({t.variation or t.condition for t in members})
         n = sum(t.task == task and (t.variation or t.condition) in names for t in trials)
-        if any(t.variation for t in members) and len(members) >= max(FEW, SHARE_OF_ALL * n):
+        claim = claim_of_habit(len(members), n, conditions)
+        if any(t.variation for t in members) and len(members) >= SHARE_OF_ALL * n and claim.supported:
+            claims[task, label] = claim
             where = listed(names) if len(names) <= 4 else f"{', '.join(names[:3])} and {len(names) - 3} more"
             counts[task, label] = f"{len(members)}/{n} trials of {where}"
             shown[label] += len(members)
@@ -274,7 +330,8 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str] | None:
         return None
     task, label = min(found, key=lambda key: (-len(groups[key]), ranks.index(key[1]), key[0]))
     text = LEGEND[label].conclude(groups[task, label]).removesuffix(".")
-    return f"In {task} {text[0].lower()}{text[1:]} ({counts[task, label]}).", LEGEND[label].family
+    sentence = f"In {task} {text[0].lower()}{text[1:]} ({counts[task, label]})."
+    return sentence, LEGEND[label].family, claims[task, label]
 
 
 def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
@@ -286,15 +343,7 @@ def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
     return AXIS_PLACES.get(axis or "", "") if count >= least and elsewhere >= least else ""
 
 
-def _pairs(diagnosis: RunDiagnosis) -> tuple[Figure, Figure]:
-    """Return the success rates of the twins and of the variations in pairs of both, each pair counted once."""
-    trials = {trial.key: trial for trial in diagnosis.even_trials}
-    pairs = [(trials[key], t) for t in trials.values() if (key := t.twin_key) is not None and key in trials]
-    twins, varied = (Rate(sum(pair[side].success for pair in pairs), len(pairs)) for side in (0, 1))
-    return Figure.of_rate(twins), Figure.of_rate(varied)
-
-
-def _numbers(training: Figure, variations: Figure, gap: Figure, pairs: tuple[Figure, Figure]) -> str:
+def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:
     """Return the sentence with the success rates and the gap."""
     if training.missing and variations.missing:
         return "No trial was run."
@@ -308,13 +357,16 @@ def _numbers(training: Figure, variations: Figure, gap: Figure, pairs: tuple[Fig
     )
     if gap.value is None:
         return f"{text}; without twins there is no illusion gap."
-    size = f"{points(gap.value, 0)} points"
-    ends = f"95{THIN}% interval {gap.interval()}, {gap.count()}" if gap.interval() else gap.count()
-    twins, varied = pairs
-    if (twins.number(), varied.number()) == (training.number(), variations.number()):
+    digits = gap.digits
+    size = f"{points(gap.value, digits)} points"
+    ends = f"95{THIN}% interval {gap.interval(digits)}, {gap.count()}" if gap.interval() else gap.count()
+    if gap.sides is None:
         return f"{text}: an illusion gap of {size} ({ends})."
-    both = f"{twins.with_unit()} of the twins and {varied.with_unit()} of the variations"
-    ends = f"95{THIN}% interval {gap.interval()}" if gap.interval() else ""
+    twins, varied = gap.sides
+    if (twins.number(digits), varied.number(digits)) == (training.number(), variations.number()):
+        return f"{text}: an illusion gap of {size} ({ends})."
+    both = f"{twins.with_unit(digits)} of the twins and {varied.with_unit(digits)} of the variations"
+    ends = f"95{THIN}% interval {gap.interval(digits)}" if gap.interval() else ""
     return f"{text}. In {gap.count()} it solves {both}: an illusion gap of {size}{f' ({ends})' if ends else ''}."
 
 

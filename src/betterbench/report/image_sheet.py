@@ -28,14 +28,19 @@ class SheetCell:
 def image_sheet(rows: Sequence[Sequence[SheetCell]]) -> np.ndarray:
     """Return a sheet of rows of cells as (height, width, 3) uint8 pixels; its images keep their pixels.
 
-    All cells have as many images of the same size; a text that is wider than its cell is cut after a word.
+    All cells have as many images of the same width; a row is as tall as its tallest image. A text that is wider than
+    its cell is cut after a word.
     """
     cells = [cell for row in rows for cell in row]
-    tall, wide, _ = cells[0].images[0].shape
+    wide = cells[0].images[0].shape[1]
     count = max(len(cell.images) for cell in cells)
     head = _LINE_PX * (2 if any(cell.subtitle for cell in cells) else 1)
     room = count * (wide + _GAP_PX) - _GAP_PX
-    height, width = len(rows) * (head + tall + _PAD_PX) + _PAD_PX, max(map(len, rows)) * (room + _PAD_PX) + _PAD_PX
+    tops = [_PAD_PX]
+    for row in rows:
+        tall = max((image.shape[0] for cell in row for image in cell.images), default=0)
+        tops.append(tops[-1] + head + tall + _PAD_PX)
+    height, width = tops[-1], max(map(len, rows)) * (room + _PAD_PX) + _PAD_PX
     figure = Figure((width / _DPI, height / _DPI), _DPI, facecolor=PAPER)
     canvas = FigureCanvasAgg(figure)
 
@@ -49,10 +54,10 @@ def image_sheet(rows: Sequence[Sequence[SheetCell]]) -> np.ndarray:
 
     for i, row in enumerate(rows):
         for j, cell in enumerate(row):
-            x, y = _PAD_PX + j * (room + _PAD_PX), _PAD_PX + i * (head + tall + _PAD_PX)
+            x, y = _PAD_PX + j * (room + _PAD_PX), tops[i]
             write(cell.title, x, y, 14, INK)
             write(cell.subtitle, x, y + _LINE_PX, 12, SOFT)
             for k, image in enumerate(cell.images):
-                figure.figimage(image, x + k * (wide + _GAP_PX), height - y - head - tall, origin="upper")
+                figure.figimage(image, x + k * (wide + _GAP_PX), height - y - head - image.shape[0], origin="upper")
     canvas.draw()  # type: ignore[no-untyped-call]
     return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()  # type: ignore[no-untyped-call]

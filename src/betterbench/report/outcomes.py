@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.foreign import is_of_libero
@@ -11,7 +11,7 @@ from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError
 from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
-from betterbench.statistics import Rate, anytime_interval
+from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
 from betterbench.worlds.libero import CHANGES
 from betterbench.worlds.libero_plus import AXES as PLUS_AXES
@@ -144,8 +144,8 @@ def _variation_row(
         _twin_instruction(trials[0], found),
         known.support.value if known is not None else "",
         _rate(diagnosis, f"{task}/{name}", trials),
-        _rate_of_twins(found, stopped=decided is not None),
-        Figure.of(diagnosis.metric("illusion_gap", f"{task}/{name}"), difference=True, noun="pairs"),
+        Figure.of(diagnosis.metric("twin_success_rate", f"{task}/{name}"), noun="pairs"),
+        Figure.gap(diagnosis, f"{task}/{name}"),
         segments_of(trials),
         "" if answer is None else answer.verdict.words,
     )
@@ -156,15 +156,6 @@ def _twin_instruction(trial: TrialDiagnosis, twins: list[TrialDiagnosis]) -> str
     known = task_of(trial.task)
     told = next((c.instruction.text for c in known.training if c.name == trial.condition), "") if known else ""
     return told or (twins[0].instruction if twins else trial.instruction)
-
-
-def _rate_of_twins(twins: list[TrialDiagnosis], *, stopped: bool) -> Figure:
-    """Return the success rate of twins; if a verdict stopped their trials, with an interval that holds all the same."""
-    figure = Figure.of_rate(Rate(sum(t.success for t in twins), len(twins)))
-    if not stopped or figure.missing:
-        return figure
-    ends = anytime_interval(float(t.success) for t in twins)
-    return replace(figure, low=ends.low, high=ends.high)
 
 
 def _variation(task: str, name: str) -> Variation | None:

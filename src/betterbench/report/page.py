@@ -26,7 +26,7 @@ from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.media import NO_MEDIA, Media
 from betterbench.report.outcomes import is_abroad
 from betterbench.report.paper import coffee_table, composition_table, paper_facts
-from betterbench.report.pretenders import pretender_views
+from betterbench.report.pretenders import pretender_views, score_tables
 from betterbench.report.task_views import task_views
 from betterbench.report.wording import THIN, Figure
 from betterbench.statistics.wording import listed, p_text, plural
@@ -161,7 +161,6 @@ def render_page(
         extent=_extent(trials, len(diagnoses), pending=any(d.pending for d in diagnoses)),
         unfinished=[_unfinished(d, single=len(diagnoses) == 1) for d in diagnoses if d.pending or d.unfinished],
         findings=[(d.policy, d.findings) for d in diagnoses if d.findings],
-        pretenders=pretender_views([d for d in diagnoses if not is_abroad(d)]),
         paper_tables=[t for t in (coffee_table(diagnoses), composition_table(diagnoses)) if t.measured],
         paper=paper_facts(),
         charts=charts,
@@ -171,7 +170,7 @@ def render_page(
         instructions={(d.policy, t.key): t.instruction for d in diagnoses for t in d.trials},
         opening=_opening(headlines[0], films) if len(diagnoses) == 1 else None,
         openings=[_opening(headline, films) if len(diagnoses) > 1 else None for headline in headlines],
-        training_note=_training_note(diagnoses, headlines),
+        training=(_training_title(headlines), _training_note(diagnoses, headlines)),
         trust=dict(trust or {}),
         knowledge=[knowledge_view(known) for known in knowledge],
         matrices=matrices,
@@ -191,8 +190,15 @@ def render_page(
         rare=round(100 * RARE_SHARE),
         weak=round(100 * WEAK_SHARE),
         **_style_and_script(),
+        **_pretenders(diagnoses),
         data=Markup(script_json(listing_of(diagnoses, numbers, media))),  # noqa: S704 - made safe for a script element
     )
+
+
+def _pretenders(diagnoses: Sequence[RunDiagnosis]) -> dict[str, object]:
+    """Return the pretenders of each policy of ours, and the tables of them all."""
+    views = pretender_views([d for d in diagnoses if not is_abroad(d)])
+    return {"pretenders": views, "pretender_tables": score_tables(views)}
 
 
 def _style_and_script() -> dict[str, str]:
@@ -280,21 +286,26 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
     )
 
 
+def _training_title(headlines: Sequence[Headline]) -> str:
+    """Return what the success rate on training conditions is called beside the gaps."""
+    return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
+
+
 def _training_note(diagnoses: Sequence[RunDiagnosis], headlines: Sequence[Headline]) -> str:
     """Return why the trials of training are not as many everywhere, or an empty text where they are."""
     all_of, twins_of = [], []
     for diagnosis, headline in zip(diagnoses, headlines, strict=True):
-        twins, every = twin_figure(diagnosis.even(), lambda _: True), headline.training
-        if every.missing or twins.missing or twins.n == every.n:
+        twins = twin_figure(diagnosis, "overall")
+        if headline.training.missing or twins.missing or twins.n == headline.training.n:
             continue
         whose = "" if len(diagnoses) == 1 else f" of {diagnosis.policy}"
-        all_of.append(f"{every.n}{whose}")
+        all_of.append(f"{headline.training.n}{whose}")
         twins_of.append(f"{twins.n}{whose}")
     if not all_of:
         return ""
     return (
-        f"Here it counts every training trial ({listed(all_of)}); beside variations it counts their twins alone "
-        f"({listed(twins_of)}), which differ from them by nothing but the variation."
+        f"It counts every training trial ({listed(all_of)}). Gaps, charts and tables of tasks count the training twins "
+        f"instead, one per pair ({listed(twins_of)}), which differ from the variations by nothing but the variation."
     )
 
 
@@ -396,8 +407,8 @@ def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
 
 
 def _unbroken(text: str) -> str:
-    """Return a sentence in which no line ends between a number and its percent sign."""
-    return text.replace(" %", f"{THIN}%")
+    """Return a sentence in which no line ends between a number and its percent sign, or within a p-value."""
+    return text.replace(" %", f"{THIN}%").replace("p = ", "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}")
 
 
 def _grouped(number: int) -> str:

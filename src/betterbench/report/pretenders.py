@@ -34,6 +34,21 @@ class ScoreRow:
 
 
 @dataclass(frozen=True, slots=True)
+class ScoreTable:
+    """The policies above the pretenders, which stand once.
+
+    Attributes:
+        columns: Headings of the success rates.
+        policies: The policies, one column of likeness each.
+        rows: Policies and pretenders with success rates, and how far a pretender's outcomes agree with each policy's.
+    """
+
+    columns: tuple[str, ...]
+    policies: tuple[str, ...]
+    rows: tuple[tuple[ScoreRow, tuple[str, ...]], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class MarginRow:
     """What the score on one variation proves, in words."""
 
@@ -59,6 +74,23 @@ class PretenderView:
 def pretender_views(diagnoses: Sequence[RunDiagnosis]) -> list[PretenderView]:
     """Return the section for every policy; without a power matrix it holds the reason alone."""
     return [_view(d.policy, standing_of(d)) for d in diagnoses]
+
+
+def score_tables(views: Sequence[PretenderView]) -> list[ScoreTable]:
+    """Return one table for all policies on the same trials, whose pretenders score alike."""
+    tables: dict[tuple[object, ...], list[PretenderView]] = {}
+    for view in views:
+        lines = sorted((row.name, row.cells) for row in view.rows if not row.mine)
+        if view.rows:
+            tables.setdefault((view.columns, *lines), []).append(view)
+    return [_score_table(together) for together in tables.values()]
+
+
+def _score_table(views: Sequence[PretenderView]) -> ScoreTable:
+    alike = [{row.name: row.likeness for row in view.rows if not row.mine} for view in views]
+    mine = [(row, ("",) * len(views)) for view in views for row in view.rows if row.mine]
+    lines = [(row, tuple(known[row.name] for known in alike)) for row in views[0].rows if not row.mine]
+    return ScoreTable(views[0].columns, tuple(view.policy for view in views), (*mine, *lines))
 
 
 def scope_columns(standings: Sequence[Standing]) -> tuple[str, ...]:

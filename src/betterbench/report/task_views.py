@@ -95,12 +95,12 @@ def _lines(diagnoses: Sequence[RunDiagnosis], task: str) -> tuple[TaskLine, ...]
 
 def _line(d: RunDiagnosis, task: str, varied: list[TrialDiagnosis]) -> TaskLine:
     about = re.compile(rf" trials of {re.escape(task)} ")
-    training = twin_figure(d.even(), lambda t: t.task == task)
+    training = twin_figure(d, task)
     return TaskLine(
         d.policy,
         Figure.of(d.metric("success_rate", f"{task}/training")) if training.missing else training,
         Figure.of(d.metric("success_rate", task)),
-        Figure.of(d.metric("illusion_gap", task), difference=True, noun="pairs"),
+        Figure.gap(d, task),
         Figure.of(d.metric("distractor_grasp_rate", task), noun="grasps"),
         Figure.of(d.metric("success_with_a_needless_step", task)),
         segments_of(varied),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
 
-from betterbench.diagnosis.verdict import Metric
+from betterbench.diagnosis.verdict import Metric, RunDiagnosis
 from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
@@ -27,6 +27,7 @@ class Figure:
         n: Denominator, or pairs; None where the number has none by nature (a guess).
         difference: True for differences of rates, which are said in points and with their sign.
         noun: What is counted ("trials", "pairs", "attempts").
+        sides: Of a difference, the two rates that it is the difference of.
     """
 
     value: float | None = None
@@ -37,6 +38,7 @@ class Figure:
     difference: bool = False
     noun: str = "trials"
     p_value: float | None = None
+    sides: tuple[Figure, Figure] | None = None
 
     @classmethod
     def of(cls, metric: Metric | None, *, difference: bool = False, noun: str = "trials") -> Figure:
@@ -53,6 +55,34 @@ class Figure:
             return cls(k=rate.k, n=rate.n)
         return cls(rate.value, rate.low, rate.high, rate.k, rate.n)
 
+    @classmethod
+    def gap(cls, diagnosis: RunDiagnosis, scope: str) -> Figure:
+        """Return the illusion gap of a scope with its sides: the twins, and the variations in the same pairs."""
+        names = ("illusion_gap", "twin_success_rate", "paired_success_rate")
+        gap, twins, paired = (diagnosis.metric(name, scope) for name in names)
+        figure = cls.of(gap, difference=True, noun="pairs")
+        if figure.missing or twins is None or paired is None:
+            return figure
+        return replace(figure, sides=(cls.of(twins, noun="pairs"), cls.of(paired, noun="pairs")))
+
+    @property
+    def digits(self) -> int:
+        """Fewest digits with which a difference is that of its two sides as they are printed; 0 for other numbers."""
+        if self.sides is None or self.value is None:
+            return 0
+        for digits in range(3):
+            twins, paired = (_rounded_rate(side.k, side.n, side.value or 0.0, digits) for side in self.sides)
+            if twins - paired == _rounded_rate(None, None, self.value, digits):
+                return digits
+        return 0
+
+    def from_sides(self) -> str:
+        """Return the two rates of a difference ("twins 67 %, variations 56 %"), or an empty string."""
+        if self.sides is None or self.missing:
+            return ""
+        twins, paired = (side.with_unit(self.digits) for side in self.sides)
+        return f"twins {twins}, variations {paired}"
+
     @property
     def missing(self) -> bool:
         """Whether there is no number to show."""
@@ -62,7 +92,7 @@ class Figure:
         """Return the number alone, in percent or points ("62", "+3", "−47.5"), or "–"."""
         if self.value is None:
             return "–"
-        rounded = _rounded_rate(self.k, self.n, self.value, digits)
+        rounded = _rounded_rate(self.k, self.n, self.value, max(digits, self.digits))
         return signed(rounded) if self.difference else minus(rounded)
 
     def with_unit(self, digits: int = 0) -> str:
@@ -95,7 +125,8 @@ class Figure:
         if self.value is None:
             return self.count() or MISSING
         ends = f", 95{THIN}% interval {self.interval()}" if self.interval() else ""
-        return f"{self.with_unit()} ({self.count()}){ends}"
+        sides = f"; {self.from_sides()}" if self.sides else ""
+        return f"{self.with_unit()} ({self.count()}{sides}){ends}"
 
 
 def _rounded_rate(k: int | None, n: int | None, value: float, digits: int) -> Decimal:

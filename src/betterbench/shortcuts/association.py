@@ -50,6 +50,29 @@ def entropy_bits(counts: _Floats) -> float:
     return max(0.0, float(-(shares * np.log2(shares)).sum()))
 
 
+@dataclass(frozen=True, slots=True)
+class PermutationTest:
+    """The test of one question: what was seen, and what the permutations give.
+
+    Attributes:
+        x: (n,) number of the first value of each observation.
+        y: (n,) number of the second one.
+        sizes: How many first and second values there are.
+        block: (n,) number of the demonstration of each observation.
+        within: Whether first values are exchanged inside each demonstration.
+        null: (PERMUTATIONS,) mutual information of the permutations [bit].
+        found: The association.
+    """
+
+    x: _Ints
+    y: _Ints
+    sizes: tuple[int, int]
+    block: _Ints
+    within: bool
+    null: _Floats
+    found: Association
+
+
 def association(
     first: Sequence[Hashable],
     second: Sequence[Hashable],
@@ -68,6 +91,18 @@ def association(
             first values, so that what one demonstration repeats is no evidence; all its first values must be equal.
         within: Exchange the first values inside each block instead: of the steps of a demonstration.
     """
+    return permutation_test(first, second, draw, blocks=blocks, within=within).found
+
+
+def permutation_test(
+    first: Sequence[Hashable],
+    second: Sequence[Hashable],
+    draw: np.random.Generator,
+    *,
+    blocks: Sequence[Hashable] | None = None,
+    within: bool = False,
+) -> PermutationTest:
+    """Return how two lists go together, as :func:`association` does, with all that the test rests on."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -75,20 +110,45 @@ def association(
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
     smaller = min(hx, hy)
+    block = _grouped(blocks, n)
     if smaller <= 0.0:
-        return Association(0.0, 0.0, 0.0, 1.0, n)
-    found = _permuted_bits((x, y), (nx, ny), draw, _grouped(blocks, n), within=within)
+        nothing = Association(0.0, 0.0, 0.0, 1.0, n)
+        return PermutationTest(x, y, (nx, ny), block, within, np.zeros(PERMUTATIONS), nothing)
+    found = _permuted_bits((x, y), (nx, ny), draw, block, within=within)
     expected = float(found.mean())
     at_least = int((found >= bits - 1e-9).sum())
     room = smaller - expected
     strength = (bits - expected) / room if room > 1e-9 else 0.0
-    return Association(
+    result = Association(
         round(bits, 6),
         round(expected, 6),
         round(min(1.0, max(0.0, strength)), 6),
         (1 + at_least) / (1 + PERMUTATIONS),
         n,
     )
+    return PermutationTest(x, y, (nx, ny), block, within, found, result)
+
+
+def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator) -> _Ints:
+    """Return rows of values that are shuffled inside each block, shape (rows, n)."""
+    keys = draw.random((rows, len(x))) + block  # sorting by these shuffles inside each block
+    mixed = np.empty((rows, len(x)), dtype=np.int64)
+    mixed[:, np.argsort(block, kind="stable")] = x[np.argsort(keys, axis=1)]
+    return mixed
+
+
+def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
+    """Return how often each first value goes with each second one, per row of first values: (rows, nx, ny)."""
+    (rows, _), (nx, ny) = mixed.shape, sizes
+    cells = mixed * ny + y + (np.arange(rows) * (nx * ny))[:, None]
+    return np.bincount(cells.ravel(), minlength=rows * nx * ny).reshape(rows, nx, ny)
+
+
+def counts_log_counts(n: int) -> _Floats:
+    """Return c log2 c for the counts c from 0 to n: entropies of counts follow from sums of these."""
+    logs = np.zeros(n + 1)
+    logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
+    return logs
 
 
 def _grouped(blocks: Sequence[Hashable] | None, n: int) -> _Ints:
@@ -104,9 +164,7 @@ def _permuted_bits(
     """Return the mutual information [bit] of every permutation, shape (PERMUTATIONS,)."""
     (x, y), (nx, ny), found = xy, sizes, []
     n = len(x)
-    logs = np.zeros(n + 1)
-    counts = np.arange(1, n + 1)
-    logs[1:] = counts * np.log2(counts)  # c log2 c: entropies of counts follow from sums of these
+    logs = counts_log_counts(n)
     margins = logs[np.bincount(x, minlength=nx)].sum() + logs[np.bincount(y, minlength=ny)].sum()
     per_block = x[np.unique(block, return_index=True)[1]]
     varying_margin = not within and len(per_block) != n
@@ -114,14 +172,10 @@ def _permuted_bits(
     while todo:
         rows = min(todo, max(1, _CHUNK // max(n, nx * ny)))
         if within:
-            keys = draw.random((rows, n)) + block  # sorting by these shuffles inside each block
-            order = np.argsort(block, kind="stable")
-            mixed = np.empty((rows, n), dtype=np.int64)
-            mixed[:, order] = x[np.argsort(keys, axis=1)]
+            mixed = shuffled_inside(x, block, rows, draw)
         else:
             mixed = per_block[np.argsort(draw.random((rows, len(per_block))), axis=1)][:, block]
-        cells = mixed * ny + y + (np.arange(rows) * (nx * ny))[:, None]
-        joint = np.bincount(cells.ravel(), minlength=rows * nx * ny).reshape(rows, nx, ny)
+        joint = joint_counts(mixed, y, (nx, ny))
         if varying_margin:  # demonstrations of different lengths move the counts of x
             margin = logs[joint.sum(axis=2)].sum(axis=1) + logs[np.bincount(y, minlength=ny)].sum()
         else:
@@ -135,6 +189,13 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
+    """Return how each of several features goes with an outcome, as :func:`features_test` finds it."""
+    return features_test(presence, outcome, draw)[0]
+
+
+def features_test(
+    presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
+) -> tuple[list[Association], _Floats]:
     """Return how each of several features goes with an outcome, with p-values that count all features at once.
 
     The p-value is the share of the permutations of the outcome in which any feature reaches as much (Westfall and
@@ -144,12 +205,14 @@ def strongest_of(
         presence: (episodes, features) whether an episode has a feature.
         outcome: The outcome of each episode.
         draw: Where permutations are drawn from.
+
+    Returns:
+        The associations, and per permutation the most mutual information of any feature [bit], (PERMUTATIONS,).
     """
     y, ny = codes_of(outcome)
     n = len(y)
     has = presence.astype(np.float32)
-    logs = np.zeros(n + 1)
-    logs[1:] = np.arange(1, n + 1) * np.log2(np.arange(1, n + 1))
+    logs = counts_log_counts(n)
     totals, with_feature = np.bincount(y, minlength=ny), presence.sum(axis=0)
     margin_y = logs[totals].sum()
     margin_x = logs[with_feature] + logs[n - with_feature]
@@ -184,4 +247,4 @@ def strongest_of(
                 n,
             )
         )
-    return found
+    return found, most

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +15,13 @@ import numpy.typing as npt
 
 from betterbench.errors import InvalidInputError
 from betterbench.interventions import resolve_condition
-from betterbench.shortcuts.association import Association, association, codes_of, entropy_bits, strongest_of
+from betterbench.shortcuts.association import (
+    Association,
+    codes_of,
+    entropy_bits,
+    features_test,
+    permutation_test,
+)
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_condition
 from betterbench.shortcuts.pairs import WordPair, least_share, telling_pairs
 from betterbench.shortcuts.questions import (
@@ -27,8 +34,17 @@ from betterbench.shortcuts.questions import (
     handled_kinds,
 )
 from betterbench.shortcuts.reading import DataReading
+from betterbench.shortcuts.smallest import (
+    POWER,
+    STEPS,
+    Planted,
+    RuleCounts,
+    SmallestRule,
+    planted_question,
+    planted_word,
+    smallest_rule,
+)
 from betterbench.shortcuts.words import instruction_words, is_spaced, overlapping, shown_as, without_joined
-from betterbench.statistics.wording import plural
 from betterbench.tasks import get_task, task_names
 
 ALPHA = 0.05
@@ -98,17 +114,24 @@ class GroupAudit:
         group: Name of the task or of the dataset.
         episodes: Demonstrations, or segments of some.
         findings: What was found.
-        notes: What could not be asked, or not be found, and why.
+        notes: What could not be asked, and why.
+        smallest: Per question the smallest rule that would have been found with so many demonstrations.
     """
 
     group: str
     episodes: int
     findings: tuple[Finding, ...]
     notes: tuple[str, ...] = ()
+    smallest: tuple[SmallestRule, ...] = ()
 
     def of(self, question: str) -> tuple[Finding, ...]:
         """Return the findings to a question."""
         return tuple(f for f in self.findings if f.question == question)
+
+    @property
+    def not_shown(self) -> tuple[SmallestRule, ...]:
+        """The questions to which so few demonstrations could not have shown every strong rule."""
+        return tuple(rule for rule in self.smallest if rule.too_few)
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
@@ -137,7 +160,7 @@ class ShortcutAudit:
         form = asdict(self)
         del form["reading"]
         read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
-        return {**read, **form, "alpha": ALPHA, "strong": STRONG}
+        return {**read, **form, "alpha": ALPHA, "strong": STRONG, "power": POWER}
 
 
 def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
@@ -191,19 +214,46 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """A group of demonstrations, what was found in it, and which questions were asked about pairs of words."""
+    """A group of demonstrations, what was found in it and what was asked.
+
+    Attributes:
+        pairs: What was asked about pairs of words.
+        asked: Questions that were tested.
+    """
 
     name: str
     episodes: Sequence[EpisodeFacts]
     found: list[_Raw]
     notes: list[str]
-    pairs: set[str]
+    pairs: list[_AskedPairs]
+    asked: list[_Asked]
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A question that was tested, for the smallest rule that would have been found."""
+
+    question: str
+    title: str
+    planted: Planted
+    counts: RuleCounts
+
+
+@dataclass(frozen=True, slots=True)
+class _AskedPairs:
+    """A question about pairs of words: of how many demonstrations, words and outcomes."""
+
+    question: str
+    title: str
+    n: int
+    words: int
+    outcomes: int
 
 
 def _audit_group(name: str, episodes: Sequence[EpisodeFacts]) -> _Group:
     handled = handled_kinds(episodes)
-    group = _Group(name, episodes, [], [], set())
-    group.found.extend(raw for q in QUESTIONS if (raw := _answer(name, q, episodes, handled)) is not None)
+    group = _Group(name, episodes, [], [], [], [])
+    group.found.extend(raw for q in QUESTIONS if (raw := _answer(group, q, handled)) is not None)
     for question in WORD_OUTCOMES:
         group.found.extend(_answers_about_words(group, question))
     group.found.extend(_constants(episodes))
@@ -215,25 +265,26 @@ def _draw(group: str, question: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
 
 
-def _answer(name: str, q: Question, episodes: Sequence[EpisodeFacts], handled: frozenset[str]) -> _Raw | None:
+def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
     """Return what a question about named things found, or None where there is nothing to ask."""
-    seen = [pair for facts in episodes for pair in q.pairs(facts, handled)]
+    seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         return None
-    found = association(
+    test = permutation_test(
         [x for _, x, _ in seen],
         [y for _, _, y in seen],
-        _draw(name, q.name),
+        _draw(group.name, q.name),
         blocks=[block for block, _, _ in seen],
         within=q.within,
     )
+    group.asked.append(_Asked(q.name, q.title, planted_question(test), RuleCounts(STRONG, _certain_rule)))
     rules: dict[str, Counter[str]] = {}
     for _, x, y in seen:
         rules.setdefault(x, Counter())[y] += 1
     lines = [q.rule.format(x=x, y=_shares(ys)) for x, ys in sorted(rules.items())]
     if q.name == "order":
         lines = [line for line in lines if not line.endswith("later")]
-    return _Raw(_finding(q.name, q.title, "", found, lines), rules)
+    return _Raw(_finding(q.name, q.title, "", test.found, lines), rules)
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +350,9 @@ def _answers_about_words(group: _Group, question: str) -> list[_Raw]:
     if not said.words:
         return []
     raw, every = [], Counter(outcomes)
-    tested = strongest_of(said.presence, outcomes, _draw(group.name, question))
+    tested, null = features_test(said.presence, outcomes, _draw(group.name, question))
+    planted = planted_word(said.presence, outcomes, tested, null)
+    group.asked.append(_Asked(question, title, planted, RuleCounts(STRONG, _certain_word)))
     for i, found in enumerate(tested):
         seen = Counter(outcomes[row] for row in np.flatnonzero(said.presence[:, i]).tolist())
         line = f"with “{said.shown[i]}”, {wording.format(y=_shares(seen))}"
@@ -307,8 +360,7 @@ def _answers_about_words(group: _Group, question: str) -> list[_Raw]:
         raw.append(_Raw(finding, {" ".join(said.words[i]): seen}, _nearly_always(seen, every), (said.words[i],)))
     if any(facts.privileged for facts in group.episodes):
         return raw
-    group.notes.extend(_least_found(title, len(known), len(said.words)))
-    group.pairs.add(question + PAIRS)
+    group.pairs.append(_AskedPairs(question + PAIRS, f"two {title}", len(known), len(said.words), len(every)))
     return raw + _answers_about_pairs(question, said, outcomes)
 
 
@@ -354,29 +406,51 @@ def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
-def _least_found(title: str, n: int, words: int) -> list[str]:
-    """Return a note if so few demonstrations cannot show every rule of a word or of two that would be strong."""
-    questions = 2 * len(WORD_OUTCOMES)
-    one = least_share(n, words * questions, ALPHA)
+def _certain_word(joint: npt.NDArray[np.int64]) -> bool:
+    """Tell whether a word is a sure sign; ``joint`` holds the outcomes without and with it, (2, outcomes)."""
+    seen, every = (Counter({str(y): int(c) for y, c in enumerate(row)}) for row in (joint[1], joint.sum(axis=0)))
+    return _nearly_always(seen, every)
+
+
+def _certain_rule(joint: npt.NDArray[np.int64]) -> bool:
+    """Tell whether some value always goes with the same other one; ``joint`` holds how often each two go together."""
+    return _certain({str(x): Counter({str(y): int(c) for y, c in enumerate(row) if c}) for x, row in enumerate(joint)})
+
+
+_STRONG_SHARE = 0.8
+"""Share of demonstrations that a rule of strength :data:`STRONG` between two even words and two even places decides,
+in steps of :data:`~betterbench.shortcuts.smallest.STEPS`."""
+
+
+def _smallest_of(group: _Group, tests: int) -> tuple[SmallestRule, ...]:
+    """Return the smallest rule of each question that would have been found, corrected for a number of tests."""
+    rules = []
+    for asked in group.asked:
+        units = int(asked.planted.block.max()) + 1
+        noun = "demonstrations" if units <= len(group.episodes) else "observations"
+        draw = _draw(group.name, f"{asked.question}|smallest rule")
+        planted = asked.planted
+        least, strong = (
+            planted.least_share(threshold, asked.counts, draw) for threshold in (planted.threshold(ALPHA, tests), -1.0)
+        )
+        rules.append(smallest_rule(asked.question, asked.title, units, noun, (least, strong)))
+    for pairs in group.pairs:
+        if pairs.words > 1:
+            share = _least_share_of_pairs(pairs, tests)
+            shares = (share, _STRONG_SHARE)
+            rules.append(smallest_rule(pairs.question, pairs.title, pairs.n, "demonstrations", shares))
+    return tuple(rules)
+
+
+def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
+    """Return the smallest share of demonstrations that two even words together have to decide to be found."""
+    if asked.n // 4 < FEWEST:
+        return None
     # Of two even words, the rule is tested in the half that has the first one: with and without the second.
-    pairs = words * (words - 1) // 2
-    two = least_share(n // 2, pairs * questions, ALPHA) if n // 4 >= FEWEST else None
-    if one is None:
-        rule = "a rule without an exception" + (", of one word or of two together" if pairs else "")
-        return [f"{title}: {n} demonstrations and {plural(words, 'word')} are too few to show even {rule}"]
-    told = []
-    if one > _SHARE_OF_STRONG:
-        share = f"{100.0 * one:.0f} % of the demonstrations"
-        told.append(f"the weakest rule that could be found is one that {share} follow")
-    if pairs and two is None:
-        told.append("no rule of two words together could be found, not even one without an exception")
-    elif pairs and two is not None and two > _SHARE_OF_STRONG:
-        told.append(f"the weakest rule of two words together is one that {100.0 * two:.0f} % follow")
-    return [f"{title}: with {n} demonstrations and {plural(words, 'word')}, {'; '.join(told)}"] if told else []
-
-
-_SHARE_OF_STRONG = 0.89
-"""Share of demonstrations that follow a rule of strength :data:`STRONG` between two even words and two even places."""
+    corrected = tests * (asked.words * (asked.words - 1) // 2) * asked.outcomes
+    followed = least_share(asked.n // 2, corrected, ALPHA)
+    # Chance decides for one of two even outcomes: a share s that a rule decides makes (1 + s) / 2 follow it.
+    return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
@@ -427,7 +501,7 @@ def _shares(seen: Counter[str]) -> str:
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
     """Correct the p-values of all groups together, and give the verdicts."""
     asked = {(group.name, raw.finding.question) for group in groups for raw in group.found if raw.finding.p_value}
-    asked |= {(group.name, question) for group in groups for question in group.pairs}
+    asked |= {(group.name, pairs.question) for group in groups for pairs in group.pairs}
     judged = []
     for group in groups:
         tests = _tests_of(group.name)
@@ -438,7 +512,8 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
             seen = {x: dict(sorted(ys.items())) for x, ys in sorted(raw.rules.items())}
             finding = replace(raw.finding, p_adjusted=adjusted, seen=seen)
             findings.append(_verdict(finding, raw, tests))
-        judged.append(GroupAudit(group.name, len(group.episodes), _clearest(findings, group.found), tuple(group.notes)))
+        clearest, smallest = _clearest(findings, group.found), _smallest_of(group, len(asked))
+        judged.append(GroupAudit(group.name, len(group.episodes), clearest, tuple(group.notes), smallest))
     return judged
 
 

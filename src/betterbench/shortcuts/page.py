@@ -8,12 +8,21 @@ from collections.abc import Iterator
 from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
 from betterbench.shortcuts.prediction import Prediction
 from betterbench.shortcuts.reading import DataReading
+from betterbench.shortcuts.smallest import POWER, share_text
+from betterbench.statistics.wording import plural
 
 ABOUT = (
     "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
     "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
     f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
     f"same other one, and if the permutation test, corrected for all questions, gives p ≤ {ALPHA:g}."
+)
+
+
+SMALLEST = (
+    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, where chance "
+    f"decides the others, so that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
+    "A weaker rule may be there and stay unseen."
 )
 
 
@@ -38,8 +47,16 @@ def _group_lines(group: GroupAudit) -> Iterator[str]:
     for note in group.notes:
         yield ""
         yield f"{note[0].upper()}{note[1:]}."
-    if not found:
-        return
+    if found:
+        yield from _finding_lines(found)
+    if group.smallest:
+        yield from ("", SMALLEST, "")
+        yield from ("| what goes together | compared | smallest rule that would be found |", "|---|---|---|")
+        for r in group.smallest:
+            yield f"| {r.title} | {r.n} {r.noun} | {share_text(r.least_share)} |"
+
+
+def _finding_lines(found: list[Finding]) -> Iterator[str]:
     yield ""
     yield "| what goes together | verdict | bits | strength | p | what a learner can go by | broken by |"
     yield "|---|---|---|---|---|---|---|"
@@ -53,10 +70,23 @@ def _cells(f: Finding) -> tuple[str, ...]:
     return f.title, f.verdict, f"{f.bits:.2f}", f"{f.strength:.2f}", p, "; ".join(f.rules), broken
 
 
+def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
+    """Return that variations which break no found rule are not shown to be safe, or an empty text."""
+    safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
+    unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
+    if not safe or not unseen:
+        return ""
+    tested = sum(len(group.smallest) for group in audit.groups)
+    return (
+        f"{plural(safe, 'variation')} without a found rule may still be at risk: for {sum(unseen.values())} of "
+        f"{plural(tested, 'question')} there are too few demonstrations to show every strong rule"
+    )
+
+
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
     """Return the ranking of the variations, the likeliest failures first; the first ``most`` of them."""
     lines = ["| rank | variation | risk | label | because |", "|---|---|---|---|---|"]
     for f in prediction.variations[:most]:
-        because = "; ".join(f.because).replace("|", "\\|") or "it breaks nothing that the data show"
+        because = "; ".join(f.because).replace("|", "\\|") or "it breaks no rule that was found"
         lines.append(f"| {f.rank} | {f.task}/{f.variation} | {f.risk:.2f} | {f.label or '–'} | {because} |")
     return lines

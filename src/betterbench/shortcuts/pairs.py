@@ -113,11 +113,11 @@ def least_share(n: int, tests: int, level: float) -> float | None:
     """Return the least share of episodes that follow a rule which a test of some episodes can show.
 
     The rule is between a word that half of the episodes have and two outcomes that are equally frequent; the test is
-    Fisher's, one-sided, corrected for the number of tests. None if no share is enough.
+    Fisher's, one-sided, corrected for the number of tests (pairs and outcomes). None if no share is enough.
     """
     logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, n + 1)))])
     half = n // 2
     for k in range(half // 2, half + 1):
-        if 2.0 * tests * _more_frequent_p((k, half), (half - k, half), logs) <= level:
+        if tests * _more_frequent_p((k, half), (half - k, half), logs) <= level:
             return k / half
     return None

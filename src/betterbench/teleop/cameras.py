@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 LONGEST_RATE_HZ = 10.0
 """Most images of a camera per second: enough to look at, and it leaves the processor to the physics."""
 SIZE_PX = 256
+LATE_S = 1.0
+"""Age of a wanted image from which it is called late [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +42,7 @@ class CameraThread:
         self._newest: _Frame | None = None
         self._wake = threading.Condition()
         self._is_over = False
+        self._waits_since: float | None = None
         self._thread = threading.Thread(target=self._run, name="teleop cameras", daemon=True)
         if self._cameras:
             self._thread.start()
@@ -49,7 +52,18 @@ class CameraThread:
         frame = _Frame(scene, scene.simulator_state()["qpos"].copy())
         with self._wake:
             self._newest = frame
+            if self._waits_since is None:
+                self._waits_since = time.monotonic()
             self._wake.notify()
+
+    @property
+    def late_s(self) -> float:
+        """How long images have been waited for [s], 0 while they come in time or none are drawn."""
+        since = self._waits_since
+        if since is None or not self._thread.is_alive():
+            return 0.0
+        late = time.monotonic() - since
+        return late if late >= LATE_S else 0.0
 
     def close(self) -> None:
         """Stop drawing and free the renderer."""
@@ -75,7 +89,10 @@ class CameraThread:
                         image = view.draw(frame.qpos, camera, jitter=frame.scene.view_jitter).rgb
                         if image is not None:
                             self._show(camera, image)
-                time.sleep(max(0.0, 1.0 / LONGEST_RATE_HZ - (time.monotonic() - began)))
+                self._waits_since = None
+                # A slow renderer rests as long as it drew: the physics and the page need the processor, too.
+                took = time.monotonic() - began
+                time.sleep(max(took, 1.0 / LONGEST_RATE_HZ - took))
         except BetterError as problem:
             self._complain(f"no camera images: {problem}")
         except Exception as problem:

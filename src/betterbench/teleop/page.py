@@ -53,6 +53,8 @@ class PanelState:
         undo_to: What an undo comes back to.
         closed: Whether the gripper is to be closed.
         can_save: Whether the episode can be saved.
+        height: Height of the tool above the table, in words; "" if there is none.
+        images: What is known of camera images that are late; "" if they come in time.
     """
 
     title: str
@@ -67,6 +69,8 @@ class PanelState:
     undo_to: str
     closed: bool
     can_save: bool
+    height: str = ""
+    images: str = ""
 
 
 def load_viser() -> Any:  # noqa: ANN401 - a module
@@ -255,7 +259,7 @@ class Page:
             self._controls.take_over(event.client_id)
 
         take.on_click(taken)
-        with gui.add_folder("Keys", expand_by_default=False):
+        with gui.add_folder("Keys", expand_by_default=True):
             gui.add_html(_KEY_TABLE)
         text = gui.add_text("", MARK + "{}")
 
@@ -318,6 +322,8 @@ def _foot(shown: PanelState) -> str:
         f'<div style="height:4px;width:{percent}%;background:{color};border-radius:2px"></div></div>'
         f'<div><b style="color:{color}">{html.escape(shown.status)}</b>'
         f'<span style="float:right;opacity:.65">{html.escape(shown.clock)}</span></div>'
+        f'<div style="opacity:.8">{html.escape(shown.height)}</div>'
+        f'<div style="opacity:.65">{html.escape(shown.images)}</div>'
         f'<div style="color:#f7b731;min-height:18px">{notice}</div>{said}</div>'
     )
 

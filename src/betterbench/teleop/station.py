@@ -279,7 +279,14 @@ class Station:
             session.undo_to.replace("_", " "),
             self._closed,
             self._found is not None and can_keep(self._found),
+            f"tool {100.0 * state.ee_pose.position[2]:.0f} cm above the table",
+            self._images_text(),
         )
+
+    def _images_text(self) -> str:
+        """Return that the camera images are late, which nothing waits for; empty if they are not."""
+        late_s = 0.0 if self._cameras is None else self._cameras.late_s
+        return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
 
     def _status(self, session: TeleopSession, asked: ControlInput) -> tuple[str, str]:
         if session.phase == "success":

@@ -61,7 +61,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
     "closer to camera": (
         "Which is closer to the camera, {a} or {b}?",
         "Of {a} and {b}, which one is nearer to the camera?",
-        "Which stands nearer to the viewer: {a} or {b}?",
+        "Which is nearer to the viewer: {a} or {b}?",
         "Compare {a} and {b}: which has the smaller distance from the camera?",
         "Which of the two is in front for the camera, {a} or {b}?",
     ),
@@ -77,7 +77,7 @@ PHRASINGS: dict[str, tuple[str, ...]] = {
         "Of {a} and {b}, which one is nearer to where the robot stands?",
         "Which would the arm have to reach out less for, measured from its base: {a} or {b}?",
         "Compare the distances from the base of the robot: is {a} or {b} nearer?",
-        "Which stands nearer to the foot of the robot, {a} or {b}?",
+        "Which is nearer to the foot of the robot, {a} or {b}?",
     ),
     "side of anchor": (
         "Seen by somebody who sits in front of {b}, is {a} {side} it?",

@@ -44,7 +44,7 @@ def film_strips(wrong: Sequence[Judged], out: Path) -> dict[tuple[str, str], byt
     if not wrong:
         return strips
     runs = {run.plan["policy"]: run for run in map(RunFolder.open, sorted(p.parent for p in out.glob("*/run.json")))}
-    with progress_bar("film strips", len(wrong)) as (bar, task):
+    with progress_bar("film strips", len(wrong), stays=False) as (bar, task):
         for policy in dict.fromkeys(j.policy for j in wrong):
             keys = {_trial(j.trial): j.trial for j in wrong if j.policy == policy}
             try:

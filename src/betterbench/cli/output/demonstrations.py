@@ -27,7 +27,7 @@ def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     rendered: dict[tuple[str, str], str] = {}
     failures = sum(len(task.examples) for task in found.tasks)
     if films and failures:
-        with progress_bar("film failures", failures) as (bar, shown):
+        with progress_bar("film failures", failures, stays=False) as (bar, shown):
             rendered = film_failures(run, found, on_progress=lambda done, _: bar.update(shown, completed=done))
     pictures: dict[str, str] = {}
     if films:

@@ -37,7 +37,8 @@ def print_diagnosis(result: RunDiagnosis) -> None:
     verdict = [] if result.until_decided is None else ["verdict"]
     print_table(["condition", "k/n", "success", *verdict, "outcomes"], rows, title=result.policy)
     OUT.print()
-    shown = [m for m in result.metrics if m.scope in ("overall", "training") or m.name in ("illusion_gap", "delta_sr")]
+    beside = ("illusion_gap", "twin_success_rate", "paired_success_rate", "delta_sr")
+    shown = [m for m in result.metrics if m.scope in ("overall", "training") or m.name in beside]
     shown = [m for m in shown if m.n and "/" not in m.scope]
     print_table(["metric", "over", "value", "95 % interval", "k/n"], [_metric_row(m) for m in shown])
     for finding in result.findings:

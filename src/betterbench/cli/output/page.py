@@ -15,7 +15,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError, Record
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.recording import RunFolder, run_names
 from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
-from betterbench.report.headline import verdict_line
+from betterbench.report.headline import headline_of, verdict_line
 from betterbench.report.legend import LEGEND
 from betterbench.report.media import Media, Thumbnails
 from betterbench.report.outcomes import is_abroad
@@ -77,7 +77,11 @@ def build_report(
     page = write_report(
         diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
     )
-    return BuiltReport(page, tuple(verdict_line(diagnosis) for diagnosis in diagnoses))
+    told = []
+    for diagnosis in diagnoses:
+        claim = headline_of(diagnosis).claim
+        told += [line for line in (verdict_line(diagnosis), claim.deciding, claim.command) if line]
+    return BuiltReport(page, tuple(told))
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:
@@ -133,11 +137,11 @@ def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: 
 def _films(run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing]) -> dict[str, Film]:
     wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
     trials = {t.key: t for t in diagnosis.trials}
-    with progress_bar(f"film strips of {diagnosis.policy}", len(wanted)) as (bar, task):
+    with progress_bar(f"film strips of {diagnosis.policy}", len(wanted), stays=False) as (bar, task):
         images = render_shots(run, wanted, on_progress=lambda done, _: bar.update(task, completed=done))
     if is_abroad(diagnosis):
         return {s.key: _film(s, images) for s in showings}
-    with progress_bar(f"films of {diagnosis.policy}", len(showings)) as (bar, task):
+    with progress_bar(f"films of {diagnosis.policy}", len(showings), stays=False) as (bar, task):
         clips = render_twin_films(
             run,
             [[panel_of(trials[key], heading) for key, heading in _sides(s)] for s in showings],
@@ -165,7 +169,7 @@ def _paths(run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagno
     twins = [t.twin_key for t in failed if t.twin_key in recorded]
     wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
     places = {key: _shot(key, 0.0) for key in wanted}
-    with progress_bar(f"paths of {diagnosis.policy}", len(wanted)) as (bar, task):
+    with progress_bar(f"paths of {diagnosis.policy}", len(wanted), stays=False) as (bar, task):
         images = render_paths(
             run,
             [(s.task, s.condition, s.seed) for s in places.values()],
@@ -186,7 +190,7 @@ def _thumbnails(run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thum
             chosen[name] = trial
     twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
     wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
-    with progress_bar("scenes of the variations", len(wanted)) as (bar, task):
+    with progress_bar("scenes of the variations", len(wanted), stays=False) as (bar, task):
         images = render_shots(
             run, wanted, size=THUMBNAIL_PX, on_progress=lambda done, _: bar.update(task, completed=done)
         )

@@ -46,9 +46,17 @@ def show_comparison(task_id: str, name: str, *, seed: int = 0, size: int = 512) 
     head = f"{task.title} · {variation.name} · {variation.title.replace('→', '>')}"
     return _side_by_side(
         head,
-        (f"training ({base.name})", base.instruction.text, left),
-        (f"test ({variation.name}, {variation.expected.value.replace('_', ' ')})", test.instruction.text, right),
+        (f"training scene ({base.name})", base.instruction.text, left),
+        (f"test scene ({variation.name}): {_RIGHT[variation.expected.value]}", test.instruction.text, right),
     )
+
+
+_RIGHT = {
+    "succeed": "the goal can be reached",
+    "refuse": "right is to refuse",
+    "stay_still": "right is to stay still",
+}
+"""What a right policy does in a test scene."""
 
 
 def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Image:

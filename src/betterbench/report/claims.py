@@ -1,0 +1,153 @@
+"""Whether a conclusion about a policy passes its own test, and what would decide it where it does not."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.foreign import is_of_libero
+from betterbench.diagnosis.metrics import twins
+from betterbench.diagnosis.verdict import RunDiagnosis
+from betterbench.report.wording import Figure
+from betterbench.statistics import Rate, Verdict, chance_p, paired_power
+from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
+from betterbench.statistics.wording import listed, plural
+from betterbench.tasks.labels import Kind
+
+USUAL_SHARE = 0.2
+"""Share of failed trials that a kind of failure has to exceed, by an exact binomial test at the usual level, to be
+called what the policy does where no illusion gap shows it: in training too, or without training twins."""
+
+MOST_PAIRS = 100
+"""Most pairs of one variation that are advised."""
+
+MOST_VARIATIONS = 3
+"""Most variations that are advised."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grounds:
+    """What a conclusion rests on.
+
+    Attributes:
+        supported: Whether the test is passed at the usual level; also True where the conclusion only counts.
+        test: What was tested, in words.
+        p_value: Of that test, None where there is none.
+        deciding: What would decide it, a sentence; empty where nothing is open.
+        command: The command that runs it, where one is known.
+    """
+
+    supported: bool
+    test: str = ""
+    p_value: float | None = None
+    deciding: str = ""
+    command: str = ""
+
+
+DESCRIBED = Grounds(True)
+"""The claim of a conclusion that only counts what was seen."""
+
+
+def claim_of_weak_training(training: Figure) -> Grounds:
+    """Return whether a policy solves less than half of the training trials."""
+    k, n = training.k or 0, training.n or 0
+    p = chance_p(Rate(k, n), chance=0.5)
+    return Grounds(
+        n > 0 and 2 * k < n and p <= DEFAULT_ALPHA,
+        "training trials solved, against one half (exact binomial)",
+        p,
+        "" if n and 2 * k >= n else "What would decide it: more trials of the training conditions (a larger --trials).",
+    )
+
+
+def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
+    """Return whether a failure of some conditions is a habit; corrected for the number of conditions of the run."""
+    p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
+    test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
+    return Grounds(p <= DEFAULT_ALPHA, test, p)
+
+
+def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
+    """Return whether the main kind of failure is more than chance.
+
+    Variations that are solved less often than their twins show it: by the test of the illusion gap, or by a verdict of
+    a run until decided. So do failures in clearly more than :data:`USUAL_SHARE` of the variation trials, whatever
+    happens in training.
+
+    Args:
+        diagnosis: The run.
+        gap: Its illusion gap over all variations.
+        count: Variation trials that ended with this kind of failure.
+        n: Variation trials that have ended.
+    """
+    decided = diagnosis.until_decided
+    if decided is not None and decided.decisions.count(Verdict.DROP):
+        return Grounds(True, "a variation drops (evidence of the run until decided)")
+    if gap.p_value is not None and (gap.value or 0.0) > 0.0 and gap.p_value <= DEFAULT_ALPHA:
+        return Grounds(True, "illusion gap over all variations", gap.p_value)
+    p = _above(count, n, USUAL_SHARE)
+    if p <= DEFAULT_ALPHA:
+        return Grounds(True, f"failed variation trials against {100 * USUAL_SHARE:.0f} % (exact binomial)", p)
+    if gap.p_value is None:
+        return Grounds(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, *_deciding(diagnosis))
+    return Grounds(False, "illusion gap over all variations", gap.p_value, *_deciding(diagnosis))
+
+
+def _above(count: int, n: int, share: float) -> float:
+    """Return the p-value of a rate above a share; 1 if it is not above."""
+    return chance_p(Rate(count, n), chance=share) if n and count > share * n else 1.0
+
+
+def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
+    """Return which variations need how many pairs for a verdict, and the command that runs them with new seeds.
+
+    A new run is judged by itself: pairs added to those that made one look closer would lean towards them.
+    """
+    varied = [t for t in diagnosis.trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
+    failed = Counter((t.task, t.pool) for t in varied if t.kind is not Kind.NONE)
+    lost = Counter((t.task, t.pool) for twin, t in twins(diagnosis.even_trials) if twin.success and not t.success)
+    ranked = [key for key, _ in (lost or failed).most_common()]
+    if not ranked:
+        return "", ""
+    chosen = [key for key in ranked if key[0] == ranked[0][0]][:MOST_VARIATIONS]  # of one task: one command
+    names = listed([f"{task}/{name}" for task, name in chosen])
+    each = _pairs_needed(diagnosis, chosen)
+    if each is None:
+        text = f"What would decide it: more pairs of {names} with their training twins"
+    else:
+        text = f"What would decide it, if they go on failing as often: {plural(each, 'pair')} of {names}"
+        text += " each" if len(chosen) > 1 else ""
+    text += " on new seeds, judged by themselves."
+    if any(is_of_libero(task) for task, _ in chosen):
+        return text, ""
+    command = [
+        "better", "eval", "--policy", diagnosis.policy, "--tasks", chosen[0][0],
+        "--variations", *(name for _, name in chosen), "--seed", str(_next_seed(diagnosis)),
+        "--trials", str(each or MOST_PAIRS), "--out", "runs/decide",
+    ]  # fmt: skip
+    return text, shlex.join(command)
+
+
+def _next_seed(diagnosis: RunDiagnosis) -> int:
+    return 1 + max((trial.seed for trial in diagnosis.trials), default=-1)
+
+
+def _pairs_needed(diagnosis: RunDiagnosis, conditions: Sequence[tuple[str, str]]) -> int | None:
+    """Return the pairs of each variation with which the test of the gap shows its drop in four runs of five, or None.
+
+    The drop is taken to be the one that was seen; None if there is none, or more than :data:`MOST_PAIRS` are needed.
+    """
+    pairs = [
+        (twin.success, trial.success)
+        for twin, trial in twins(diagnosis.even_trials)
+        if (trial.task, trial.pool) in conditions
+    ]
+    n, lost, won = len(pairs), pairs.count((True, False)), pairs.count((False, True))
+    if lost <= won:
+        return None
+    for each in range(1, MOST_PAIRS + 1):
+        if paired_power(each * len(conditions), (lost - won) / n, opposite=won / n) >= DEFAULT_POWER:
+            return each
+    return None
