@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import MissingDependencyError
+from betterbench.installation import missing_extra
 from betterbench.materialization.pictures import LEAST_SEEN
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
 from betterbench.recording import Record, RunFolder
@@ -76,9 +76,7 @@ def _rerun() -> tuple[Any, Any]:
     try:
         modules: tuple[ModuleType, ...] = tuple(map(importlib.import_module, ("rerun", "rerun.blueprint")))
     except ImportError as error:
-        raise MissingDependencyError(
-            "Rerun is not installed. Run: pip install 'betterbench[view]', or write a page with --out x.html."
-        ) from error
+        raise missing_extra("Rerun is not installed", "view", otherwise="or write a page with --out x.html.") from error
     return modules[0], modules[1]
 
 
