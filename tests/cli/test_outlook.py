@@ -87,7 +87,8 @@ def test_a_large_plan_names_its_trials_and_a_smaller_command(monkeypatch, capsys
     assert Path(command[0]).name == "better"
     given = dict(zip(command[2::2], command[3::2], strict=True))
     assert given == {
-        "--policy": policy, "--observation": "state_only", "--quality": "fast", "--tasks": "morning_coffee", "--trials": "3",
+        "--policy": policy, "--observation": "state_only", "--quality": "fast", "--tasks": "morning_coffee",
+        "--trials": "3",
         "--out": f"{tmp_path / 'my run'}-first",
     }  # fmt: skip
     again = said_before(monkeypatch, capsys, tmp_path, *command[2:-2])

@@ -17,7 +17,7 @@ import numpy as np
 
 from betterbench import __version__
 from betterbench.errors import BetterError
-from betterbench.installation import EXTRAS, as_started_here, extra_command
+from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
 from betterbench.tasks import all_tasks, get_task
 from betterbench.worlds import WORLDS
@@ -70,7 +70,7 @@ def _worlds() -> list[Check]:
             True,
             f"installed: {world.summary}"
             if world.is_installed
-            else as_started_here(f"not installed: better worlds install {world.name}"),
+            else f"not installed: {better_command()} worlds install {world.name}",
         )
         for world in WORLDS.values()
     ]

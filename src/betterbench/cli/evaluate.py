@@ -16,7 +16,6 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.installation import as_started_here
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -220,7 +219,7 @@ def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[s
     if certified is not None and len(plan.trials) > MANY_TRIALS:
         smaller = smaller_command(plan, out, chosen, certified)
         if smaller:
-            say(f"To begin with, {as_started_here(smaller)}", whole=True)
+            say(f"To begin with, {smaller}", whole=True)
 
 
 def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
@@ -571,7 +570,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
-    following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
+    following = f"better report {shlex.quote(str(run.path))}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
