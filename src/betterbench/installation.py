@@ -146,7 +146,9 @@ def better_command() -> str:
     return shlex.quote(str(script))
 
 
-_ADVISED = re.compile(rf"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better (?=(?:{'|'.join(VERBS)})\b(?![-:]))")
+_ADVISED = re.compile(
+    rf"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better (?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
+)
 
 
 def as_started_here(text: str) -> str:
