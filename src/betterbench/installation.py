@@ -147,8 +147,10 @@ def better_command() -> str:
 
 
 _ADVISED = re.compile(
-    rf"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better (?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
+    r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
+    rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
 )
+"""The word ``better`` where a command begins, and not a sentence about a verb ("a run of better collect")."""
 
 
 def as_started_here(text: str) -> str:

@@ -570,11 +570,29 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
+    if plan.policy == "expert" and plan.world is None:
+        _print_expert(run)
     following = f"better report {shlex.quote(str(run.path))}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     _require_a_trial(run)
+
+
+def _print_expert(run: RunFolder) -> None:
+    """Print what stopped the expert in the first trial that it did not solve, and how to look at it."""
+    from betterbench.tasks.user_files import options_for
+
+    failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
+    if not failed:
+        return
+    first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])
+    why = first.ground_truth.get("mishap") or "it met no obstacle; look at what moves or falls"
+    text = f"{first.task}/{first.condition} seed {first.seed}: {why} (docs/adding-a-task.md, If the expert fails)"
+    OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
+    record = shlex.quote(str(run.record_path(first.task, first.condition, first.seed)))
+    shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
+    OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
 
 
 def _require_a_trial(run: RunFolder) -> None:
