@@ -173,13 +173,15 @@ def _show_overview(given: Sequence[str]) -> None:
         verb.__doc__ = summary
         return verb
 
+    command = better_command()
+    here = "" if command == "better" else f"\n\nHere, better is started as {command}."
     completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a Vision-Language-Action policy fails.\n\n"
-            f"{better_command()} VERB --help explains a verb, --version says which version this is.",
+            f"better VERB --help explains a verb, better --version says which version this is.{here}",
             args=list(given),
         )
 
