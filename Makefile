@@ -6,10 +6,12 @@ MAKEFLAGS += --no-print-directory
 
 PYTHON ?= python3
 # Where nobody named a Python, .venv may take a faster build of the same version.
-SETUP = $(PYTHON) tools/setup_environment.py $(if $(filter file,$(origin PYTHON)),,--this-python)
+SETUP = $(PYTHON) tools/setup_environment.py $(if $(filter file,$(origin PYTHON)),,--this-python) --extras '$(EXTRAS)'
 PY := .venv/bin/python
 JOBS ?= 2
 ARGS ?=
+# Extras for .venv by name, as in `make setup EXTRAS="train lerobot"`. The environment keeps them.
+EXTRAS ?=
 # One thread per process: processes scale, threads of the software renderer and of small matrix products do not.
 # The set-up script notes the GL back end that works here; MUJOCO_GL of the caller wins.
 # Bytecode is kept: the tests start many processes, and each would compile the package anew.
@@ -20,7 +22,7 @@ RUN = PYTHONDONTWRITEBYTECODE= MUJOCO_GL="$${MUJOCO_GL:-$$(cat .venv/mujoco-gl)}
 help: ## list these words
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | while IFS=$$'\t' read -r word text; do printf '  %-10s %s\n' "$$word" "$$text"; done
 
-setup: ## make .venv from the hash-pinned locks, and the GL library (each only when missing)
+setup: ## make .venv from the hash-pinned locks, and the GL library; EXTRAS="train lerobot" adds extras
 	@$(SETUP)
 
 env:

@@ -10,6 +10,7 @@ Examples:
     python3 tools/setup_environment.py              everything `make test` needs
     python3 tools/setup_environment.py --no-gl      without the graphics library (formatting, linting, types)
     python3 tools/setup_environment.py --lock runtime   without the developers' tools
+    python3 tools/setup_environment.py --extras "train lerobot"   and these extras, which later calls keep
     python3 tools/setup_environment.py --relock     write requirements/*.lock anew
 """
 
@@ -26,8 +27,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -38,6 +40,8 @@ LOCKS = ROOT / "requirements"
 BOOTSTRAP_LOCK = LOCKS / "bootstrap.lock"
 STAMP = VENV / "betterbench-setup.stamp"
 GL_STAMP = VENV / "mujoco-gl"
+EXTRAS_NOTE = VENV / "betterbench-extras"
+"""Names of the extras that ``.venv`` holds, one per line, so that later calls keep them."""
 
 OLDEST_PYTHON = (3, 11)
 # The oldest uv that this script was tried with; older ones have no `uv venv --clear`.
@@ -51,6 +55,15 @@ LOCK_OPTIONS = {"train": ("--no-deps",), "world-libero-plus": ("--no-deps",)}
 LOCAL_BUILDS = {
     "train": {"torch": ("+cpu", "6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b")},
 }
+# Bounds of packages that an extra does not need for what is done with it here. LeRobot 0.4 draws with an old Rerun,
+# which would take the extra `view` out of .venv, and listens to the keyboard with pynput, which has to be compiled;
+# both only in its own commands that record and view.
+OVERRIDES = {"lerobot": ("rerun-sdk>=0.41", "pynput ; python_version < '3'")}
+# What an extra is resolved with, so that a user gets what the tests use.
+COMPANIONS = {"train": ("torch==2.13.0",), "being-h": ("torch==2.13.0",)}
+# What only PyTorch's build for graphics cards needs.
+FOR_GRAPHICS_CARDS = re.compile(r"nvidia-|cuda-|triton$")
+NVIDIA_DEVICES = (Path("/proc/driver/nvidia/version"), Path("/dev/nvidiactl"), Path("/dev/nvhost-gpu"))
 ON_X86_LINUX = "sys_platform == 'linux' and platform_machine == 'x86_64'"
 ELSEWHERE = "sys_platform != 'linux' or platform_machine != 'x86_64'"
 
@@ -349,20 +362,129 @@ def find_uv(env: Mapping[str, str]) -> Path:
 # -------------------------------------------------------------------------------------------------- environment
 
 
-def fingerprint(lock: str) -> str:
-    """Returns the stamp of ``.venv``: the name of the lock and a digest of everything its content depends on."""
-    digest = hashlib.sha256(f"{ROOT}\n{lock}\n".encode())
-    for file in (LOCKS / f"{lock}.lock", BOOTSTRAP_LOCK, ROOT / "pyproject.toml", Path(__file__)):
+def extra_names() -> tuple[str, ...]:
+    """Returns the names of the extras that pyproject.toml offers, without that of the developers."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    table = text.partition("[project.optional-dependencies]\n")[2].partition("\n[")[0]
+    return tuple(name for name in re.findall(r"^([a-z][a-z0-9-]*) = \[", table, flags=re.MULTILINE) if name != "dev")
+
+
+def chosen_extras(words: str) -> tuple[str, ...]:
+    """Returns the extras that were asked for and those that ``.venv`` holds already, by name.
+
+    Args:
+        words: Names between spaces or commas.
+
+    Raises:
+        SetupError: There is no such extra.
+    """
+    known = extra_names()
+    asked = [name.lower().replace("_", "-") for name in re.split(r"[\s,]+", words) if name]
+    for name in asked:
+        if name not in known:
+            raise SetupError(f"there is no extra {name!r}. The extras are: {', '.join(known)}.")
+    noted = EXTRAS_NOTE.read_text(encoding="utf-8").split() if EXTRAS_NOTE.exists() else []
+    return tuple(sorted({*asked, *(name for name in noted if name in known)}))
+
+
+def extra_lock(extra: str) -> Path:
+    """Returns the lock with the packages that an extra needs beside those of ``runtime.lock``."""
+    return LOCKS / f"extra-{extra}.lock"
+
+
+def fingerprint(lock: str, extras: Sequence[str] = ()) -> str:
+    """Returns the stamp of ``.venv``: the name of the lock and a digest of everything its content depends on.
+
+    Args:
+        lock: "dev" or "runtime".
+        extras: Names of the extras.
+    """
+    digest = hashlib.sha256(f"{ROOT}\n{lock}\n{' '.join(extras)}\n".encode())
+    locks = [LOCKS / f"{lock}.lock", *map(extra_lock, extras)]
+    for file in (*locks, BOOTSTRAP_LOCK, ROOT / "pyproject.toml", Path(__file__)):
         digest.update(file.read_bytes())
     return f"{lock} {digest.hexdigest()}\n"
 
 
-def is_filled(lock: str) -> bool:
-    """Tells whether ``.venv`` already holds what a lock asks for; the developers' environment includes the runtime."""
+def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
+    """Tells whether ``.venv`` already holds what a lock and some extras ask for.
+
+    The developers' environment includes the runtime.
+
+    Args:
+        lock: "dev" or "runtime".
+        extras: Names of all extras that it is to hold.
+    """
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
-    accepted = {fingerprint(lock), fingerprint("dev")}
+    accepted = {fingerprint(lock, extras), fingerprint("dev", extras)}
     return STAMP.read_text(encoding="ascii") in accepted
+
+
+def entries_of(lock: str) -> dict[str, list[str]]:
+    """Returns the entries of a lock by package; one that differs between platforms has several.
+
+    Args:
+        lock: Its text.
+    """
+    entries: dict[str, list[str]] = {}
+    for entry in re.split(r"\n(?=[a-z0-9])", lock.strip()):
+        if entry:
+            entries.setdefault(entry.partition("==")[0], []).append(entry.strip())
+    return entries
+
+
+def merged(locks: Sequence[str]) -> str:
+    """Returns one list of packages from several locks; of a package that two of them pin, the later one counts.
+
+    Args:
+        locks: Their texts; each was resolved so that it fits the first one.
+    """
+    entries: dict[str, list[str]] = {}
+    for lock in locks:
+        entries.update(entries_of(lock))
+    return "".join(f"{entry}\n" for name in sorted(entries) for entry in entries[name])
+
+
+def package_lists(lock: str, extras: Sequence[str]) -> list[str]:
+    """Returns the lists of packages that may be installed, the best one first.
+
+    Where the machine has no NVIDIA card, that is one with PyTorch's build for the processor, which is a tenth of the
+    size; not every package index has it. The last list is from the main index alone. The extra that bounds PyTorch
+    decides its version for all.
+
+    Args:
+        lock: "dev" or "runtime".
+        extras: Names of the extras.
+    """
+    base = LOCKS / f"{lock}.lock"
+    build = LOCAL_BUILDS["train"]["torch"]
+    tested = versions_of(entries_of((LOCKS / "train.lock").read_text(encoding="utf-8"))["torch"]) - {""}
+    texts = {extra: extra_lock(extra).read_text(encoding="utf-8") for extra in extras}
+    torch = {extra: versions_of(entries_of(text).get("torch", [])) for extra, text in texts.items()}
+    usual = [extra for extra in extras if torch[extra] and torch[extra] <= tested]  # the version with both builds
+    bounding = [extra for extra in extras if torch[extra] and extra not in usual]
+    ordered = sorted(extras, key=bounding.count)
+    small = {**texts, **{extra: for_processor(texts[extra], *build) for extra in usual}}
+    begin = base.read_text(encoding="utf-8")
+    if bounding:
+        return [merged([begin, *(small[extra] for extra in ordered)])]
+    whole = merged([begin, *texts.values()])
+    has_card = any(device.exists() for device in NVIDIA_DEVICES)
+    return [whole] if has_card or not usual else [merged([begin, *small.values()]), whole]
+
+
+def for_processor(lock: str, local: str, digest: str) -> str:
+    """Returns the text of a lock with PyTorch's build for the processor and without the libraries of graphics cards.
+
+    Args:
+        lock: The text.
+        local: What the build adds to the version.
+        digest: SHA-256 of its file.
+    """
+    entries = entries_of(lock)
+    kept = (entry for name in entries if not FOR_GRAPHICS_CARDS.match(name) for entry in entries[name])
+    return with_local_build("".join(f"{entry}\n" for entry in kept), "torch", local, digest)
 
 
 def measured(python: Path | str) -> tuple[str, float] | None:
@@ -410,13 +532,14 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
     return fastest
 
 
-def fill(lock: str, *, named: bool = False) -> None:
+def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
     """Makes ``.venv`` where there is none and installs the locked packages and this one (editable) into it.
 
     Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
 
     Args:
         lock: "dev" or "runtime".
+        extras: Names of all extras that it is to hold.
         named: ``.venv`` is to have this interpreter and no other build of it.
 
     Raises:
@@ -425,26 +548,66 @@ def fill(lock: str, *, named: bool = False) -> None:
     started = time.monotonic()
     env = uv_environment(os.environ)
     uv = find_uv(env)
-    steps: list[list[str | Path]] = []
     if run([VENV_PYTHON, "-c", "import sys; sys.exit(sys.version_info < (3, 11))"], quiet=True).returncode != 0:
         python = chosen_python(named=named)
         told = run([python, "-c", "import sys; print(sys.version.split()[0])"], quiet=True).stdout.strip()
         say(f"creating .venv with Python {told}")
-        steps.append([uv, "venv", "--quiet", "--clear", "--python", python, VENV])
+        require([uv, "venv", "--quiet", "--clear", "--python", python, VENV], env=env)
     STAMP.unlink(missing_ok=True)
     install: list[str | Path] = [uv, "pip", "install", "--quiet", "--python", VENV_PYTHON]
-    locked = LOCKS / f"{lock}.lock"
-    steps.append([*install, "--require-hashes", "--no-deps", "--only-binary", ":all:", "-r", locked])
-    steps.append([*install, "--no-deps", "--build-constraints", BOOTSTRAP_LOCK, "--editable", ROOT])
-    say(f"installing {locked.relative_to(ROOT)} into .venv (a few hundred MB the first time)")
-    for step in steps:
-        if run(step, env=env).returncode != 0:
-            raise SetupError(
-                f"`{' '.join(str(word) for word in step[:3])}` failed; its message stands above. "
-                "Check the network and pip's configuration, then run the same command again."
-            )
-    STAMP.write_text(fingerprint(lock), encoding="ascii")
+    listed = ", ".join([f"requirements/{lock}.lock", *(f"extra-{extra}.lock" for extra in extras)])
+    size = "a few hundred MB the first time" + ("; PyTorch for graphics cards has a few GB" if extras else "")
+    say(f"installing {listed} into .venv ({size})")
+    install_locked([*install, "--require-hashes", "--no-deps", "--only-binary", ":all:"], lock, extras, env=env)
+    require([*install, "--no-deps", "--build-constraints", BOOTSTRAP_LOCK, "--editable", ROOT], env=env)
+    EXTRAS_NOTE.write_text("".join(f"{extra}\n" for extra in extras), encoding="utf-8")
+    STAMP.write_text(fingerprint(lock, extras), encoding="ascii")
     say(f"environment ready in {time.monotonic() - started:.0f} s")
+
+
+def require(command: Sequence[str | Path], *, env: Mapping[str, str]) -> None:
+    """Runs a command of uv.
+
+    Args:
+        command: Program and arguments.
+        env: Environment of the program.
+
+    Raises:
+        SetupError: It failed; its own message stands above.
+    """
+    if run(command, env=env).returncode != 0:
+        raise SetupError(
+            f"`{' '.join(str(word) for word in command[:3])}` failed; its message stands above. "
+            "Check the network and pip's configuration, then run the same command again."
+        )
+
+
+def install_locked(install: Sequence[str | Path], lock: str, extras: Sequence[str], *, env: Mapping[str, str]) -> None:
+    """Installs the first list of packages that can be had.
+
+    Args:
+        install: The command without the list.
+        lock: "dev" or "runtime".
+        extras: Names of the extras.
+        env: Environment of uv.
+
+    Raises:
+        SetupError: The last list could not be installed either.
+    """
+    *small, whole = package_lists(lock, extras)
+    wanted = VENV / "betterbench-packages.txt"
+    try:
+        for packages in small:
+            wanted.write_text(packages, encoding="utf-8")
+            # First from the indexes that pip is configured with, then from PyTorch's own, which uv knows.
+            for source in ((), ("--torch-backend", "cpu")):
+                if run([*install, *source, "-r", wanted], env=env, quiet=True).returncode == 0:
+                    return
+            say("PyTorch's build for the processor cannot be had here: taking the one that also knows graphics cards")
+        wanted.write_text(whole, encoding="utf-8")
+        require([*install, "-r", wanted], env=env)
+    finally:
+        wanted.unlink(missing_ok=True)
 
 
 def with_local_build(lock: str, package: str, local: str, digest: str) -> str:
@@ -484,6 +647,11 @@ def relock(*, upgrade: bool) -> None:
     common += ["--no-emit-index-url", "--no-emit-find-links", *(["--upgrade"] if upgrade else [])]
     project = ROOT / "pyproject.toml"
     runtime, dev = LOCKS / "runtime.lock", LOCKS / "dev.lock"
+
+    def resolve(lock: Path, words: Sequence[str | Path]) -> None:
+        if run([*common, *words, "--output-file", lock], env=env).returncode != 0:
+            raise SetupError(f"uv could not resolve {lock.name}; its message stands above.")
+
     steps: dict[Path, list[str | Path]] = {
         # The extras that tests need decide first: what a user gets is what was tested.
         dev: [project, "--extra", "dev"],
@@ -493,14 +661,59 @@ def relock(*, upgrade: bool) -> None:
     }
     for lock, words in steps.items():
         say(f"resolving {lock.relative_to(ROOT)}")
-        if run([*common, *LOCK_OPTIONS.get(lock.stem, ()), *words, "--output-file", lock], env=env).returncode != 0:
-            raise SetupError(f"uv could not resolve {lock.relative_to(ROOT)}; its message stands above.")
+        resolve(lock, [*LOCK_OPTIONS.get(lock.stem, ()), *words])
         for package, (local, digest) in LOCAL_BUILDS.get(lock.stem, {}).items():
             text = with_local_build(lock.read_text(encoding="utf-8"), package, local, digest)
             lock.write_text(text, encoding="utf-8")
+    for extra in extra_names():
+        say(f"resolving {extra_lock(extra).relative_to(ROOT)}")
+        with tempfile.TemporaryDirectory(prefix="betterbench-lock-") as folder:
+            extra_lock(extra).write_text(locked_extra(extra, Path(folder), resolve), encoding="utf-8")
+    for lock in (*steps, *map(extra_lock, extra_names())):
         leak = re.search(r"^.*(://| @ |^-).*$", lock.read_text(encoding="utf-8"), flags=re.MULTILINE)
         if leak:
             raise SetupError(f"{lock.relative_to(ROOT)} names a host, a path or an option: {leak.group().strip()[:60]}")
+
+
+def locked_extra(extra: str, folder: Path, resolve: Callable[[Path, Sequence[str | Path]], None]) -> str:
+    """Returns the text of the lock of an extra: what it needs beside ``runtime.lock``, or in another version.
+
+    It is resolved together with the developers' packages, so that both fit into one environment.
+
+    Args:
+        extra: Its name.
+        folder: Folder for what is needed on the way.
+        resolve: Writes a lock from the words of uv.
+    """
+    project, dev = ROOT / "pyproject.toml", LOCKS / "dev.lock"
+    together, alone_lock = folder / "together.lock", folder / "alone.lock"
+    further, overrides = folder / "companions.in", folder / "overrides.txt"
+    further.write_text("\n".join(COMPANIONS.get(extra, ())), encoding="utf-8")
+    overrides.write_text("\n".join(OVERRIDES.get(extra, ())), encoding="utf-8")
+    shutil.copy(dev, together)  # versions that still fit are kept
+    words: list[str | Path] = [project, "--extra", extra, "--constraints", further, "--overrides", overrides]
+    # The extra that bounds versions of the others has to fit all of them.
+    others = extra_names() if extra in OVERRIDES else ()
+    resolve(together, [*words, "--extra", "dev", *(word for other in others for word in ("--extra", other))])
+    resolve(alone_lock, [*words, "--constraints", together])
+    needed = entries_of(alone_lock.read_text(encoding="utf-8")).keys()
+    found = entries_of(together.read_text(encoding="utf-8"))
+    known = entries_of((LOCKS / "runtime.lock").read_text(encoding="utf-8"))
+    developers = entries_of(dev.read_text(encoding="utf-8"))
+    for name in developers.keys() - needed:
+        if versions_of(developers[name]) != versions_of(found.get(name, [])):
+            raise SetupError(f"the extra {extra} changes the developers' {name}, which it does not need itself")
+    kept = sorted(name for name in needed if versions_of(found[name]) != versions_of(known.get(name, [])))
+    return "".join(f"{entry}\n" for name in kept for entry in found[name])
+
+
+def versions_of(entries: Sequence[str]) -> set[str]:
+    """Returns the versions that entries of one package pin.
+
+    Args:
+        entries: As in a lock.
+    """
+    return {re.split(r"[ ;\\\n]", entry.partition("==")[2], maxsplit=1)[0] for entry in entries}
 
 
 @contextlib.contextmanager
@@ -521,6 +734,7 @@ def main() -> int:
     parser.add_argument(
         "--lock", choices=("dev", "runtime"), default="dev", help="which packages (default: %(default)s)"
     )
+    parser.add_argument("--extras", default="", metavar="NAMES", help='further extras for .venv: "train lerobot"')
     parser.add_argument("--no-gl", action="store_true", help="leave the graphics library out")
     parser.add_argument("--relock", action="store_true", help="write requirements/*.lock anew and stop")
     parser.add_argument("--upgrade", action="store_true", help="with --relock: take the newest versions")
@@ -536,8 +750,9 @@ def main() -> int:
             if options.relock:
                 relock(upgrade=options.upgrade)
                 return 0
-            if not is_filled(options.lock):
-                fill(options.lock, named=options.this_python)
+            extras = chosen_extras(options.extras)
+            if not is_filled(options.lock, extras):
+                fill(options.lock, extras, named=options.this_python)
             if not options.no_gl:
                 ensure_gl()
     except SetupError as error:

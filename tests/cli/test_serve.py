@@ -5,10 +5,12 @@ from __future__ import annotations
 import logging
 import os
 import re
+import shlex
 import signal
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import msgpack
 import pytest
@@ -53,7 +55,9 @@ def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
     found = re.match(r"serving noop at openpi://127\.0\.0\.1:(\d+)$", line)
     assert found, line + process.stderr.read()
     port = found.group(1)
-    assert process.stdout.readline().split()[1:] == ["better", "eval", "--policy", f"openpi://127.0.0.1:{port}"]
+    advised = shlex.split(process.stdout.readline().removeprefix("evaluate"))
+    assert Path(advised[0]).name == "better"
+    assert advised[1:] == ["eval", "--policy", f"openpi://127.0.0.1:{port}", "--trials", "3"]
     assert f"WebsocketClientPolicy(host='127.0.0.1', port={port})" in process.stdout.readline()
     assert process.stdout.readline() == "Ctrl-C stops.\n"
     key = {"Authorization": "Api-Key secret"}

@@ -141,6 +141,6 @@ def test_a_cluster_that_is_not_there_is_named_at_once(tiny_plan, tmp_path):
 
 def test_without_ray_nothing_is_written(tiny_plan, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(MissingDependencyError, match=r"pip install 'betterbench\[ray\]'"):
+    with pytest.raises(MissingDependencyError, match=r"make .*setup EXTRAS=ray"):
         evaluate(tiny_plan(), tmp_path / "run", engine="ray")
     assert not (tmp_path / "run").exists()

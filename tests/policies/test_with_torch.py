@@ -34,6 +34,6 @@ def test_in_torch(name):
     ("address", "extra"), [("being-h://127.0.0.1:9", "being-h"), ("lerobot:some/checkpoint", "lerobot")]
 )
 def test_without_the_extra_its_name_is_told(address, extra):
-    with pytest.raises(MissingDependencyError, match=rf"pip install 'betterbench\[{extra}\]'") as caught:
+    with pytest.raises(MissingDependencyError, match=rf"make .*setup EXTRAS={extra}") as caught:
         connect(address)
     assert "\n" not in str(caught.value)

@@ -82,5 +82,5 @@ def test_a_study_without_one_plan_is_one_line(words, said, plan, tmp_path, capsy
 def test_without_torch_the_extra_is_named_before_anything_is_begun(plan, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "torch", None)
     assert main(["study", str(plan), "--out", str(tmp_path / "out")]) == EXIT_BAD_INPUT
-    assert "betterbench[train]" in capsys.readouterr().err
+    assert "setup EXTRAS=train" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

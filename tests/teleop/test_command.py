@@ -29,7 +29,7 @@ def test_without_viser_the_extra_is_named_and_nothing_is_written(capsys, monkeyp
     monkeypatch.setattr(importlib, "import_module", none)
     status, err = said(capsys, "--tasks", "fruit_lunch", "--out", str(tmp_path / "run"))
     assert status != 0
-    assert "pip install 'betterbench[teleop]'" in err
+    assert "setup EXTRAS=teleop" in err
     assert not (tmp_path / "run").exists()
 
 

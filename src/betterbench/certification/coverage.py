@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -191,17 +191,29 @@ def _load(file: Traversable | Path, where: str) -> Coverage:
     return coverage
 
 
-def cure_for(gap: Gap, *, tasks: Iterable[str], first: int, trials: int, looks: Looks = "seen") -> str:
+def cure_for(
+    gap: Gap,
+    *,
+    tasks: Iterable[str],
+    first: int,
+    trials: int,
+    looks: Looks = "seen",
+    unmeasured: Sequence[str] = (),
+) -> str:
     """Return what to do about a trial that is not certified, for a run that begins at the seed ``first``.
 
     ``tasks`` are all that the run holds, because one certificate has to cover the run; none for the whole suite.
+    Those ``unmeasured`` have files of their own, and their demonstrations have to be measured first.
     """
     if gap.refused:
         return "Choose other seeds with --seed and --trials, or run it with --uncertified"
     named = " ".join(("", *tasks))
     chosen = options_for(tasks) + (f" --tasks{named}" if named else "")
     seed = (f" --seed {first}" if first else "") + (f" --looks {looks}" if looks != "seen" else "")
+    first_measure = (
+        f"better certify{options_for(unmeasured)} --tasks {' '.join(unmeasured)} --demonstrations 120, then "
+    )
     return (
-        f"Run better certify{chosen} --trials {trials}{seed} --out runs/certificate and name it with "
-        "--certificate runs/certificate, or run with --uncertified"
+        f"Run {first_measure if unmeasured else ''}better certify{chosen} --trials {trials}{seed} --out "
+        "runs/certificate and name it with --certificate runs/certificate, or run with --uncertified"
     )

@@ -235,8 +235,9 @@ def watch_expert(scene: Scene) -> Watched:
     truth = tracker.update(state)
     limit = task.step_limit(condition)
     broke: str | None = None
+    agent: object = None
     try:
-        expert = make_expert("expert", scene)
+        agent = expert = make_expert("expert", scene)
         while state.step < limit and not truth.success:
             scene.step(expert.act_on_state(state))
             state = scene.state()
@@ -245,6 +246,9 @@ def watch_expert(scene: Scene) -> Watched:
     except Exception as error:  # noqa: BLE001 - an expert that breaks down has not solved the trial; it is listed as such
         broke = f"{type(error).__name__}: {error}"
     problem = "" if truth.success else broke or _why_not(condition, scene.info, tracker, truth, state.step)
+    mishap = getattr(agent, "ground_truth", {}).get("mishap")
+    if problem and broke is None and mishap:
+        problem = f"{problem}; {mishap}"
     return Watched(problem, state.step, handling.finish())
 
 

@@ -8,6 +8,8 @@ from betterbench.certification.coverage import Coverage, cure_for
 from betterbench.errors import InvalidInputError
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task, suite_tasks
+from betterbench.tasks.demonstrated import demonstrated_if_measured
+from betterbench.tasks.user_files import options_for
 
 _NAMED = 5
 
@@ -27,10 +29,19 @@ def require_coverage(
     gap = coverage.gap(trials, suite=SUITE_VERSION, engine=engine_version(), tasks=versions, looks=looks)
     if gap is not None:
         whole = set(versions) == set(suite_tasks("better60"))
+        own = [task for task in versions if options_for([task])]
+        unmeasured = [t for t in own if demonstrated_if_measured(get_task(t), engine=engine_version()) is None]
         raise InvalidInputError(
             f"the plan: {gap.trial.task}/{gap.trial.condition} seed {gap.trial.seed}",
             f"it is not certified ({gap.reason})",
-            cure_for(gap, tasks=() if whole else versions, first=seed, trials=trials_per_variation, looks=looks),
+            cure_for(
+                gap,
+                tasks=() if whole else versions,
+                first=seed,
+                trials=trials_per_variation,
+                looks=looks,
+                unmeasured=unmeasured,
+            ),
         )
     unsolved = coverage.unsolved(trials)
     if not unsolved:

@@ -17,6 +17,7 @@ import numpy as np
 
 from betterbench import __version__
 from betterbench.errors import BetterError
+from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
 from betterbench.tasks import all_tasks, get_task
 from betterbench.worlds import WORLDS
@@ -37,7 +38,7 @@ class Check:
 
 def run_checks() -> list[Check]:
     """Try everything that a run needs."""
-    return [*(_try(name, check) for name, check in CHECKS.items()), *_worlds()]
+    return [*(_try(name, check) for name, check in CHECKS.items()), *_extras(), *_worlds()]
 
 
 def _try(name: str, check: Callable[[], str]) -> Check:
@@ -49,6 +50,18 @@ def _try(name: str, check: Callable[[], str]) -> Check:
         return Check(name, False, f"{type(error).__name__}", f"{error}. Run `make setup` again.")
 
 
+def _extras() -> list[Check]:
+    """Return which extras are installed; one that is not is no fault."""
+    return [
+        Check(
+            f"extra {name}",
+            True,
+            f"installed: {extra.use}" if extra.is_installed else f"not installed ({extra.use}): {extra_command(name)}",
+        )
+        for name, extra in EXTRAS.items()
+    ]
+
+
 def _worlds() -> list[Check]:
     """Return which foreign worlds are installed; one that is not is no fault."""
     return [
@@ -57,7 +70,7 @@ def _worlds() -> list[Check]:
             True,
             f"installed: {world.summary}"
             if world.is_installed
-            else f"not installed: better worlds install {world.name}",
+            else f"not installed: {better_command()} worlds install {world.name}",
         )
         for world in WORLDS.values()
     ]

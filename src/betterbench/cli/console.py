@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from rich.console import Console
 
 from betterbench.errors import UNPRINTABLE, one_line, printable
+from betterbench.installation import as_started_here
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -29,11 +30,14 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Prints texts without what steers a terminal, because names and messages may come from a stranger's file."""
+    """Prints texts without what steers a terminal, because names and messages may come from a stranger's file.
+
+    Commands in them begin as this installation starts them.
+    """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print as rich does, with texts made printable."""
-        super().print(*(_printable(o) if isinstance(o, str) else o for o in objects), **options)
+        """Print as rich does, with texts made printable and commands as they are started here."""
+        super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
 
     def on_broken_pipe(self) -> None:
         """End without an error where nobody reads standard output any more, as ``better list tasks | head``."""
@@ -163,7 +167,9 @@ def complain(problem: str) -> None:
     """Print an error as :func:`say` prints a message."""
     from rich.text import Text
 
-    ERR.print(Text.assemble(("error:", "bold red"), " ", _printable(problem)), soft_wrap=not ERR.is_terminal)
+    ERR.print(
+        Text.assemble(("error:", "bold red"), " ", as_started_here(_printable(problem))), soft_wrap=not ERR.is_terminal
+    )
 
 
 def _printable(text: str) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import shlex
+import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -13,13 +15,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
-from betterbench.errors import InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
     from betterbench.evaluation import Plan, Progress
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
+
+FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
+"""When the first estimate is said, from the first steps on, and a line of a log after the first one [s]."""
 
 LOG_EVERY_S = 60.0
 """How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
@@ -61,6 +66,12 @@ _FOR_CALVIN = ("it is for CALVIN", "Leave out {option}")
 
 USUAL_TRIALS = 20
 """Trials per variation unless asked for otherwise."""
+
+MANY_TRIALS = 200
+"""A plan of more trials is not what one begins with."""
+
+FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
+"""What the smaller command runs: the task with the shortest trials, if it is planned."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +145,7 @@ def evaluate_command(
     allow_other_versions: bool = False,
     allow_changed_policy: bool = False,
     trust: bool = False,
+    explain_power: bool = False,
     json: bool = False,
 ) -> None:
     """Evaluate a policy. The same command resumes an unfinished run.
@@ -141,7 +153,7 @@ def evaluate_command(
     Every variation runs with the same seeds, and the training conditions with as many trials in all, of which the first
     are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
 
-    Example: better eval --policy expert --tasks fast_food --trials 20 --out runs/expert
+    Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
 
     Args:
         policy: Address of the policy (see better list policies); with --from, one other than that of the run.
@@ -159,10 +171,9 @@ def evaluate_command(
         allow_other_versions: With --from, repeat the run although versions differ that results depend on.
         trust: With --from or --run-file, let what the file names run code, or send the key that its address names.
         allow_changed_policy: Resume although the policy declares something else than when the run began.
+        explain_power: Say at length which drops the trials can show, and which not.
         json: Print one JSON document at the end.
     """
-    from betterbench.evaluation.planning.power import what_trials_show
-
     if engine == "local":
         _refuse_changed(
             ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
@@ -174,8 +185,11 @@ def evaluate_command(
         plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
             require_certified(plan, certificate)
-        most = "" if plan.until_decided is None else "At most "
-        say(f"{most}{len(plan.trials)} trials. {what_trials_show(plan)}")
+        out = out or Path("runs") / default_folder(plan.policy)
+        certified = ([] if certificate is None else ["--certificate", str(certificate)]) + [
+            "--uncertified"
+        ] * uncertified
+        _say_plan(plan, out, chosen, certified if from_run is None else None, at_length=explain_power)
     run = run_with_bar(
         plan,
         out or Path("runs") / default_folder(plan.policy),
@@ -188,6 +202,41 @@ def evaluate_command(
         repeats=from_run if policy is None else None,
     )
     _print_counts(run, plan, json=json)
+
+
+def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
+    """Say how many trials there are and what they can show, and for a large plan a smaller command to begin with.
+
+    ``certified`` are the options about certificates; None where the plan is that of another run.
+    """
+    from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
+
+    if plan.until_decided is not None or at_length:
+        most = "" if plan.until_decided is None else "At most "
+        say(f"{most}{len(plan.trials):,} trials. {what_trials_show(plan)}")
+    else:
+        say(f"{len(plan.trials):,} trials. {smallest_drop_line(plan)}")
+    if certified is not None and len(plan.trials) > MANY_TRIALS:
+        smaller = smaller_command(plan, out, chosen, certified)
+        if smaller:
+            say(f"To begin with, {smaller}", whole=True)
+
+
+def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
+    """Return the command that runs a small part of a plan first, after its trials; empty if the plan is that small."""
+    from betterbench.evaluation.planning.plan import make_plan
+    from betterbench.tasks.user_files import options_for
+
+    task = min({t.task for t in plan.trials}, key=lambda name: (name != FIRST_TASK, name))
+    words = ["--policy", plan.policy]
+    for name in ("action_space", "observation", "quality", "looks", "seed"):
+        if getattr(chosen, name) != getattr(TrialOptions(), name):
+            words += [f"--{name.replace('_', '-')}", str(getattr(chosen, name))]
+    words += [*certified, "--tasks", task, "--trials", str(FIRST_TRIALS), "--out", f"{out}-first"]
+    smaller = make_plan(plan.policy, tasks=(task,), trials=FIRST_TRIALS, seed=chosen.seed)
+    if len(smaller.trials) >= len(plan.trials):
+        return ""
+    return f"{len(smaller.trials)} trials: better eval{options_for([task])} {shlex.join(words)}"
 
 
 def _plan(
@@ -391,6 +440,75 @@ def prepare_robot(name: str) -> None:
         build_robot_spec(name, progress=on_progress)
 
 
+def _say_what_is_done(plan: Plan, out: Path) -> None:
+    """Say at once how much of a run that is resumed is done; faults of the folder are said when it is opened."""
+    from betterbench.recording import RunFolder
+
+    if not (out / "journal.jsonl").is_file():
+        return
+    try:
+        entries = RunFolder.open(out).entries()
+    except BetterError:
+        return
+    planned = {t.id for t in plan.trials}
+    done = sum(e.status == "done" and e.key in planned for e in entries)
+    if done:
+        say(f"{done:,} of {len(planned):,} trials are done already; {len(planned) - done:,} are left.")
+
+
+class _RunLine:
+    """The line that shows how far a run is, after each trial and between two of them."""
+
+    def __init__(self, plan: Plan, out: Path, label: str | None, draw: Callable[[int, str], None]) -> None:
+        from betterbench.cli.outlook import Outlook, step_limits
+        from betterbench.cli.tally import RunTally
+        from betterbench.recording import RunFolder
+
+        self.ended: list[JournalEntry] = []  # in this session
+        self.elapsed_s = 0.0
+        self._draw = draw
+        self._folder, self._start = RunFolder(out, {}, {}), "" if label is None else f"{label}: "
+        self._tally, self._outlook = RunTally(), Outlook(step_limits(plan))
+        self._progress: Progress | None = None
+        self._began_s = time.monotonic()
+        self._next_line_s, self._estimated = 0.0, False
+
+    def progress(self, progress: Progress) -> None:
+        """Show the run after a trial has ended, or as it begins."""
+        if progress.last is None:
+            self._tally.resume(self._folder)
+            done = {e.key for e in self._folder.entries() if e.status == "done"} if progress.done else set()
+            self._outlook.begin(done)
+        else:
+            self._tally.add(self._folder, progress.last)
+            self.ended.append(progress.last)
+            if progress.last.status == "done":
+                self._outlook.end(progress.last.key)
+        self.elapsed_s = progress.elapsed_s
+        self._progress = progress
+        self._show(progress)
+
+    def step(self, steps: int) -> None:
+        """Show the run after its workers have reported steps."""
+        self._outlook.see(steps)
+        if self._progress is None:
+            return
+        if not self._estimated and self._outlook.seen_s >= FIRST_ESTIMATE_S:
+            self._estimated = True
+            estimate = self._outlook.first_estimate()
+            if estimate:
+                say(f"{self._start}{estimate}")
+        self._show(self._progress)
+
+    def _show(self, progress: Progress) -> None:
+        note = self._tally.note(progress, left=self._outlook.note(progress))
+        self._draw(progress.done, note)
+        now_s = time.monotonic() - self._began_s
+        if not ERR.is_terminal and now_s >= self._next_line_s:
+            self._next_line_s = now_s + (LOG_EVERY_S if self._outlook.steps else min(FIRST_LOG_S, LOG_EVERY_S))
+            say(f"{self._start}{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
+
+
 def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
     """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
 
@@ -398,35 +516,19 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
     The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
     """
-    from betterbench.cli.tally import RunTally, service_text, times_text
+    from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate
     from betterbench.evaluation.running.summary import policy_service, run_times
     from betterbench.evaluation.trials.policy_factory import needs_no_thread
-    from betterbench.recording import RunFolder
 
+    _say_what_is_done(plan, out)
     if plan.world is None:
         prepare_robot(plan.robot)
-    tally, folder = RunTally(), RunFolder(out, {}, {})
-    ended: list[JournalEntry] = []
-    elapsed_s = next_line_s = 0.0
     with progress_bar(label or plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
-
-        def on_progress(progress: Progress) -> None:
-            nonlocal elapsed_s, next_line_s
-            if progress.last is None:
-                tally.resume(folder)
-            else:
-                tally.add(folder, progress.last)
-                ended.append(progress.last)
-            elapsed_s = progress.elapsed_s
-            note = tally.note(progress)
-            bar.update(task, completed=progress.done, note=note)
-            if not ERR.is_terminal and elapsed_s >= next_line_s:
-                next_line_s = elapsed_s + LOG_EVERY_S
-                start = "" if label is None else f"{label}: "
-                say(f"{start}{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
-
-        run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress)
+        shown = _RunLine(plan, out, label, lambda done, note: bar.update(task, completed=done, note=note))
+        on_progress, on_steps = shown.progress, shown.step
+        run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress, on_steps=on_steps)
+    ended, elapsed_s = shown.ended, shown.elapsed_s
     answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
     if answers:
         say(f"policy: {answers}")
@@ -468,11 +570,29 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
-    following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
+    if plan.policy == "expert" and plan.world is None:
+        _print_expert(run)
+    following = f"better report {shlex.quote(str(run.path))}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
     _require_a_trial(run)
+
+
+def _print_expert(run: RunFolder) -> None:
+    """Print what stopped the expert in the first trial that it did not solve, and how to look at it."""
+    from betterbench.tasks.user_files import options_for
+
+    failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
+    if not failed:
+        return
+    first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])
+    why = first.ground_truth.get("mishap") or "it met no obstacle; look at what moves or falls"
+    text = f"{first.task}/{first.condition} seed {first.seed}: {why} (docs/adding-a-task.md, If the expert fails)"
+    OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
+    record = shlex.quote(str(run.record_path(first.task, first.condition, first.seed)))
+    shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
+    OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
 
 
 def _require_a_trial(run: RunFolder) -> None:

@@ -19,6 +19,7 @@ from betterbench.cli.border import guarded
 from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
 from betterbench.errors import BetterError, UnknownNameError, line_start, printable, system_error_text
+from betterbench.installation import as_started_here, better_command
 
 LogLevel = Literal["debug", "info", "warning", "error"]
 LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
@@ -155,7 +156,8 @@ def _log_handler() -> logging.Handler:
 
     class Printable(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:
-            return line_start(sys.stderr) + printable(super().format(record), most=LONGEST_MESSAGE)
+            text = printable(super().format(record), most=LONGEST_MESSAGE)
+            return line_start(sys.stderr) + as_started_here(text)
 
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(Printable("%(message)s"))
@@ -171,13 +173,15 @@ def _show_overview(given: Sequence[str]) -> None:
         verb.__doc__ = summary
         return verb
 
+    command = better_command()
+    here = "" if command == "better" else f"\n\nHere, better is started as {command}."
     completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
             {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a Vision-Language-Action policy fails.\n\n"
-            "better VERB --help explains a verb, better --version says which version this is.",
+            f"better VERB --help explains a verb, better --version says which version this is.{here}",
             args=list(given),
         )
 

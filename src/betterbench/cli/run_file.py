@@ -47,6 +47,7 @@ class RunFile:
     policy_timeout: float | None = None
     certificate: Name | None = None
     uncertified: bool | None = None
+    explain_power: bool | None = None
     task_file: tuple[Name, ...] = ()
 
 

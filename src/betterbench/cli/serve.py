@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shlex
 import signal
 import threading
 from collections.abc import Iterator
@@ -83,7 +84,7 @@ def serve_command(
     with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address}\n"
-            f"evaluate    better eval --policy {server.address}\n"
+            f"evaluate    better eval --policy {shlex.quote(server.address)} --trials 3\n"
             f"or call     openpi_client's WebsocketClientPolicy(host={server.client_host!r}, port={server.port})\n"
             "Ctrl-C stops.",
             markup=False,

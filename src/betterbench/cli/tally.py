@@ -46,9 +46,13 @@ class RunTally:
         self.successes += outcome.success
         self.policy_errors += outcome.termination == "policy_error"
 
-    def note(self, progress: Progress) -> str:
-        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials, verdicts."""
-        parts = [pace(progress)] if pace(progress) else []
+    def note(self, progress: Progress, *, left: str | None = None) -> str:
+        """Return the text beside the bar: pace, time left, successes, errors of the policy, broken trials, verdicts.
+
+        ``left`` replaces the pace by what is known better.
+        """
+        first = pace(progress) if left is None else left
+        parts = [first] if first else []
         if self.judged:
             parts.append(f"{self.successes}/{self.judged} succeeded")
         if self.policy_errors:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from betterbench.diagnosis import RunDiagnosis
-from betterbench.errors import InvalidInputError, MissingDependencyError
-
-_MISSING = "--to {name}: the package is not installed. Run: pip install 'betterbench[{name}]'"
+from betterbench.errors import InvalidInputError
+from betterbench.installation import missing_extra
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
@@ -51,7 +50,7 @@ def write_metrics(
         else:
             _to_wandb(diagnosis, numbers, out, name or diagnosis.policy, project)
     except ImportError as error:
-        raise MissingDependencyError(_MISSING.format(name=to)) from error
+        raise missing_extra(f"--to {to}: the package is not installed", to) from error
     except OSError as error:
         raise InvalidInputError("--out", f"{out} cannot be written ({error.strerror})", "Name another place") from error
     return out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,7 +73,7 @@ def train_command(
 
         result = train(chosen, found, out, device=device, on_progress=on_progress)
     if first:
-        _print(result, chosen, out, json=json)
+        _print(result, chosen, out, sorted({t.task for t in found.trials}), json=json)
 
 
 def _recipe(path: Path, changes: dict[str, object]) -> TrainingRecipe:
@@ -109,7 +111,7 @@ def _about(data: TrainingSet, epochs: float) -> str:
     )
 
 
-def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: bool) -> None:
+def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Sequence[str], *, json: bool) -> None:
     """Print the last validation, and how the learner is evaluated."""
     from betterbench.tasks.user_files import loading_options
 
@@ -151,4 +153,5 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: b
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
     files = "" if recipe.built_in else loading_options()
-    OUT.print(f"evaluate    better eval --policy learned:{out}{files}", markup=False, soft_wrap=True)
+    evaluation = f"better eval --policy {shlex.quote(f'learned:{out}')}{files} --tasks {shlex.join(tasks)} --trials 3"
+    OUT.print(f"evaluate    {evaluation}", markup=False, soft_wrap=True)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
@@ -56,7 +59,7 @@ def view_command(
     _require_free(path)
     views = Wanted(named or default_views(run), quality=quality).views
     whole = run.read_record(meta.task, meta.condition, meta.seed)
-    with progress_bar("rows", len(whole)) as (bar, task):
+    with terminated_as_interrupted(), progress_bar("rows", len(whole)) as (bar, task):
 
         def told(done: int, planned: int) -> None:
             bar.update(task, completed=done, total=planned)
@@ -64,6 +67,21 @@ def view_command(
         write = _write_rerun if path.suffix == ".rrd" else _write_page
         write(run, whole, views, path, quality=quality or seen_quality(run, whole), on_progress=told)
     say(f"wrote {path}")
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """Treat SIGTERM as Ctrl-C, so that what is half written is removed."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _require_free(path: Path) -> None:

@@ -98,7 +98,8 @@ class _DecisionLoop:
         elif isinstance(decision, Wander):
             state = yield from self._skills.wander(state)
         if not worked and self._exact and self.mishap is None:
-            self.mishap = f"the gripper could not carry out {decision}"
+            because = f": {self._skills.obstacle}" if self._skills.obstacle else ""
+            self.mishap = f"the gripper could not carry out {decision}{because}"
         return state
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,6 +57,7 @@ class Skills:
         attempts: How often a failed grasp is tried again.
         grasp_offset: Deliberate clumsiness, or None.
         speed: Share of the usual speed.
+        obstacle: Why the last motion could not be planned; empty if all could.
     """
 
     planner: Planner
@@ -66,6 +67,7 @@ class Skills:
     attempts: int = 4
     grasp_offset: GraspOffset | None = None
     speed: float = 1.0
+    obstacle: str = field(default="", init=False)
 
     def paced(self, pace: Pace) -> Pace:
         """Return a pace at this policy's share of the usual speed."""
@@ -145,7 +147,8 @@ class Skills:
         for _ in range(self.attempts):
             try:
                 state, _ = yield from self.reach(state, name)
-            except PlanningError:
+            except PlanningError as problem:
+                self.obstacle = str(problem)
                 return state, False
             state, holds = yield from self.grasp(state, name)
             if holds:
@@ -169,7 +172,8 @@ class Skills:
         goals = relation_named(relation).place_goals(state, name, target.target, target.region)
         try:
             plan = self.planner.plan_place(state, name, self.in_turn(state, name, goals, target, relation))
-        except PlanningError:
+        except PlanningError as problem:
+            self.obstacle = str(problem)
             return state, False
         way = self.passing(state, plan.way, state.finger_width_m, held=name)
         state = yield from follow(state, way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
@@ -246,7 +250,8 @@ class Skills:
         """
         try:
             plan = self.planner.plan_slide(state, name, distance_m)
-        except PlanningError:
+        except PlanningError as problem:
+            self.obstacle = str(problem)
             return state, False
         grasp = plan.pick.grasp
         way = self.passing(state, plan.pick.way, plan.pick.width_m)

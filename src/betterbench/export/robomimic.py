@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from betterbench.errors import MissingDependencyError
 from betterbench.export.episodes import Dataset, DatasetEpisode, starts
 from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
 from betterbench.export.part import Part
+from betterbench.installation import missing_extra
 from betterbench.json_form import parse_json
 
 GYM_TYPE = 2
@@ -134,9 +134,7 @@ def _h5py() -> ModuleType:
     try:
         import h5py  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise MissingDependencyError(
-            "--to robomimic needs h5py, which is not installed. Run: pip install 'betterbench[robomimic]'"
-        ) from error
+        raise missing_extra("--to robomimic needs h5py, which is not installed", "robomimic") from error
     module: ModuleType = h5py
     return module
 

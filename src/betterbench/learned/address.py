@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qsl
 
-from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.installation import missing_extra
 from betterbench.interface import PolicyInfo, episode_number
 from betterbench.json_form import parse_json
 from betterbench.learned.families import learner_family
@@ -159,7 +160,6 @@ def require_torch(what: str) -> None:
         import safetensors.torch  # noqa: F401, PLC0415
         import torch  # noqa: F401, PLC0415
     except ImportError as error:
-        raise MissingDependencyError(
-            f"{what} needs torch and safetensors, which are not installed ({error}). "
-            "Run pip install 'betterbench[train]'."
+        raise missing_extra(
+            f"{what} needs torch and safetensors, which are not installed ({error})", "train"
         ) from error

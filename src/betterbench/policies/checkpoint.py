@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
+from betterbench.installation import missing_extra
 from betterbench.json_form import parse_json
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.lerobot_types import require_type
@@ -276,7 +277,8 @@ def _import(name: str) -> Any:  # noqa: ANN401 - LeRobot is not installed where 
     try:
         return importlib.import_module(name)
     except ImportError as error:
-        raise MissingDependencyError(
-            f"lerobot: needs LeRobot, which is not installed ({error}). Run pip install 'betterbench[lerobot]', "
-            "or serve the checkpoint from an environment that has it: better serve lerobot:CHECKPOINT."
+        raise missing_extra(
+            f"lerobot: needs LeRobot, which is not installed ({error})",
+            "lerobot",
+            otherwise="or serve the checkpoint from an environment that has it: better serve lerobot:CHECKPOINT.",
         ) from error

@@ -11,6 +11,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError, MissingDependencyError, one_line
+from betterbench.installation import package_command
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +93,10 @@ def _install(extra: str, release: str) -> str:
         offered = []
     if offered and extra not in offered:
         return (
-            f"LeRobot {release} has no extra for it: take LeRobot 0.6 on Python 3.12, pip install 'lerobot[{extra}]', "
+            f"LeRobot {release} has no extra for it: install lerobot[{extra}] of LeRobot 0.6 on Python 3.12, "
             "or serve the checkpoint from such an environment with better serve lerobot:CHECKPOINT."
         )
-    return f"Run pip install 'lerobot[{extra}]'."
+    return f"Run: {package_command(f'lerobot[{extra}]')}"
 
 
 def _release() -> str:

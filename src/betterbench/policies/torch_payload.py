@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError, MissingDependencyError, PolicyError
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.installation import missing_extra
 from betterbench.policies.wire import MAX_DEPTH, MAX_FRAME_BYTES, MAX_VALUES
 
 OLDEST_TORCH = (2, 10)
@@ -112,15 +113,19 @@ def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types 
     try:
         torch = importlib.import_module("torch")
     except ImportError as error:
-        raise MissingDependencyError(
-            "being-h:// needs PyTorch, which is not installed. Run pip install 'betterbench[being-h]', or use the "
-            "bridge (betterbench.policies.bridges), which does not need it here."
+        raise missing_extra(
+            "being-h:// needs PyTorch, which is not installed",
+            "being-h",
+            otherwise="or use the bridge (betterbench.policies.bridges), which does not need it here.",
         ) from error
     version = tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
     if version < OLDEST_TORCH:
-        raise MissingDependencyError(
-            f"being-h:// needs PyTorch {'.'.join(map(str, OLDEST_TORCH))} or newer to read a server's answers safely; "
-            f"{torch.__version__} is installed. Run pip install --upgrade 'betterbench[being-h]', or use the bridge."
+        oldest = ".".join(map(str, OLDEST_TORCH))
+        raise missing_extra(
+            f"being-h:// needs PyTorch {oldest} or newer to read a server's answers safely; {torch.__version__} is "
+            "installed",
+            "being-h",
+            otherwise="or use the bridge.",
         )
     return torch
 

@@ -25,7 +25,7 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from betterbench.errors import MissingDependencyError
+from betterbench.installation import missing_packages
 from betterbench.robots.decimation import creased, decimated, welded
 from betterbench.robots.spec import Progress
 
@@ -40,6 +40,7 @@ _WELD_M = 1e-4
 _CREASE_DEGREES = 38.0
 """Angle above which an edge of the arm is drawn sharp: its housings are round, with edges at flanges and covers."""
 
+_PACKAGE, _AGAIN = "gymnasium-robotics>=1.4.2", "--force-reinstall"
 _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
 
 
@@ -74,9 +75,8 @@ def mesh_folder() -> Path:
     for folder in folders:
         if (Path(folder) / _MESH_FOLDER).is_dir():
             return Path(folder) / _MESH_FOLDER
-    raise MissingDependencyError(
-        "The Panda's meshes come with the package gymnasium-robotics, which is not installed or incomplete. "
-        'Run: pip install "gymnasium-robotics>=1.4.2".'
+    raise missing_packages(
+        "The Panda's meshes come with the package gymnasium-robotics, which is not installed or incomplete", _PACKAGE
     )
 
 
@@ -102,9 +102,8 @@ def visual_parts(
         try:
             sources[link] = path.read_bytes()
         except FileNotFoundError:
-            raise MissingDependencyError(
-                f"The mesh {path.name} is missing from the installed gymnasium-robotics. "
-                'Run: pip install --force-reinstall "gymnasium-robotics>=1.4.2".'
+            raise missing_packages(
+                f"The mesh {path.name} is missing from the installed gymnasium-robotics", _AGAIN, _PACKAGE
             ) from None
         key.update(hashlib.sha256(sources[link]).digest())
         key.update(" ".join(paint(link, rank) for rank in range(64)).encode())

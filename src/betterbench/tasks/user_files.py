@@ -14,6 +14,7 @@ import importlib.metadata
 import importlib.util
 import os
 import re
+import shlex
 import sys
 import threading
 import traceback
@@ -284,7 +285,7 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files again that are loaded in this process, with a leading space."""
-    return "".join(f" --task-file {path}" for path in _files)
+    return "".join(f" --task-file {shlex.quote(str(path))}" for path in _files)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:

@@ -12,8 +12,9 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
+from betterbench.errors import BetterError, InvalidInputError, one_line
 from betterbench.geometry import Pose, Vector, from_axis_angle, multiply, normalize, turn_between
+from betterbench.installation import missing_packages
 from betterbench.teleop.controls import Controls
 
 LEADERS = ("so101_leader", "so100_leader")
@@ -113,8 +114,8 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
             configs.TeleoperatorConfig.get_choice_class(kind)(port=port, id=name, use_degrees=True)
         )
     except Exception as problem:  # an installation that does not fit together fails in many ways
-        raise MissingDependencyError(
-            f"--leader needs lerobot with its Feetech motors ({one_line(problem)}). Run: pip install 'lerobot[feetech]'"
+        raise missing_packages(
+            f"--leader needs lerobot with its Feetech motors ({one_line(problem)})", "lerobot[feetech]"
         ) from problem
     try:
         made.connect(calibrate=False)

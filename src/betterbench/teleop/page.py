@@ -23,8 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose
+from betterbench.installation import missing_extra
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
 from betterbench.teleop.steering import SLOWEST
 
@@ -78,8 +79,8 @@ def load_viser() -> Any:  # noqa: ANN401 - a module
     try:
         return importlib.import_module("viser")
     except ImportError as problem:
-        raise MissingDependencyError(
-            "better teleop shows its page with viser, which is not installed. Run: pip install 'betterbench[teleop]'"
+        raise missing_extra(
+            "The page of teleoperation is shown with viser, which is not installed", "teleop"
         ) from problem
 
 

@@ -13,6 +13,7 @@ from typing import IO, Any, Self
 import numpy as np
 
 from betterbench.errors import BetterError, last_line
+from betterbench.installation import package_command
 from betterbench.worlds.environment import simulator_environment
 from betterbench.worlds.frames import FrameError, receive_frame, send_frame
 
@@ -141,7 +142,7 @@ class WorldProcess:
         name = missing[1].partition(".")[0]
         return (
             f"{message}. The environment of the simulator has no module {name}: if its lock does not name it, add the "
-            f"package that holds it (`uv pip install --python {self._python} {name}`)"
+            f"package that holds it (`{package_command(name, python=str(self._python))}`)"
         )
 
     def _last_words(self) -> str:

@@ -22,7 +22,6 @@ import numpy as np
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import (
     InvalidInputError,
-    MissingDependencyError,
     PolicyError,
     PremiseError,
     RunConflictError,
@@ -30,6 +29,7 @@ from betterbench.errors import (
 )
 from betterbench.evaluation.planning.plan import Plan, Trial, make_plan
 from betterbench.evaluation.running.external_run import ExternalRun
+from betterbench.installation import missing_extra
 from betterbench.interface import Observation, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.policies.adapter import Adapter
@@ -43,9 +43,7 @@ try:
     from vla_eval.render import configure_mujoco_render
     from vla_eval.specs import DimSpec
 except ImportError as missing:
-    raise MissingDependencyError(
-        f"vla-evaluation-harness is not installed ({missing}). Run: pip install 'betterbench[vla-eval]'"
-    ) from missing
+    raise missing_extra(f"vla-evaluation-harness is not installed ({missing})", "vla-eval") from missing
 
 from betterbench.evaluation.integrations.vla_eval_specs import action_specs, observation_specs
 

@@ -48,6 +48,16 @@ def what_trials_show(plan: Plan) -> str:
     return " ".join(sentences)
 
 
+def smallest_drop_line(plan: Plan) -> str:
+    """Return, in one short sentence, the smallest drop over all variations that the trials of a plan can show."""
+    pairs = sum(t.variation is not None for t in plan.trials)
+    if not pairs:
+        return "None is of a variation: they only show how well the training conditions were learned."
+    found = _smallest(pairs, pairs, opposite=0.0)
+    told = f"They show a drop of {found} points over all" if found else "They are too few to show any drop"
+    return f"{told} (--explain-power says more)."
+
+
 def _until_decided(rule: StoppingRule, varied: Sequence[tuple[str, str | None]]) -> str:
     most = max(Counter(varied).values())
     return (

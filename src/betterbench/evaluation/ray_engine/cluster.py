@@ -7,7 +7,8 @@ import os
 import socket
 from dataclasses import dataclass
 
-from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.errors import InvalidInputError
+from betterbench.installation import missing_extra
 
 PLACING_S = 300.0
 """Longest wait for a place on the cluster, for the first worker or for the replicas [s]. Loading may take longer."""
@@ -48,7 +49,7 @@ def require_ray(cluster: Cluster) -> None:
     Ray itself would try for minutes to reach an address where nothing listens.
     """
     if importlib.util.find_spec("ray") is None:
-        raise MissingDependencyError("--engine ray: Ray is not installed. Run: pip install 'betterbench[ray]'")
+        raise missing_extra("--engine ray: Ray is not installed", "ray")
     address = cluster.given or "local"
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit():

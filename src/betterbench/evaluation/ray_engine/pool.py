@@ -30,6 +30,7 @@ from betterbench.evaluation.ray_engine.session import (
     loss_errors,
 )
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
+from betterbench.evaluation.workers.step_count import StepCount
 from betterbench.evaluation.workers.worker import even_share
 from betterbench.recording import JournalEntry, RetryLedger, RunFolder, write_durably
 from betterbench.recording.durable import on_disk
@@ -48,18 +49,19 @@ def ray_entries(
     rounds: Iterable[Sequence[Trial]],
     *,
     served: bool = False,
+    steps: StepCount | None = None,
 ) -> Iterator[JournalEntry]:
     """Run trials on a Ray cluster and yield the journal entry of each, after its record is written.
 
     Only this process writes to the run. A round is asked for when the one before has ended. ``served`` means that
-    replicas hold the policy, and the workers ask them.
+    replicas hold the policy, and the workers ask them; ``steps`` tells how many steps they have reported.
 
     Raises:
         InvalidInputError: If the cluster has no place, or has other versions.
         WorkerError: If workers keep dying, cannot start, or the cluster itself is gone.
         BetterError: What stops a run: a broken premise, a full disk, a policy that cannot be reached.
     """
-    pool = RayPool(session, run, settings)
+    pool = RayPool(session, run, settings, steps or StepCount())
     try:
         if served:
             pool.start_replicas()
@@ -89,8 +91,9 @@ class _WorkerActor:
 class RayPool:
     """The workers of a run on Ray."""
 
-    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings) -> None:
+    def __init__(self, session: RaySession, run: RunFolder, settings: RunSettings, steps: StepCount) -> None:
         """Prepare; see :func:`ray_entries`."""
+        self._steps = steps
         self._ray, self._session, self._run, self._settings = session.ray, session, run, settings
         self._ledger = RetryLedger[Trial]((), workers="workers of the cluster", cure=TRY_AGAIN)
         self._replicas = Replicas(session, settings)
@@ -190,6 +193,7 @@ class RayPool:
         worker.placed = True
         if isinstance(found, Turn):
             worker.envs = found.envs or worker.envs
+            self._steps.add(found.steps)
             for scene, data in found.scenes.items():
                 if not self._run.scene_path(scene).exists():
                     self._write(self._run.scene_path(scene), data)

@@ -42,12 +42,14 @@ class Turn:
         scenes: Scenes that are new to this worker, by their hash.
         problem: Why the run has to stop, or None.
         envs: Trials that it can run at once from now on; 0 where that is not known.
+        steps: Control steps that it has taken since its last report.
     """
 
     deliveries: tuple[Delivery, ...] = ()
     scenes: Mapping[str, bytes] = field(default_factory=dict)
     problem: BetterError | None = None
     envs: int = 0
+    steps: int = 0
 
 
 def versions_here() -> dict[str, str]:
@@ -72,6 +74,7 @@ class RemoteWorker:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._worker: Worker | None = None
         self._waiting: deque[Trial] = deque()
+        self._steps = 0  # since the last report
 
     def prepare(self, secrets: Mapping[str, str]) -> dict[str, str]:
         """Open the worker with further variables in its environment.
@@ -91,7 +94,7 @@ class RemoteWorker:
             run.scene_path(scene).parent.mkdir(exist_ok=True)
             run.scene_path(scene).touch()
         try:
-            self._worker = Worker(replace(self._settings, run=str(path)))
+            self._worker = Worker(replace(self._settings, run=str(path)), on_step=self._count)
         except BetterError as error:
             return {**versions, "problem": str(error)}
         return versions
@@ -108,7 +111,11 @@ class RemoteWorker:
         except BetterError as error:
             return Turn(problem=error)
         deliveries = tuple(Delivery(entry, self._record(entry)) for entry in ended)
-        return Turn(deliveries, self._scenes() if ended else {}, self._worker.problem, self._worker.envs)
+        steps, self._steps = self._steps, 0
+        return Turn(deliveries, self._scenes() if ended else {}, self._worker.problem, self._worker.envs, steps)
+
+    def _count(self, _step: int) -> None:
+        self._steps += 1
 
     def close(self) -> None:
         """Close the worker and delete its folder; harmless when closed."""

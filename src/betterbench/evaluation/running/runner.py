@@ -25,6 +25,7 @@ from betterbench.evaluation.serving.host import Host
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
+from betterbench.evaluation.workers.step_count import StepCount, StepReport
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
 from betterbench.graphics import require_drawing
 from betterbench.interface import PolicyInfo
@@ -77,6 +78,7 @@ def evaluate(
     allow_changed_policy: bool = False,
     repeats: Path | None = None,
     on_progress: Callable[[Progress], None] | None = None,
+    on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
 
@@ -99,6 +101,7 @@ def evaluate(
         allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
         on_progress: Called once at the start and after every trial.
+        on_steps: Called about twice a second with the control steps of this session.
 
     Raises:
         RunConflictError: If the folder holds another run or another process writes to it, or the policy has changed.
@@ -113,14 +116,12 @@ def evaluate(
     _check_numbers(workers, envs, engine, policy_timeout_s)
     if engine == "ray":
         require_ray(cluster)
-    began = time.perf_counter()
+    began, steps = time.perf_counter(), StepCount(on_steps)
     with ExitStack() as stack:
         processors = min(os.cpu_count() or 1, MAX_WORKERS)
         alone = engine == "local" and (workers or processors) == 1
         asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
-        if "assumed" in asked.info.metadata:
-            logger.warning("%s", asked.info.metadata["assumed"])
-        _require_images(plan, asked.info, engine)
+        _check_policy(plan, asked.info, engine)
         if workers is None and asked.one_worker:
             workers = 1
         session = stack.enter_context(_ray_session(cluster, workers)) if engine == "ray" else None
@@ -130,26 +131,30 @@ def evaluate(
         declared = describe_policy(plan.policy, asked.info)
         if repeats is not None and not allow_changed_policy:
             require_same_policy(repeats, declared)
-        running: dict[str, str | int] = {"name": engine, "workers": count, "envs": settings.envs}
-        if settings.most_envs > settings.envs:
-            running["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
         with on_disk(out):
-            run = RunFolder.start(out, plan.to_json(), context=run_context(plan, policy=declared, engine=running))
+            context = run_context(plan, policy=declared, engine=_engine_form(engine, settings))
+            run = RunFolder.start(out, plan.to_json(), context=context)
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
             journal = stack.enter_context(run.journal())
             reopen_lost(run, journal)
         settings = replace(settings, trials=sum(not journal.is_done(t.id) for t in plan.trials))
         for left in reversed(range(MAX_PASSES)):
             schedule = Schedule(plan, is_done=journal.is_done, succeeded=lambda t: run.succeeded(t, journal.entry(t)))
-            with closing(_entries(run, settings, schedule, count, asked=asked, session=session)) as entries:
+            found = _entries(run, settings, schedule, asked=asked, session=session, steps=steps)
+            with closing(found) as entries:
                 _record(schedule, journal, out, entries, began=began, on_progress=on_progress)
             if not (_restored(run, journal, plan.policy) and left):
                 break
     return run
 
 
-def _require_images(plan: Plan, info: PolicyInfo, engine: str) -> None:
-    """Check that this machine can draw what the policy is to see, before every trial breaks for the same reason."""
+def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
+    """Say what was assumed about a policy, and check that this machine can draw what it is to see.
+
+    Otherwise every trial would break for the same reason.
+    """
+    if "assumed" in info.metadata:
+        logger.warning("%s", info.metadata["assumed"])
     if engine == "local" and plan.world is None and info.needs_images and plan.observation != "state_only":
         require_drawing()
 
@@ -240,6 +245,14 @@ def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: in
     )
 
 
+def _engine_form(engine: Engine, settings: RunSettings) -> dict[str, str | int]:
+    """Return how the run is carried out, as ``run.json`` says it."""
+    form: dict[str, str | int] = {"name": engine, "workers": settings.workers, "envs": settings.envs}
+    if settings.most_envs > settings.envs:
+        form["most_envs"] = settings.most_envs  # a warm-up chooses; the journal says how many there were
+    return form
+
+
 def _check_numbers(workers: int | None, envs: int | None, engine: str, policy_timeout_s: float) -> None:
     if workers is not None and not 1 <= workers <= MAX_WORKERS:
         raise InvalidInputError("--workers", f"{workers} is out of range", f"Give a number from 1 to {MAX_WORKERS}")
@@ -280,12 +293,13 @@ def _entries(
     run: RunFolder,
     settings: RunSettings,
     schedule: Schedule,
-    workers: int,
     *,
     asked: _Asked,
     session: RaySession | None,
+    steps: StepCount,
 ) -> Generator[JournalEntry, None, None]:
     """Yield the journal entry of every trial, as they end."""
+    workers = settings.workers
     last = 2 * workers * max(settings.envs, settings.most_envs)  # so that each environment takes some of them
     later = (_by_scene(trials, last=last, foreign=settings.world is not None) for trials in schedule.rounds())
     first = next(later, [])
@@ -294,7 +308,7 @@ def _entries(
     rounds = itertools.chain([first], later)
     alone = workers == 1 or (len(first) == 1 and schedule.decisions is None)
     if session is None and asked.policies is not None and alone:
-        with Worker(settings, policies=asked.policies) as worker:
+        with Worker(settings, policies=asked.policies, on_step=StepReport(steps.add)) as worker:
             for trials in rounds:
                 yield from _in_this_process(worker, trials)
         return
@@ -303,9 +317,9 @@ def _entries(
     if session is not None:
         from betterbench.evaluation.ray_engine.pool import ray_entries  # noqa: PLC0415 - as above
 
-        yield from ray_entries(session, run, settings, rounds, served=asked.shared)
+        yield from ray_entries(session, run, settings, rounds, served=asked.shared, steps=steps)
         return
-    with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None) as pool:
+    with WorkerPool(settings, workers, watch=asked.host.watch if asked.host else None, steps=steps) as pool:
         yield from pool.entries(rounds)
 
 

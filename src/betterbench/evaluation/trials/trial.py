@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -119,9 +119,15 @@ class RunSettings:
 class TrialRunner:
     """What the trials of one worker share."""
 
-    def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
+    def __init__(
+        self,
+        settings: RunSettings,
+        *,
+        policies: PolicyFactory | None = None,
+        on_step: Callable[[int], None] | None = None,
+    ) -> None:
         """Ask the policy what it needs; raises a BetterError if that fails."""
-        self.settings = settings
+        self.settings, self._on_step = settings, on_step
         load_sources(settings.task_files)
         self.run = RunFolder(Path(settings.run), {}, {})
         self.policies = policies or PolicyFactory(
@@ -198,7 +204,7 @@ class TrialRunner:
         """Run an episode of a policy that needs no thread; return its result and what a faulty policy knows of it."""
         policy: AnyPolicy = self.policies.policy(scene, trial)
         try:
-            result = run_episode(scene, policy, context=context, observer=self._shown_by)
+            result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
             return result, dict(getattr(policy, "ground_truth", {}))
         finally:
             if is_privileged(self.settings.policy):
@@ -212,7 +218,11 @@ class TrialRunner:
             try:
                 return (
                     yield from episode_steps(
-                        scene, context=context, observer=self._shown_by, execution=self.info.execution
+                        scene,
+                        context=context,
+                        observer=self._shown_by,
+                        execution=self.info.execution,
+                        on_step=self._on_step,
                     )
                 )
             except PolicyKilledError as error:

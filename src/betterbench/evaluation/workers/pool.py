@@ -16,6 +16,7 @@ from typing import Self
 from betterbench.errors import BetterError, PolicyProcessError, WorkerError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
+from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.graphics import take_device
 from betterbench.policies.policy_process import exit_text
@@ -58,9 +59,20 @@ class OpenEnvironments:
 class WorkerPool:
     """Runs trials in worker processes, and the trials of a process that died again. A context manager."""
 
-    def __init__(self, settings: RunSettings, workers: int, *, watch: Callable[[], None] | None = None) -> None:
-        """Prepare; processes are started when there is work, and ``watch`` is called about twice a second."""
+    def __init__(
+        self,
+        settings: RunSettings,
+        workers: int,
+        *,
+        watch: Callable[[], None] | None = None,
+        steps: StepCount | None = None,
+    ) -> None:
+        """Prepare; processes are started when there is work, and ``watch`` is called about twice a second.
+
+        ``steps`` counts the control steps that the workers report.
+        """
         self._settings, self._workers, self._watch = settings, workers, watch
+        self._steps = steps or StepCount()
         self._processes: list[WorkerProcess] = []
         self._ledger: RetryLedger[Trial] = RetryLedger((), workers="worker processes", cure=_CURE)
         self._failed_starts = 0
@@ -160,6 +172,9 @@ class WorkerPool:
                 if isinstance(message, OpenEnvironments):
                     worker.envs = message.envs
                     continue
+                if isinstance(message, StepsTaken):
+                    self._steps.add(message.steps)
+                    continue
                 worker.trials.pop(message.key, None)
                 worker.alone = False
                 self._ledger.item_ended()
@@ -230,7 +245,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
     take_device(settings.turn)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the run has ended
         try:
-            with Worker(settings) as worker:
+            with Worker(settings, on_step=StepReport(lambda steps: _report(connection, steps))) as worker:
                 connection.send(None)
                 _take_and_send(worker, connection)
         except PolicyProcessError as problem:  # there may be memory for fewer instances
@@ -238,6 +253,11 @@ def work(settings: RunSettings, connection: Connection) -> None:
             raise SystemExit(1) from None
         except BetterError as problem:
             connection.send(problem)
+
+
+def _report(connection: Connection, steps: int) -> None:
+    with contextlib.suppress(OSError):  # the run has ended, which the worker notices when its trial has
+        connection.send(StepsTaken(steps))
 
 
 def _take_and_send(worker: Worker, connection: Connection) -> None:

@@ -10,7 +10,7 @@ import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Self
@@ -115,12 +115,21 @@ class Worker:
     trial is a pure function of its scene and its policy. A context manager, which closes itself.
     """
 
-    def __init__(self, settings: RunSettings, *, policies: PolicyFactory | None = None) -> None:
-        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own."""
+    def __init__(
+        self,
+        settings: RunSettings,
+        *,
+        policies: PolicyFactory | None = None,
+        on_step: Callable[[int], None] | None = None,
+    ) -> None:
+        """Prepare, and ask the policy what it needs; the worker closes ``policies``, or makes its own.
+
+        ``on_step`` is called after every control step of any trial.
+        """
         if not 1 <= settings.envs <= MAX_ENVS:
             raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
         self._settings = settings
-        self._trial_runner = TrialRunner(settings, policies=policies)
+        self._trial_runner = TrialRunner(settings, policies=policies, on_step=on_step)
         self._threaded = not needs_no_thread(settings.asked)
         self._timed = self._threaded and not is_remote(settings.asked)
         # Waiting for an answer can be ended where another process gives it.

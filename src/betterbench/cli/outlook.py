@@ -1,0 +1,99 @@
+"""How long a run takes: what is said before it starts, after its first seconds, and while it goes on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from betterbench.cli.tally import duration, pace
+from betterbench.evaluation import Plan, Progress
+from betterbench.tasks import TrialId
+
+FEW = 8
+"""Trials that have to end before their own pace says how long the rest takes: those that succeed end first."""
+
+LONG_S = 300.0
+"""A run of more than this says after its first seconds how long it takes [s]."""
+
+
+def step_limits(plan: Plan) -> dict[TrialId, int]:
+    """Return how many control steps each trial of a plan may take; empty in a foreign world."""
+    if plan.world is not None:
+        return {}
+    limits: dict[tuple[str, str], int] = {}
+    for trial in plan.trials:
+        if (trial.task, trial.condition) not in limits:
+            found = trial.resolve()
+            limits[trial.task, trial.condition] = found.task.step_limit(found.condition)
+    return {trial.id: limits[trial.task, trial.condition] for trial in plan.trials}
+
+
+@dataclass(slots=True)
+class Outlook:
+    """What the steps of a session say about the time that is left.
+
+    Attributes:
+        limits: Steps that each trial may take; empty if that is not known.
+        steps: Control steps of this session.
+    """
+
+    limits: Mapping[TrialId, int]
+    steps: int = 0
+    _left: int = 0
+    _ended: set[TrialId] = field(default_factory=set)
+    _first: tuple[float, int] | None = None  # when steps were first reported, and how many
+    _now_s: float = 0.0
+
+    def begin(self, done: set[TrialId]) -> None:
+        """Take the trials that are done already off what is left."""
+        self._ended = set(done)
+        self._left = sum(limit for trial, limit in self.limits.items() if trial not in self._ended)
+
+    def end(self, trial: TrialId) -> None:
+        """Take a trial that has just ended off what is left."""
+        if trial not in self._ended:
+            self._ended.add(trial)
+            self._left -= self.limits.get(trial, 0)
+
+    def see(self, steps: int, *, now_s: float | None = None) -> None:
+        """Note how many steps this session has taken, at a time of the monotonic clock [s]."""
+        self.steps = steps
+        self._now_s = time.monotonic() if now_s is None else now_s
+        if self._first is None:
+            self._first = (self._now_s, steps)
+
+    @property
+    def seen_s(self) -> float:
+        """Time since the first reported steps [s]."""
+        return 0.0 if self._first is None else self._now_s - self._first[0]
+
+    @property
+    def rate(self) -> float | None:
+        """Steps per second since the first report; None before the second one."""
+        if self._first is None or self.seen_s <= 0.0:
+            return None
+        return (self.steps - self._first[1]) / self.seen_s
+
+    @property
+    def most_left_s(self) -> float | None:
+        """Time left if every trial took all its steps [s]; None before that can be said."""
+        return None if not self.rate or not self.limits else self._left / self.rate
+
+    def note(self, progress: Progress) -> str:
+        """Return the time left and the steps, as the line of a run shows them."""
+        ended = progress.done - progress.started_with
+        if ended < min(FEW, progress.planned - progress.started_with) and self.most_left_s is not None:
+            parts = [f"at most {duration(self.most_left_s)} left"]
+        else:
+            parts = [pace(progress)] if pace(progress) else []
+        return " · ".join([*parts, *([f"{self.steps:,} step{'' if self.steps == 1 else 's'}"] if self.steps else [])])
+
+    def first_estimate(self) -> str | None:
+        """Return the sentence about how long the run takes, once its first seconds are over; None if it is short."""
+        if self.most_left_s is None or self.most_left_s < LONG_S:
+            return None
+        return (
+            f"At most {duration(self.most_left_s)} left, estimated from the first {self.seen_s:.0f} s: {self.rate:.0f} "
+            f"steps per second, and {self._left:,} steps if none ends early. Ctrl-C stops; the same command resumes."
+        )

@@ -1,0 +1,53 @@
+"""How many control steps the workers of a run have taken, so that progress shows while no trial has ended yet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+REPORT_EVERY_S = 0.5
+"""How often a worker reports its steps while trials run [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepsTaken:
+    """A message of a worker process: control steps since its last message."""
+
+    steps: int
+
+
+class StepReport:
+    """Counts the steps of one worker and hands them over now and then; called after every step."""
+
+    def __init__(self, hand_over: Callable[[int], None]) -> None:
+        """Prepare; ``hand_over`` gets the steps since it was last called."""
+        self._hand_over, self._steps = hand_over, 0
+        self._next_s = time.monotonic() + REPORT_EVERY_S
+
+    def __call__(self, _step: int) -> None:
+        """Count a step."""
+        self._steps += 1
+        now = time.monotonic()
+        if now >= self._next_s:
+            self._next_s = now + REPORT_EVERY_S
+            steps, self._steps = self._steps, 0
+            self._hand_over(steps)
+
+
+class StepCount:
+    """Control steps of all workers of a run.
+
+    Attributes:
+        steps: How many have been reported.
+    """
+
+    def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:
+        """Prepare; ``on_steps`` is called with the steps of all workers whenever one reports some."""
+        self.steps, self._on_steps = 0, on_steps
+
+    def add(self, steps: int) -> None:
+        """Count steps that a worker reports."""
+        self.steps += steps
+        if steps and self._on_steps is not None:
+            self._on_steps(self.steps)

@@ -1,0 +1,226 @@
+"""This installation: the command that adds an extra to it, and the words that start it from a shell.
+
+Messages name commands that work where they are printed. A clone installs extras from its locks with ``make setup``. An
+installation from a wheel installs them with the installer that its Python has. The command ``better`` is on the path of
+an activated environment only; elsewhere its script is named.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import sys
+import sysconfig
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from betterbench.errors import MissingDependencyError, UnknownNameError
+from betterbench.json_form import parse_json
+
+_NAME = "betterbench"
+_EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
+
+VERBS = (
+    "doctor", "list", "worlds", "premise", "show", "certify", "calibrate", "eval", "collect", "teleop", "amplify",
+    "dataset", "train", "study", "shortcuts", "diagnose", "compare", "report", "export", "recipe", "mixture",
+    "materialize", "view", "vqa", "replay", "serve", "demo", "audit-paper",
+)  # fmt: skip
+"""The verbs of the command line, in the order of its overview."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extra:
+    """An optional part of the package.
+
+    Attributes:
+        use: What it is for, in a few words.
+        modules: The modules by which one sees whether it is installed.
+    """
+
+    use: str
+    modules: tuple[str, ...]
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether all its modules can be found; none is imported."""
+        return all(_is_there(module) for module in self.modules)
+
+
+EXTRAS = {
+    "train": Extra("train and evaluate small learners", ("torch", "safetensors")),
+    "lerobot": Extra("checkpoints of LeRobot as policies", ("lerobot",)),
+    "teleop": Extra("demonstrate in the browser", ("viser",)),
+    "view": Extra("time lines for Rerun", ("rerun",)),
+    "robomimic": Extra("data sets for robomimic", ("h5py",)),
+    "tensorboard": Extra("export to TensorBoard", ("tensorboardX",)),
+    "wandb": Extra("export to Weights & Biases", ("wandb",)),
+    "ray": Extra("runs on a Ray cluster", ("ray",)),
+    "vla-eval": Extra("our tasks in vla-evaluation-harness", ("vla_eval",)),
+    "being-h": Extra("policy servers of Being-H", ("torch",)),
+    "docs": Extra("the documentation as a site", ("material", "mkdocstrings")),
+}
+"""The extras of the package by name, without that of the developers."""
+
+
+def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDependencyError:
+    """Return the error for a missing extra, with the command that installs it here.
+
+    Args:
+        problem: What needs what, as a sentence without its period.
+        extra: Name of the extra.
+        otherwise: What can be done instead, as the end of the sentence after the command.
+    """
+    return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
+
+
+def missing_packages(problem: str, *requirements: str, otherwise: str = "") -> MissingDependencyError:
+    """Return the error for packages that no extra brings, with the command that installs them here."""
+    return MissingDependencyError(
+        f"{problem}. Run: {package_command(*requirements)}{f', {otherwise}' if otherwise else ''}"
+    )
+
+
+def extra_command(extra: str) -> str:
+    """Return the shell command that adds an extra to this installation; UnknownNameError if there is no such extra."""
+    if extra not in EXTRAS:
+        raise UnknownNameError("extra", extra, EXTRAS)
+    clone = clone_folder()
+    if clone is not None and Path(sys.prefix).resolve() == (clone / ".venv").resolve():
+        there = "" if Path.cwd() == clone else f" -C {shlex.quote(str(clone))}"
+        return f"make{there} setup EXTRAS={extra}"
+    if clone is not None:
+        return _installing("--editable", f"{clone}[{extra}]")
+    wheel = _wheel()
+    if wheel is not None:
+        return _installing(f"{wheel}[{extra}]")
+    return _installing(*requirements_of(extra))
+
+
+def package_command(*requirements: str, python: str | None = None) -> str:
+    """Return the shell command that installs packages beside this one, or for another Python."""
+    if python is None or Path(python) == Path(sys.executable):
+        return _installing(*requirements)
+    words, uv = " ".join(map(shlex.quote, requirements)), _uv()
+    if uv is not None:
+        return f"{shlex.quote(uv)} pip install --python {shlex.quote(python)} {words}"
+    return f"{shlex.quote(python)} -m pip install {words}"
+
+
+def requirements_of(extra: str) -> tuple[str, ...]:
+    """Return what an extra asks for on this Python, as its installer takes it ("torch>=2.10")."""
+    listed = (text.partition(";") for text in importlib.metadata.requires(_NAME) or ())
+    wanted = []
+    for requirement, _, marker in listed:
+        named = _EXTRA.search(marker)
+        if named is not None and named[1].replace("_", "-") == extra and _applies(marker):
+            wanted.append(requirement.strip())
+    return tuple(wanted)
+
+
+def clone_folder() -> Path | None:
+    """Return the folder of the clone that this package is imported from; None if it was installed from a wheel."""
+    folder = Path(__file__).resolve().parents[2]
+    is_clone = (folder / "tools" / "setup_environment.py").is_file() and (folder / "pyproject.toml").is_file()
+    return folder if is_clone else None
+
+
+def better_command() -> str:
+    """Return the words that start this installation's command line from a shell in the present folder.
+
+    That is ``better`` if this one is on the path, else its script, and else its module.
+    """
+    script = _script()
+    on_path = shutil.which("better")
+    if on_path and script is not None and Path(on_path).resolve() == script.resolve():
+        return "better"
+    if script is None:
+        return f"{shlex.quote(sys.executable)} -m betterbench.cli"
+    if script.is_relative_to(Path.cwd()):
+        return shlex.quote(str(script.relative_to(Path.cwd())))
+    return shlex.quote(str(script))
+
+
+_ADVISED = re.compile(
+    r"(?<![\w./-])(?<!\bof )(?<!\bthat )(?<!\bwhich )better "
+    rf"(?=(?:{'|'.join(VERBS)})\b(?![-:]| (?:did|wrote|writes|needs|has)\b))"
+)
+"""The word ``better`` where a command begins, and not a sentence about a verb ("a run of better collect")."""
+
+
+def as_started_here(text: str) -> str:
+    """Return a message for this terminal, in which commands that begin with ``better`` begin as they must here."""
+    if "better " not in text:
+        return text
+    command = better_command()
+    return text if command == "better" else _ADVISED.sub(lambda _: f"{command} ", text)
+
+
+def _script() -> Path | None:
+    """Return the script ``better`` of this installation: the one that was started, or that of its environment."""
+    started = Path(sys.argv[0]) if sys.argv and sys.argv[0] else None
+    if started is not None and started.name == "better" and started.is_file():
+        return started.absolute()
+    script = Path(sysconfig.get_path("scripts")) / "better"
+    return script if script.is_file() else None
+
+
+def _installing(*words: str) -> str:
+    """Return the command with which the installer of this Python installs packages."""
+    python = shlex.quote(sys.executable)
+    rest = " ".join(map(shlex.quote, words))
+    if _is_there("pip"):
+        return f"{python} -m pip install {rest}"
+    uv = _uv()
+    if uv is not None:
+        return f"{shlex.quote(uv)} pip install --python {python} {rest}"
+    if _is_there("ensurepip"):
+        return f"{python} -m ensurepip && {python} -m pip install {rest}"
+    return f"uv pip install --python {python} {rest} (this Python has no pip; install uv first)"
+
+
+def _uv() -> str | None:
+    """Return the installer uv: from the path, beside this Python, or from the clone."""
+    if shutil.which("uv"):
+        return "uv"
+    clone = clone_folder()
+    places = [Path(sysconfig.get_path("scripts")) / "uv"]
+    places += [] if clone is None else [clone / ".uv" / "bin" / "uv", clone / ".uv" / "target" / "bin" / "uv"]
+    return next((str(place) for place in places if os.access(place, os.X_OK)), None)
+
+
+def _wheel() -> Path | None:
+    """Return the file or folder that this package was installed from, if it is still there."""
+    try:
+        text = importlib.metadata.distribution(_NAME).read_text("direct_url.json")
+        form = parse_json((text or "").encode())
+        url = urlsplit(form["url"])
+    except (importlib.metadata.PackageNotFoundError, KeyError, TypeError, ValueError):
+        return None
+    path = Path(unquote(url.path))
+    return path if url.scheme == "file" and path.exists() else None
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):  # a test has put None or a stand-in at its place
+        return False
+
+
+_PYTHON: dict[str, Callable[[tuple[int, int], tuple[int, int]], bool]] = {
+    "<": lambda own, other: own < other,
+    ">=": lambda own, other: own >= other,
+}
+
+
+def _applies(marker: str) -> bool:
+    """Return whether the bound of a marker on the version of Python holds here; our extras have no other conditions."""
+    bound = re.search(r"""python_version\s*(<|>=)\s*['"](\d+)\.(\d+)['"]""", marker)
+    own = (sys.version_info.major, sys.version_info.minor)
+    return bound is None or _PYTHON[bound[1]](own, (int(bound[2]), int(bound[3])))

@@ -1,0 +1,105 @@
+"""Every command that a message advises: it names a verb that there is, with options that the verb has."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from betterbench.certification.coverage import Gap, cure_for
+from betterbench.cli.main import VERBS, main
+from betterbench.tasks import TrialId
+
+SOURCE = Path(__file__).resolve().parents[2] / "src" / "betterbench"
+ADVISED = re.compile(rf"(?<![\w./`-])better ({'|'.join(VERBS)})\b(?!-)((?: (?:--)?[\w./{{}}|:=\[\]<>-]+)*)")
+
+
+def texts(tree):
+    """Every text of a module that is no docstring, with X for what an f-string puts in."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docs = {id(n.body[0].value) for n in ast.walk(tree) if isinstance(n, documented) and ast.get_docstring(n)}
+    parts = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts |= {id(part) for part in ast.walk(node) if part is not node}
+            yield "".join(p.value if isinstance(p, ast.Constant) else "X" for p in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs | parts:
+            yield node.value
+
+
+def advised():
+    """The commands of all messages: verb and options, with the file that has them."""
+    found = {}
+    for file in sorted(SOURCE.rglob("*.py")):
+        for text in texts(ast.parse(file.read_text(encoding="utf-8"))):
+            for verb, rest in ADVISED.findall(text):
+                options = tuple(re.findall(r"(?<= )--[a-z][a-z-]*", rest))
+                found.setdefault((verb, options), file.relative_to(SOURCE))
+    return sorted(found.items())
+
+
+@pytest.fixture(scope="module")
+def options_of(request):
+    """The options of a verb, as its help lists them."""
+    known = {}
+
+    def options(verb, capsys):
+        if verb not in known:
+            capsys.readouterr()
+            with pytest.raises(SystemExit):
+                main([verb, "--help"])
+            known[verb] = set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
+        return known[verb]
+
+    return options
+
+
+def test_there_are_messages_that_advise_commands():
+    assert len(advised()) > 20
+
+
+@pytest.mark.parametrize(("command", "file"), advised(), ids=lambda value: str(value)[:60])
+def test_an_advised_command_has_a_verb_and_options_that_exist(command, file, options_of, capsys):
+    verb, options = command
+    assert verb in VERBS
+    assert set(options) <= options_of(verb, capsys), f"{file} advises better {verb} {' '.join(options)}"
+
+
+OWN = """
+from dataclasses import replace
+from betterbench.tasks import get_task
+from betterbench.tasks.registry import task
+
+@task
+def my_advised_task():
+    '''Like morning_coffee.'''
+    base = get_task("morning_coffee")
+    return replace(base, version=1, title="Mine", variations=base.variations[:1])
+"""
+
+
+def test_a_task_that_was_never_measured_is_measured_before_it_is_certified(tmp_path):
+    """`certify --trials 2` alone ended with "were never measured"."""
+    file = tmp_path / "my tasks.py"
+    file.write_text(OWN, encoding="utf-8")
+    words = ["--policy", "expert", "--tasks", "my_advised_task", "--task-file", str(file), "--trials", "2"]
+    command = [sys.executable, "-m", "betterbench.cli", "eval", *words, "--out", str(tmp_path / "run")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 2
+    said = " ".join(done.stderr.split())
+    first, second = re.findall(r"better (certify .*?)(?:, then|and name it)", said)
+    given = ["--task-file", str(file), "--tasks", "my_advised_task"]
+    assert shlex.split(first) == ["certify", *given, "--demonstrations", "120"]
+    assert shlex.split(second) == ["certify", *given, "--trials", "2", "--out", "runs/certificate"]
+
+
+def test_what_is_measured_is_only_certified():
+    gap = Gap(TrialId("fast_food", "T1", 99), "the certificate holds other seeds")
+    assert cure_for(gap, tasks=("fast_food",), first=0, trials=100).startswith(
+        "Run better certify --tasks fast_food --tr"
+    )
