@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 LONGEST_RATE_HZ = 10.0
 """Most images of a camera per second: enough to look at, and it leaves the processor to the physics."""
 SIZE_PX = 256
+STOP_S = 0.5
+"""How long an image under way is waited for at the end [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +53,18 @@ class CameraThread:
             self._newest = frame
             self._wake.notify()
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether it draws, or waits for something to draw."""
+        return self._thread.is_alive()
+
     def close(self) -> None:
-        """Stop drawing and free the renderer."""
+        """Stop drawing and free the renderer, unless the image under way takes longer than :data:`STOP_S`."""
         with self._wake:
             self._is_over = True
             self._wake.notify()
         if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+            self._thread.join(timeout=STOP_S)
 
     def _run(self) -> None:
         view: StoredView | None = None
