@@ -181,7 +181,7 @@ def test_the_memory_of_a_server_that_24_clients_fill_is_bounded():
         def fill():
             with contextlib.suppress(OSError), contextlib.closing(raw(port)) as link:
                 for _ in range(63):
-                    link.sendall(frame(63 * MIB, sent=MIB) if _ == 0 else b"\0" * MIB)
+                    link.sendall(frame(64 * MIB - 1, sent=MIB) if _ == 0 else b"\0" * MIB)
                 link.recv(1)
 
         for _ in range(24):

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 
-BUDGET_BYTES = 256 * 1024 * 1024
+BUDGET_BYTES = 128 * 1024 * 1024
 """Most bytes that unfinished and unanswered messages of all clients take together, and one message more."""
 STUCK_S = 5.0
 """How long a connection may have been waited for within one message, or before it said what it wants, while others
