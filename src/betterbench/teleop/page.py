@@ -26,8 +26,8 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.geometry import Pose
-from betterbench.teleop.gate import Gate
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
+from betterbench.teleop.gate import Gate
 from betterbench.teleop.steering import SLOWEST
 
 GIZMO = "/tool"

@@ -437,7 +437,8 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
             str(out), "no question could be balanced", "Give more trials, variations, frames or cameras"
         )
     lines = b"".join(dump_json(_conversation(q)) + b"\n" for q in questions)
-    digests = {image: _digest_of(out / image) for image in sorted({q.image for q in questions})}
+    images = sorted({q.image for q in questions})
+    digests = {image: _digest_of(out / image) for image in images if (out / image).is_file()}
     made = QuestionSet(out, purpose, tuple(questions), tuple(found), hashlib.sha256(lines).hexdigest(), images=digests)
     write_durably(out / "questions.jsonl", lines)
     rows = [_row(q) for q in questions]
