@@ -124,15 +124,15 @@ def test_clients_that_are_stuck_make_room_for_others_and_stay_where_nobody_waits
 
 def test_a_client_that_thinks_between_its_questions_is_not_stuck():
     budget = FrameBudget(stuck_s=0.1)
-    with PolicyServer(Echo, metadata={}, port=0, clients=1, budget=budget) as server:
-        with connect(f"ws://127.0.0.1:{server.port}", compression=None) as link:
+    with PolicyServer(Echo, metadata={}, port=0, clients=1, budget=budget) as server, contextlib.ExitStack() as stack:
+        link = stack.enter_context(connect(f"ws://127.0.0.1:{server.port}", compression=None))
+        link.recv(timeout=PATIENCE_S)
+        for number in range(2):
+            time.sleep(0.4)
+            with pytest.raises(InvalidStatus, match="503"):
+                asked(server.port, 1)
+            link.send(msgpack.packb({"number": number}))
             link.recv(timeout=PATIENCE_S)
-            for number in range(2):
-                time.sleep(0.4)
-                with pytest.raises(InvalidStatus, match="503"):
-                    asked(server.port, 1)
-                link.send(msgpack.packb({"number": number}))
-                link.recv(timeout=PATIENCE_S)
 
 
 def test_connections_that_say_nothing_do_not_block_others():

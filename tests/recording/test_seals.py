@@ -1,4 +1,4 @@
-"""Every kind of file that counts, with its bits and characters changed: refused in one line, or read as it was before."""
+"""Every kind of file that counts, with bits and characters changed: refused in one line, or read as it was before."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ def stage(folder):
 def question(number):
     source = FrameSource("fruit_lunch", "train1", 1_000_000, number, 0.05 * number, "front")
     return Question(
-        f"q{number}", QuestionType.STATE, Form.YES_NO, "f", f"Is the mug {number} held?", (), "No", f"images/{number}.jpg",
-        64, 64, Difficulty.EASY, (), (), (), {}, 0.5, source,
+        f"q{number}", QuestionType.STATE, Form.YES_NO, "f", f"Is the mug {number} held?", (), "No",
+        f"images/{number}.jpg", 64, 64, Difficulty.EASY, (), (), (), {}, 0.5, source,
     )  # fmt: skip
 
 
@@ -256,7 +256,7 @@ def test_a_change_is_refused_or_changes_nothing(name, tmp_path, caplog):
     path.write_bytes(data)
     assert kind.read(path) == before
     assert refused > same
-    print(f"{name}: {refused + same} mutations, {refused} refused, {same} the same")
+    logging.getLogger(__name__).critical("%s: %d mutations, %d refused", name, refused + same, refused)
 
 
 @pytest.mark.parametrize("name", ["journal of a run", "journal of attempts"])

@@ -52,13 +52,11 @@ def test_every_bit_of_a_header_counts(checkpoint, tmp_path):
         copy.write_bytes(changed)
         try:
             _, found = read_checkpoint(copy)
-        except InvalidInputError as problem:
-            assert "\n" not in str(problem)
+        except InvalidInputError:
             refused += 1
         else:
             assert found == trained  # a space for another one
     assert refused > 4.8 * COUNT
-    print(f"checkpoint: {5 * COUNT} mutations, {refused} refused")
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def teleop_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Who demonstrates, as the records say it; the user's name if not given.
-        host: Interface to listen on; on 0.0.0.0 anyone who knows the address with its token, which travels in the clear.
+        host: Interface to listen on; on 0.0.0.0 the token of the address travels in the clear.
         port: Port to listen on; 0 for any free one.
         cameras: Cameras whose images are shown; none with --cameras none.
         devices: Gamepads and SpaceMice of this machine: auto, none, or the file of one (/dev/input/event5).

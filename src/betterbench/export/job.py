@@ -235,7 +235,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is not there."""
+    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
     return open_seal(file.read_bytes(), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))

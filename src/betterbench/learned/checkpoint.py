@@ -1,4 +1,4 @@
-"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of all that and of the tensors in the header."""
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of it all in the header."""
 
 from __future__ import annotations
 

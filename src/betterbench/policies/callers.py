@@ -1,8 +1,7 @@
 """Who may talk to a server of this machine: pages of the server itself and programs, and no page of another site.
 
-A browser lets any page that its user visits open a connection to this machine. It names the page's site (``Origin``), and
-the name under which the server was reached (``Host``), which a site that has its own name point to this machine gives
-away.
+A browser lets any page that its user visits open a connection to this machine. It names the page's site (``Origin``)
+and the name under which the server was reached (``Host``), which gives away a site that has its own name point here.
 """
 
 from __future__ import annotations

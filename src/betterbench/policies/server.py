@@ -82,8 +82,8 @@ class PolicyServer:
         """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
 
         A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
-        None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all clients
-        have sent and not been answered. Raises InvalidInputError if it cannot listen there.
+        None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all
+        clients have sent and got no answer to. Raises InvalidInputError if it cannot listen there.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()

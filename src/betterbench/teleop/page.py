@@ -162,7 +162,7 @@ class Page:
         return float(self._speed.value) / 100.0
 
     def close(self) -> None:
-        """Close all connections and stop listening; a page that does not answer is waited for :data:`STOP_S` at most."""
+        """Close all connections and stop listening; a page that does not answer is waited for for :data:`STOP_S`."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
             self._stopping.start()
             self._stopping.join(STOP_S)

@@ -305,9 +305,9 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
     """Raise RunConflictError if a folder holds a set with another plan."""
-    there = _sealed(file) if file.exists() else plan
-    version = {"schema_version": SET_SCHEMA_VERSION} if there.get("schema_version") == 1 else {}
-    difference = first_difference({**there, **version}, plan, "set")
+    stored = _sealed(file) if file.exists() else plan
+    version = {"schema_version": SET_SCHEMA_VERSION} if stored.get("schema_version") == 1 else {}
+    difference = first_difference({**stored, **version}, plan, "set")
     if difference is not None:
         where, there, asked = difference
         raise RunConflictError(

@@ -1,6 +1,6 @@
 """Files of modalities: written row group by row group beside their place, read row by row.
 
-The footer of a file, with the header in it, carries the seal of a record's file, and lists the SHA-256 of each row group.
+The footer of a file, with the header in it, carries a seal as a record does, and lists the SHA-256 of each row group.
 Both are compared before the Parquet reader, which is native code, gets to see the bytes.
 """
 
@@ -40,7 +40,7 @@ HEADER_KEY = b"betterbench.modalities"
 """Key of the header's JSON in the metadata of the Parquet schema."""
 
 GROUPS_KEY = b"betterbench.groups"
-"""Key of a JSON list: where each row group ends [byte], and the SHA-256 of its bytes. The first begins with the file."""
+"""Key of a JSON list: where each row group ends [byte], and the SHA-256 of its bytes, from the one before it on."""
 
 COMPRESSION_LEVEL = 1
 """Level of zstd: a row group holds the same scene many times, which every level finds; higher ones cost time only."""
@@ -167,7 +167,7 @@ class ModalityFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         with _reading(path):
-            self._source = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            self._source: int | None = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             try:
                 footer = self._checked_footer()
                 self._file = pq.ParquetFile(path, page_checksum_verification=True, memory_map=False)
