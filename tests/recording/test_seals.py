@@ -19,10 +19,8 @@ from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.journal import JournalHeader
 from betterbench.demonstrations.attempt import AttemptNote
 from betterbench.demonstrations.production import ATTEMPTS, AttemptJournal, StartOutcome, attempts_of
-from betterbench.diagnosis import stored
 from betterbench.diagnosis.confusion import Calibration
 from betterbench.diagnosis.power_matrix import PowerMatrix
-from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.job import SOURCE_FILE, stored_source
 from betterbench.json_form import open_seal, sealed_form
@@ -171,14 +169,6 @@ def exported(folder):
     return folder / SOURCE_FILE
 
 
-def diagnosis(folder):
-    run = RunFolder(folder, {}, {})
-    found = RunDiagnosis(
-        policy="expert", trials=(), metrics=(), findings=(), notes=(), thresholds={"a": 0.5}, versions={}
-    )
-    return stored.store_diagnosis(run, found)
-
-
 def packaged(package, name):
     def make(folder):
         (folder / name).write_bytes(resources.files(package).joinpath("data", name).read_bytes())
@@ -199,7 +189,6 @@ KINDS = {
     "modalities": Kind(modality, seen),
     "frames": Kind(frames, frames_of),
     "origin of an export": Kind(exported, lambda p: stored_source(p.parent.parent)),
-    "diagnosis": Kind(diagnosis, lambda p: stored.read_stored(RunFolder(p.parent, {}, {}))),
     "calibration": Kind(
         packaged("betterbench.diagnosis", "calibration.json"),
         lambda p: Calibration.from_json(p.read_bytes(), where=p.name),

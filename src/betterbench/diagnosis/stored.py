@@ -13,13 +13,12 @@ from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 import betterbench
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import RecordError
-from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
+from betterbench.json_form import open_form, read_bounded, read_form
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
 
-STORED_SCHEMA_VERSION = 2
-"""Version of ``diagnosis.json``; it moves when an older reader would misunderstand a newer file. Version 1 had no seal,
-and is read with a warning."""
+STORED_SCHEMA_VERSION = 1
+"""Version of ``diagnosis.json``; it moves when an older reader would misunderstand a newer file."""
 
 _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or move it elsewhere to store a new one"
@@ -76,7 +75,7 @@ class StoredMetric:
 
 
 def _readable(version: object) -> object:
-    if isinstance(version, int) and not isinstance(version, bool) and version not in (1, STORED_SCHEMA_VERSION):
+    if isinstance(version, int) and not isinstance(version, bool) and version != STORED_SCHEMA_VERSION:
         raise ValueError(f"is {version} and not {STORED_SCHEMA_VERSION}: another version of betterbench wrote the file")
     return version
 
@@ -115,8 +114,7 @@ class StoredDiagnosis:
         Raises:
             RecordError: If the schema version is another one, or a field is missing or of the wrong type.
         """
-        form = open_seal(raw, where=where, cure=_CURE, raises=RecordError, since=("schema_version", 2))
-        file = read_form(_FILE, form, where=where, cure=_CURE, raises=RecordError)
+        file = read_form(_FILE, raw, where=where, cure=_CURE, raises=RecordError)
         for what, keys in (
             ("trials", [t.key for t in file.trials]),
             ("metrics", [(m.name, m.scope) for m in file.metrics]),
@@ -133,7 +131,7 @@ class StoredDiagnosis:
 
 def _stored_form(diagnosis: RunDiagnosis) -> dict[str, Any]:
     versions = {"schema_version": STORED_SCHEMA_VERSION, "package_version": betterbench.__version__}
-    return sealed_form(json.loads(dump_json({**versions, **diagnosis.to_json()})))
+    return {**versions, **diagnosis.to_json()}
 
 
 def stored_path(run: RunFolder) -> Path:
@@ -148,7 +146,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
         OSError: If the folder cannot be written.
     """
     path = stored_path(run)
-    form = _stored_form(diagnosis)
+    form = json.loads(dump_json(_stored_form(diagnosis)))
     write_durably(path, json.dumps(form, indent=1, ensure_ascii=False).encode() + b"\n")
     return path
 
