@@ -81,11 +81,18 @@ def teleop_command(
             say(f"On {host} the token of the page travels in the clear; forward the port by ssh instead.")
         is_busy = _run(store, controls, page, who, shown)
     if is_busy or page.is_busy:
-        # A scene that is being compiled, an image that is being drawn and a page that does not answer cannot be
-        # interrupted. All that was saved is on disk, and the folder is given back.
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(0)
+        _end_process()
+
+
+def _end_process() -> None:
+    """End the process although threads are at work.
+
+    A scene that is being compiled, an image that is being drawn and a page that does not answer cannot be interrupted.
+    All that was saved is on disk, and the folder is given back.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
 
 
 def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
