@@ -8,16 +8,20 @@ A dataclass that is read this way carries :data:`strict_form`; a ``TypeAdapter``
 
     _METRIC = TypeAdapter(Metric)
     metric = read_form(_METRIC, path.read_bytes(), where=str(path), cure="Restore the file")
+
+A document that counts carries a seal, which :func:`open_seal` compares before a field is read.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+import logging
 import os
 import re
 import stat
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,7 +30,12 @@ from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, 
 
 from betterbench.errors import BetterError, InvalidInputError, one_line
 
+logger = logging.getLogger(__name__)
+
 FormT = TypeVar("FormT")
+
+SEAL = "seal"
+"""Key of a document's seal: the SHA-256 of everything else in it. It shows damage, and does not prove who wrote it."""
 
 strict_form = with_config(ConfigDict(extra="forbid", strict=True, allow_inf_nan=False))
 """Class decorator: unknown keys, numbers that are not finite and values of another type are refused, 1 for true too."""
@@ -78,6 +87,76 @@ def read_form(
         return value
 
 
+def seal_of(form: Mapping[str, Any]) -> str:
+    """Return the seal of a JSON object: the SHA-256 of its canonical text, without the seal itself.
+
+    Raises ValueError if it holds a number that is not finite or is nested too deep, TypeError if it is no JSON.
+    """
+    rest = {name: value for name, value in form.items() if name != SEAL}
+    try:
+        text = json.dumps(rest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def sealed_form(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a JSON object with its seal."""
+    return {**form, SEAL: seal_of(form)}
+
+
+def open_seal(
+    raw: bytes | str,
+    *,
+    where: str,
+    cure: str,
+    raises: type[BetterError] = InvalidInputError,
+    since: tuple[str, int] | None = None,
+) -> dict[str, Any]:
+    """Return the JSON object of a document without its seal, which has to fit.
+
+    Args:
+        raw: The document.
+        where: File for the error.
+        cure: What to do about a document that was changed.
+        raises: Class of the error.
+        since: Field with the version of the form, and the first version that is sealed. Older documents, and those
+            without the field, are read with a warning. None if every document is sealed.
+
+    Raises:
+        BetterError: Of that class, if it is no JSON object, or its seal is missing or does not fit.
+    """
+    with form_errors(where, cure, raises):
+        form = parse_json(raw, unique=True)
+        seal = seal_of(form) if isinstance(form, dict) and SEAL in form else ""
+    problem = ""
+    if not isinstance(form, dict):
+        problem = "is not a JSON object"
+    elif seal and form.pop(SEAL) != seal:
+        problem = "was changed after it was written: its seal does not fit"
+    elif not seal:
+        version = None if since is None else form.get(since[0], 0)
+        if since is None or type(version) is not int or version >= since[1]:
+            problem = "has no seal, so a change in it would not be seen"
+        else:
+            say_unsealed(where)
+    if problem:
+        raise _as(raises, InvalidInputError(where, problem, cure))
+    found: dict[str, Any] = form
+    return found
+
+
+def say_unsealed(where: str) -> None:
+    """Say once that a document of an earlier version has no seal."""
+    if where not in _SAID:
+        _SAID.add(where)
+        logger.warning("%s: an earlier version wrote it without a seal, so a change in it would not be seen", where)
+
+
+_SAID: set[str] = set()
+"""Documents without a seal of which that was said."""
+
+
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
     """Return a map of pairs; raise InvalidInputError if a key stands twice, of which readers take one or the other.
 
@@ -118,10 +197,13 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
         raise _as(raises, wrong) from error
 
 
-def parse_json(text: str | bytes) -> Any:  # noqa: ANN401 - a stranger's text holds anything
-    """Return the value of a JSON text; raise ValueError if it is none, or nested too deep to be read."""
+def parse_json(text: str | bytes, *, unique: bool = False) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+    """Return the value of a JSON text; raise ValueError if it is none, or nested too deep to be read.
+
+    With ``unique``, InvalidInputError is raised if a key stands twice.
+    """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=unique_keys if unique else None)
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
 

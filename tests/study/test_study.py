@@ -19,6 +19,7 @@ import yaml
 from workshop import made_up_workshop
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError, UnknownNameError
+from betterbench.json_form import sealed_form
 from betterbench.study import stages
 from betterbench.study.contrasts import contrast_of
 from betterbench.study.findings import findings_of
@@ -141,7 +142,7 @@ def test_a_stage_file_that_is_damaged_is_named(undisturbed, tmp_path):
     run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
     file = tmp_path / "stages" / f"runs-{TASK}-balanced-seed0.json"
     file.write_bytes(file.read_bytes()[:50])
-    with pytest.raises(RecordError, match=rf"{file.name}.*Delete the file"):
+    with pytest.raises(RecordError, match=rf"{file.name}.*Move the file elsewhere"):
         run_study(small(seeds=[0]), tmp_path, made_up_workshop()[0])
 
 
@@ -422,7 +423,7 @@ def test_a_lever_begins_with_the_learner_of_another_arm_that_is_trained_before_i
     assert calls == []
     changed = json.loads(marker.read_text())
     changed["output"]["digest"] = "another"
-    marker.write_text(json.dumps(changed))
+    marker.write_text(json.dumps(sealed_form(changed)))
     run_study(plan, tmp_path, workshop)
     assert f"train {TASK}-confounded-frozen-seed0" in calls
 

@@ -43,7 +43,7 @@ def teleop(tmp_path):
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
     try:
-        found = re.fullmatch(r"open (http://localhost:\d+)\n", process.stdout.readline())
+        found = re.fullmatch(r"open (http://localhost:\d+/[\w-]{32})\n", process.stdout.readline())
         assert found is not None, process.stderr.read()
         yield process, found[1]
     finally:

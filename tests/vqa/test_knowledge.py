@@ -12,6 +12,7 @@ from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.json_form import sealed_form
 from betterbench.llm import ScriptedChat
 from betterbench.vqa.asking import ask_set, read_answers
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
@@ -66,7 +67,7 @@ def test_answers_about_another_run_are_refused_and_nothing_is_kept(failing, deci
     shutil.copytree(decisive.path, asked)
     told = json.loads((asked / "set.json").read_text())
     told["records"] = dict.fromkeys(told["records"], "0" * 64)
-    (asked / "set.json").write_text(json.dumps(told))
+    (asked / "set.json").write_text(json.dumps(sealed_form(told)))
     before = {path: path.read_bytes() for path in failing.path.rglob("knowledge.json")}
     words = ["diagnose", str(failing.path), "--answers", str(tmp_path / "wise.jsonl"), "--questions", str(asked)]
     assert main(words) == 2

@@ -14,6 +14,7 @@ from tests.vqa.small import OPTIONS, SIZE, small_run
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.json_form import sealed_form
 from betterbench.tasks import TrialId
 from betterbench.vqa.dataset import SetOptions, begun_set, make_set, purpose_of, read_set
 from betterbench.vqa.question import Form
@@ -102,14 +103,14 @@ def test_a_set_says_which_records_it_is_about_and_is_of_no_other_run(run, photos
     plan = json.loads((copy / "set.json").read_text())
     for change, said in (({key: "0" * 64}, f'{key} is "000'), ({}, f"{key} is absent there")):
         told = {**plan, "records": {k: v for k, v in {**plan["records"], **change}.items() if change or k != key}}
-        (copy / "set.json").write_text(json.dumps(told))
+        (copy / "set.json").write_text(json.dumps(sealed_form(told)))
         with pytest.raises(RunConflictError, match=said):
             make_set(run, copy, OPTIONS, open_photos=photos)
-    (copy / "set.json").write_text(json.dumps({**plan, "records": {key: "0" * 64}}))
+    (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": {key: "0" * 64}})))
     with pytest.raises(InvalidInputError, match=f"another record of {key} than the one in .*of this run"):
         read_set(copy).require_about(run)
     for wrong in ([], {key: 1}):
-        (copy / "set.json").write_text(json.dumps({**plan, "records": wrong}))
+        (copy / "set.json").write_text(json.dumps(sealed_form({**plan, "records": wrong})))
         with pytest.raises(RecordError, match="no hashes by trial"):
             read_set(copy)
     (copy / "set.json").unlink()  # as sets of older versions, which do not say

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import read_form, sealed_form, strict_form
 from betterbench.tasks import Looks, TrialId
 
 SCHEMA_VERSION = 1
@@ -151,6 +151,10 @@ class Certificate:
         form["summary"] = [asdict(s) for s in summaries(self.trials)]
         form["expert_s_per_trial"] = round(self.expert_s, 3)
         return form
+
+    def sealed_json(self) -> dict[str, Any]:
+        """Return what its file holds: the JSON form with the version of the file and its seal."""
+        return sealed_form({"version": 2, **self.to_json()})
 
     @classmethod
     def from_json(cls, form: object, *, where: str = "certificate") -> Certificate:

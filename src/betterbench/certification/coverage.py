@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
@@ -14,7 +13,7 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import Certificate, CertificateVersions, seed_ranges
 from betterbench.errors import InvalidInputError, one_line
-from betterbench.json_form import form_errors, read_bounded, read_form, strict_form, unique_keys
+from betterbench.json_form import form_errors, open_seal, read_bounded, read_form, strict_form
 from betterbench.tasks import Looks, TrialId
 from betterbench.tasks.user_files import options_for
 
@@ -179,9 +178,9 @@ def load_coverage(path: Path) -> Coverage:
 def _load(file: Traversable | Path, where: str) -> Coverage:
     cure = "Give a certificate.json of better certify"
     data = read_bounded(file, max_bytes=MAX_BYTES, cure=cure) if isinstance(file, Path) else file.read_bytes()
-    with form_errors(where, cure):
-        form = json.loads(data, object_pairs_hook=unique_keys)
-    if not isinstance(form, dict) or form.get("form") != FORM:
+    form = open_seal(data, where=where, cure=cure, since=("version", 2))
+    form.pop("version", None)
+    if form.get("form") != FORM:
         return Coverage.of(Certificate.from_json(form, where=where))
     coverage = read_form(_COVERAGE, form, where=where, cure=cure)
     with form_errors(where, cure):

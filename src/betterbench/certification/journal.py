@@ -1,10 +1,14 @@
-"""The journals of certifications: a header with versions, and one synced line per trial, from which one goes on."""
+"""The journals of certifications: a header with versions, and one synced line per trial, from which one goes on.
+
+The lines of a journal of version 2 are linked, beginning with the header; those of version 1 are read with a warning.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, Literal
 
 from pydantic import TypeAdapter
 
@@ -12,10 +16,12 @@ from betterbench.certification.certificate import CertificateVersions, TrialCert
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import LineJournal
+from betterbench.recording.line_journal import LINK, link_after, linked_forms
 from betterbench.tasks import TrialId
 
 JOURNAL_NAME = "journal.jsonl"
-_CURE = "Delete the line to examine its trial again"
+CURE = "Restore the file from a copy, or work in a new folder"
+"""What to do about a line that was changed."""
 
 
 @strict_form
@@ -27,7 +33,7 @@ class JournalHeader:
     package_version: str = ""
     suite_version: str = ""
     mujoco: str = ""
-    version: int = 1
+    version: Literal[1, 2] = 2
 
 
 @strict_form
@@ -56,20 +62,25 @@ class VersionedJournal(LineJournal):
     def __init__(self, path: Path, versions: CertificateVersions) -> None:
         self._versions = versions
         self._header = JournalHeader(self.form, versions.package, versions.suite, versions.engine)
+        self._link = link_after("", asdict(self._header))
         super().__init__(path)
 
-    def _append_form(self, form: object) -> None:
+    def _append_form(self, form: dict[str, Any]) -> None:
         if self.is_empty:
             self._append_line(asdict(self._header))
-        self._append_line(form)
+        link = link_after(self._link, form)
+        self._append_line({**form, LINK: link})
+        self._link = link
 
     def _take_in(self, lines: list[bytes]) -> None:
-        if lines:
-            self._check_header(lines[0])
-        for number, line in enumerate(lines[1:], start=2):
-            self._take_in_line(line, f"{self._path}: line {number} is corrupt")
+        if not lines:
+            return
+        self._check_header(lines[0])
+        for number, (form, link) in enumerate(forms_after_header(self._path, lines), start=2):
+            self._take_in_line(form, f"{self._path}: line {number} is corrupt")
+            self._link = link or self._link
 
-    def _take_in_line(self, line: bytes, where: str) -> None:
+    def _take_in_line(self, form: dict[str, Any], where: str) -> None:
         """Read a line after the first; ``where`` is for the error."""
         raise NotImplementedError
 
@@ -79,9 +90,17 @@ class VersionedJournal(LineJournal):
         found = read_form(_HEADER, line, where=where, cure=cure, raises=RunConflictError)
         if found.form != self.form:
             raise RunConflictError(f"{where}. {cure}.")
-        for name, value in asdict(self._header).items():
+        self._link = link_after("", asdict(found))
+        for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
                 raise RunConflictError(f"{self._path}: begun with {name} {there}, this is {value}. {cure}.")
+
+
+def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Yield what :func:`~betterbench.recording.line_journal.linked_forms` does of the lines after the header."""
+    header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
+    before = link_after("", asdict(header))
+    yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)
 
 
 class CertificationJournal(VersionedJournal):
@@ -108,8 +127,8 @@ class CertificationJournal(VersionedJournal):
         self.trials[trial.key] = trial
         self._sessions[session] = elapsed_s
 
-    def _take_in_line(self, line: bytes, where: str) -> None:
-        form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
-        self._sessions[form.session] = form.elapsed_s
-        if self._versions.tasks.get(form.trial.task, form.task_version) == form.task_version:
-            self.trials[form.trial.key] = form.trial
+    def _take_in_line(self, form: dict[str, Any], where: str) -> None:
+        line = read_form(_LINE, form, where=where, cure=CURE, raises=RecordError)
+        self._sessions[line.session] = line.elapsed_s
+        if self._versions.tasks.get(line.trial.task, line.task_version) == line.task_version:
+            self.trials[line.trial.key] = line.trial

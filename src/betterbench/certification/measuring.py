@@ -7,12 +7,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.demonstrations import Demonstration, demonstrate, planned_demonstrations, summed_up
-from betterbench.certification.journal import VersionedJournal
+from betterbench.certification.journal import CURE, VersionedJournal
 from betterbench.certification.runner import in_workers, versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import read_form, strict_form
@@ -22,7 +23,6 @@ from betterbench.tasks.demonstrated import PACKAGED, Demonstrated, updated_text
 from betterbench.tasks.user_files import companion_of
 
 JOURNAL_NAME = "demonstrations.jsonl"
-_CURE = "Delete the line to measure its demonstration again"
 
 
 @strict_form
@@ -52,10 +52,10 @@ class DemonstrationJournal(VersionedJournal):
         self._append_form(asdict(_Line(found, self._versions.tasks[found.task])))
         self.found[found.key] = found
 
-    def _take_in_line(self, line: bytes, where: str) -> None:
-        form = read_form(_LINE, line, where=where, cure=_CURE, raises=RecordError)
-        if self._versions.tasks.get(form.demonstration.task, form.task_version) == form.task_version:
-            self.found[form.demonstration.key] = form.demonstration
+    def _take_in_line(self, form: dict[str, Any], where: str) -> None:
+        line = read_form(_LINE, form, where=where, cure=CURE, raises=RecordError)
+        if self._versions.tasks.get(line.demonstration.task, line.task_version) == line.task_version:
+            self.found[line.demonstration.key] = line.demonstration
 
 
 def measure(

@@ -24,6 +24,7 @@ from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
 from betterbench.errors import InvalidInputError, WorkerError
 from betterbench.interventions import resolve_condition
+from betterbench.json_form import sealed_form
 from betterbench.recording import RetryLedger, write_durably
 from betterbench.recording.worker_process import prepare_process
 from betterbench.scenes import engine_version
@@ -96,13 +97,13 @@ def certify(
                 on_progress(CertificationProgress(done, planned, found))
         whole = tuple(journal.trials[t] for t in dict.fromkeys(trials))
         certificate = Certificate(versions, platform.platform(), whole, journal.wall_s, workers)
-        write_json(certificate_path(out), certificate.to_json())
+        write_json(certificate_path(out), certificate.sealed_json())
     return certificate
 
 
 def write_coverage(certificate: Certificate, path: Path) -> Path:
     """Write the compact form of a certificate, one condition per line."""
-    form = Coverage.of(certificate).to_json()
+    form = sealed_form({"version": 2, **Coverage.of(certificate).to_json()})
     lines = [f"  {json.dumps(name)}: {json.dumps(seeds)}" for name, seeds in form.pop("conditions").items()]
     head = json.dumps(form, indent=1, sort_keys=True)[:-2]
     write_durably(path, (head + ',\n "conditions": {\n' + ",\n".join(lines) + "\n }\n}\n").encode())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -150,7 +149,7 @@ def _store(found: Calibration, out: Path, family: str, *, films: int, write_pack
     from betterbench.recording import write_durably
     from betterbench.report.calibration_page import write_calibration_page
 
-    text = (json.dumps(found.to_json(), indent=1) + "\n").encode()
+    text = found.file_bytes()
     write_durably(out / "calibration.json", text)
     if write_package:
         with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:

@@ -80,7 +80,7 @@ def certify_command(
         certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
     page = _store(certificate, out, write_package=write_package)
     if json:
-        print_json(certificate.to_json())
+        print_json(certificate.sealed_json())
         return
     print_certificate(certificate)
     OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)

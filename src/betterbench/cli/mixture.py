@@ -116,7 +116,7 @@ def _shard(text: str) -> tuple[int, int]:
 
 
 def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws: int, shards: int) -> None:
-    """Write the draws of a shard as lines, after those that are there already."""
+    """Write the draws of a shard as lines, after those that are there already, of which each is compared."""
     from betterbench.recording.durable import on_disk
 
     planned = len(sampler)
@@ -129,10 +129,14 @@ def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws
         return _line(sampler, mixture, index).removesuffix(b"\n") if index < planned else b""
 
     ours = len(lines) <= planned and told(len(lines)).startswith(begun)
-    if not ours or lines[-1:] != [told(i) for i in range(len(lines))[-1:]]:
+    other = next((i for i, line in enumerate(lines) if line != told(i)), None) if ours else 0
+    if other is not None:
         raise RunConflictError(
-            f"{out}: it holds something else than draws of this mixture, seed and shard. Name another file."
+            f"{out}: it holds something else than draws of this mixture, seed and shard (line {other + 1}). Name "
+            "another file."
         )
+    if begun:
+        say(f"{out}: its last line had lost its end, and is drawn again")
     with on_disk(out), out.open("ab") as file, progress_bar("draw", planned) as (bar, task):
         file.truncate(len(whole) - len(begun))
         for index in range(len(lines), planned):

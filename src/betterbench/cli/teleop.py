@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import getpass
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -39,6 +41,7 @@ def teleop_command(
     keys, a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Nothing but what is
     saved is written; what is saved is an ordinary record with its segments and who demonstrated. It runs without a
     display and listens on this machine alone: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
+    The printed address holds a token, without which nobody is answered.
     Ctrl-C keeps what is saved, the same command goes on, and with a larger --demos there are more starts.
 
     Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
@@ -50,7 +53,7 @@ def teleop_command(
         demos: Demonstrations per training condition.
         seed: First seed, 1000000 or above; 500000000 if not given.
         name: Who demonstrates, as the records say it; the user's name if not given.
-        host: Interface to listen on; on 0.0.0.0 anyone who can reach this machine can drive.
+        host: Interface to listen on; on 0.0.0.0 the token of the address travels in the clear.
         port: Port to listen on; 0 for any free one.
         cameras: Cameras whose images are shown; none with --cameras none.
         devices: Gamepads and SpaceMice of this machine: auto, none, or the file of one (/dev/input/event5).
@@ -75,21 +78,35 @@ def teleop_command(
         stack.callback(page.close)
         store = stack.enter_context(DemonstrationStore(out, plan))
         if host not in ("127.0.0.1", "localhost", "::1"):
-            say(f"Anyone who can reach {host} can drive and save; forward the port by ssh instead.")
-        _run(store, controls, page, who, shown)
+            say(f"On {host} the token of the page travels in the clear; forward the port by ssh instead.")
+        is_busy = _run(store, controls, page, who, shown)
+    if is_busy or page.is_busy:
+        _end_process()
 
 
-def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> None:
-    """Let the page drive until Ctrl-C."""
+def _end_process() -> None:
+    """End the process although threads are at work.
+
+    A scene that is being compiled, an image that is being drawn and a page that does not answer cannot be interrupted.
+    All that was saved is on disk, and the folder is given back.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
+    """Let the page drive until Ctrl-C; tell whether a thread is still at work, which nothing depends on."""
     from betterbench.cli.serve import stopped_by_signal
     from betterbench.teleop.cameras import CameraThread
     from betterbench.teleop.station import Station
 
     with stopped_by_signal() as stopped, closing(CameraThread(cameras, page.show_image, controls.complain)) as images:
-        station = Station(store, controls, page, name=who, cameras=images)
-        OUT.print(f"open {page.url}", markup=False)
+        station = Station(store, controls, page, name=who, cameras=images, loads_apart=True)
+        OUT.print(f"open {page.url}", markup=False, soft_wrap=True)
         station.run(stopped)
         say(f"stopped; {store.saved} of {store.planned} demonstrations are saved in {store.run.path}")
+    return station.is_busy or images.is_busy
 
 
 def _who(name: str | None) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -20,7 +21,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions
-from betterbench.certification.journal import VersionedJournal
+from betterbench.certification.journal import CURE, VersionedJournal, forms_after_header
 from betterbench.certification.runner import in_workers, versions_in_use
 from betterbench.demonstrations.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.attempt import (
@@ -51,7 +52,7 @@ from betterbench.interventions.regimes import Regime, in_regime
 from betterbench.json_form import open_form, read_form, strict_form
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.durable import on_disk
-from betterbench.recording.line_journal import complete_lines
+from betterbench.recording.line_journal import complete_lines, say_lost_tail
 from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene, engine_version
 from betterbench.scenes.appearance import look_set_of
@@ -60,6 +61,8 @@ from betterbench.tasks import Task, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
 """Folder within a run of demonstrations that holds the journal of attempts."""
@@ -229,20 +232,23 @@ class AttemptJournal(VersionedJournal):
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
-    def _take_in_line(self, line: bytes, where: str) -> None:
-        outcome = _read_line(line, where)
+    def _take_in_line(self, form: dict[str, Any], where: str) -> None:
+        outcome = _read_line(form, where)
         self.found[outcome.trial] = outcome
 
 
-def _read_line(line: bytes, where: str) -> StartOutcome:
-    return read_form(_OUTCOME, line, where=where, cure="Delete the line to try its start again", raises=RecordError)
+def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
+    return read_form(_OUTCOME, form, where=where, cure=CURE, raises=RecordError)
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
     """Return what became of every start of a run of demonstrations so far; RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
-    found = [_read_line(line, f"{path}: line {i} is corrupt") for i, line in enumerate(lines[1:], start=2)]
+    if lines:
+        say_lost_tail(path)
+    forms = forms_after_header(path, lines) if lines else ()
+    found = [_read_line(form, f"{path}: line {i} is corrupt") for i, (form, _) in enumerate(forms, start=2)]
     return {outcome.trial: outcome for outcome in found}
 
 
@@ -374,6 +380,7 @@ def _produce(
             run = RunFolder.start(out, plan, context=context)
             journal = stack.enter_context(run.journal())
             attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
+            _say_lost(journal, attempts)
             reopen_lost(run, journal)
             due = [chain[-1] for chain in chains if not _is_settled(chain[-1], attempts.found, journal)]
             tell = _teller(on_progress, chains, attempts)
@@ -384,6 +391,19 @@ def _produce(
             found = dict(attempts.found)
         if chains == _chains(wanted, found, method):
             return run
+
+
+def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
+    """Say that one of the journals has lost lines that the other one implies; their starts are tried again."""
+    lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
+    lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
+    if lost:
+        logger.warning(
+            "the journal of demonstrations and that of attempts differ by %d starts, %s and others: one was cut short, "
+            "or the command was killed. They are tried again",
+            len(lost),
+            lost[0],
+        )
 
 
 def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:

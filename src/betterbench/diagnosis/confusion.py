@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -12,7 +13,7 @@ from pydantic import TypeAdapter
 
 from betterbench.diagnosis.forms import LabelField
 from betterbench.errors import RecordError
-from betterbench.json_form import open_form, read_form
+from betterbench.json_form import open_form, open_seal, read_form, sealed_form
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label, all_labels
 
@@ -202,6 +203,10 @@ class Calibration:
             "versions": self.versions,
         }
 
+    def file_bytes(self) -> bytes:
+        """Return the file of the JSON document, with its seal."""
+        return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
+
     @classmethod
     def from_json(cls, raw: bytes, *, where: str) -> Calibration:
         """Read the JSON document; errors call it ``where``.
@@ -209,7 +214,9 @@ class Calibration:
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        file = read_form(_FILE, raw, where=where, cure="Run better calibrate again", raises=RecordError)
+        cure = "Run better calibrate again"
+        form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
+        file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         return cls(
             {(c.truth, c.label): c.n for c in file.counts},
             file.policies,

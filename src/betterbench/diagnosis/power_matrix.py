@@ -20,7 +20,7 @@ from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers th
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import RecordError, UnknownNameError
 from betterbench.interventions import vary
-from betterbench.json_form import open_form, read_form
+from betterbench.json_form import open_form, open_seal, read_form, sealed_form
 from betterbench.statistics import Rate, chance_p, holm
 from betterbench.tasks import Expected, Label, Task, get_task
 from betterbench.tasks.thresholds import threshold
@@ -265,7 +265,7 @@ class PowerMatrix:
 
     def to_text(self) -> str:
         """Return the JSON document, one cell a line, so that two matrices can be compared line by line."""
-        form = self.to_json()
+        form = sealed_form({"version": 2, **self.to_json()})
         rows = [
             f"  {json.dumps(name)}: {{\n"
             + ",\n".join(f"   {json.dumps(key)}: {json.dumps(cell)}" for key, cell in row.items())
@@ -282,7 +282,9 @@ class PowerMatrix:
         Raises:
             RecordError: If a field is missing or malformed.
         """
-        file = read_form(_FILE, raw, where=where, cure="Measure it with better calibrate --power", raises=RecordError)
+        cure = "Measure it with better calibrate --power"
+        form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
+        file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
         cells = {name: {_key(k, where): cell for k, cell in row.items()} for name, row in file.cells.items()}
         return cls(cells, {_key(k, where): chance for k, chance in file.chances.items()}, file.versions)
 

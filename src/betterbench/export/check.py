@@ -14,14 +14,14 @@ from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.comparing import CURE, ReadPictures, intact, require_match
 from betterbench.export.expected import ExpectedDataset
 from betterbench.export.frames import frame_numbers, shown_images
-from betterbench.export.job import SOURCE_FILE, origin_of, pairs_of
+from betterbench.export.job import SOURCE_FILE, origin_of, pairs_of, stored_source
 from betterbench.export.layout import DatasetLayout, layout_of
 from betterbench.export.lerobot_check import LeRobotCheck, lerobot_check
 from betterbench.export.part import ImageForm
 from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import read_origin
 from betterbench.export.robomimic_check import RobomimicCheck
-from betterbench.json_form import parse_json
+from betterbench.json_form import SEAL, parse_json
 from betterbench.recording import Record, RunFolder
 from betterbench.tasks import TrialId
 
@@ -144,8 +144,14 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
         identity=source.get("identity"),
         left_out=source.get("left_out"),
     )
-    stated = {name: source[name] for name in ("package_version", "evaluate", "files") if name in source}
+    stated = {
+        name: source[name]
+        for name in ("package_version", "evaluate", "version", "files", "sha256", SEAL)
+        if name in source
+    }
     require_match(dict(source), wanted | stated, _source_name(path))
+    if path.is_dir():
+        stored_source(path)  # which compares the seal, of what is only stated too
 
 
 def _source(path: Path) -> dict[str, Any]:

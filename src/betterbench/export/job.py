@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,20 +26,23 @@ from betterbench.export.lerobot_v21 import write_v21
 from betterbench.export.part import ImageForm, read_index, write_part
 from betterbench.export.pictures import Pictures
 from betterbench.export.questions import question_set, questions_of
-from betterbench.export.robomimic import require_h5py, write_robomimic
+from betterbench.export.robomimic import require_h5py, require_same_content, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
-from betterbench.json_form import parse_json
+from betterbench.json_form import open_seal, sealed_form
 from betterbench.policies.presets import NATIVE
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.parquet import file_digest
 from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
+
+logger = logging.getLogger(__name__)
 
 EXPORT_VERSION = 1
 """Version of what an export holds; it moves when the same records give other frames."""
@@ -196,25 +200,29 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
 def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality: str) -> Exported:
     """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
     told: Exported | None = None
-    there, sizes = None, dict[str, int]()
+    there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
         source = _stored_source(plan.to, out)
         told = _told(plan, out, 0, quality)
-        there, sizes = source["identity"], dict(source.get("files", {}))
+        there, digests = source["identity"], dict(source.get("sha256", {}))
     if told is None or there != identity:
         what = "another data set" if there else "something else"
         raise RunConflictError(f"{out}: there is {what} already. Choose another place with --out, or move it away.")
-    lost = next((name for name, size in sizes.items() if _size(out / name) != size), None)
+    again = "Move the data set away and run the command again"
+    if plan.to == "robomimic":
+        require_same_content(out, cure=again)
+    elif not digests:
+        logger.warning("%s: an earlier version wrote it without digests, so a change in it would not be seen", out)
+    lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
-        problem = "is missing, or not as long as it was written"
-        raise RunConflictError(f"{out / lost}: {problem}. Move the data set away and run the command again.")
+        raise RunConflictError(f"{out / lost}: is missing, or has other bytes than when it was written. {again}.")
     shutil.rmtree(staging, ignore_errors=True)
     return told
 
 
-def _size(file: Path) -> int | None:
-    """Return the length of a file in bytes; None if there is none."""
-    return file.stat().st_size if file.is_file() else None
+def _digest(file: Path) -> str | None:
+    """Return the SHA-256 of a file; None if there is none."""
+    return file_digest(file) if file.is_file() else None
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
@@ -223,8 +231,14 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
         from betterbench.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
         return read_origin(out)
-    form: dict[str, Any] = parse_json((out / SOURCE_FILE).read_bytes())
-    return form
+    return stored_source(out)
+
+
+def stored_source(folder: Path) -> dict[str, Any]:
+    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
+    file = folder / SOURCE_FILE
+    cure = "Move the data set away and export it again"
+    return open_seal(file.read_bytes(), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: Told | None) -> int:
@@ -286,8 +300,13 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         return
     stats = (write_v30 if plan.to == "lerobot" else write_v21)(whole, dataset)
     write_durably(whole / "README.md", card(dataset, stats).encode())
-    files = {str(p.relative_to(whole)): p.stat().st_size for p in sorted(whole.rglob("*")) if p.is_file()}
-    write_durably(whole / SOURCE_FILE, json_bytes({**dataset.source, "files": files}))
+    written = {str(p.relative_to(whole)): p for p in sorted(whole.rglob("*")) if p.is_file()}
+    files = {name: p.stat().st_size for name, p in written.items()}
+    digests = {name: file_digest(p) for name, p in written.items()}
+    write_durably(
+        whole / SOURCE_FILE,
+        json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
+    )
     whole.replace(out)
 
 

@@ -5,6 +5,7 @@ Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomim
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -15,13 +16,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from betterbench.errors import RunConflictError
 from betterbench.export.episodes import Dataset, DatasetEpisode, starts
 from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
 from betterbench.export.part import Part
 from betterbench.installation import missing_extra
-from betterbench.json_form import parse_json
+from betterbench.json_form import parse_json, say_unsealed
 
 GYM_TYPE = 2
 """robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
@@ -30,6 +32,8 @@ _GZIP = 1
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
+_DIGEST = "better_sha256"
+"""Name of the attribute with the digest of everything else in the file."""
 _SOURCE = "better"
 """Name of the text beside ``data`` that tells the origin; an attribute holds no more than 64 kB."""
 
@@ -54,9 +58,44 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
         mask = file.create_group("mask")
         for name, demos in masks(dataset).items():
             mask[name] = np.array(demos, dtype="S")
+        file.attrs[_DIGEST] = _content_digest(file)
     with path.open("rb") as written:
         os.fsync(written.fileno())
     return totals.stats()
+
+
+def require_same_content(path: Path, *, cure: str) -> None:
+    """Raise RunConflictError if a file holds something else than when it was written; one without a digest is told."""
+    try:
+        with open_hdf5(path, "r") as file:
+            told = file.attrs.get(_DIGEST)
+            same = told is None or told == _content_digest(file)
+    except Exception as error:  # what native code raises about a damaged file
+        raise RunConflictError(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
+    if not same:
+        raise RunConflictError(f"{path}: holds something else than when it was written. {cure}.")
+    if told is None:
+        say_unsealed(str(path))
+
+
+def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
+    """Return the SHA-256 over names, attributes, types, shapes and values of everything in a file."""
+    whole = hashlib.sha256()
+
+    def take(name: str, item: Any) -> None:  # noqa: ANN401 - of h5py
+        told = {key: np.asarray(value).tolist() for key, value in sorted(item.attrs.items()) if key != _DIGEST}
+        whole.update(json.dumps([name, told], default=str).encode())
+        if hasattr(item, "dtype"):
+            value = item[()]
+            values = np.asarray(value)
+            whole.update(f"{item.dtype} {item.shape}".encode())
+            whole.update(value if isinstance(value, bytes) else np.ascontiguousarray(values).tobytes())
+
+    names: list[str] = []
+    file.visit(names.append)
+    for name in sorted(names):
+        take(name, file[name])
+    return whole.hexdigest()
 
 
 def demo_name(number: int) -> str:

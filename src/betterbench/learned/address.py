@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PREFIX = "learned:"
 _OPTIONS = ("execute",)
-_FILE_NAME = "checkpoint.safetensors"
+FILE_NAME = "checkpoint.safetensors"
 _MOST_HEADER = 1 << 24
 
 
@@ -37,7 +37,7 @@ def is_seeing(address: str) -> bool:
     """
     if not is_learned(address):
         return False
-    path = _path(address)
+    path = checkpoint_of(address)
     try:
         found = path.stat()
     except OSError:
@@ -97,7 +97,7 @@ class _Address:
         for name in options:
             if name not in _OPTIONS:
                 raise UnknownNameError("option of learned", name, _OPTIONS)
-        return cls(address, _path(address), options.get("execute"))
+        return cls(address, checkpoint_of(address), options.get("execute"))
 
     def executed(self, learner: Learner) -> int:
         """Return how many actions of a chunk are executed; InvalidInputError if the chunk has no such number."""
@@ -110,14 +110,14 @@ class _Address:
         return int(self.execute)
 
 
-def _path(address: str) -> Path:
+def checkpoint_of(address: str) -> Path:
     """Return the file that an address names, or the one in the folder that it names."""
     path = Path(address.removeprefix(PREFIX).partition("?")[0])
     try:
         path = path.expanduser()
     except RuntimeError as error:
         raise InvalidInputError(f"policy {address}", "there is no such home folder", "Write its path") from error
-    return path / _FILE_NAME if path.is_dir() else path
+    return path / FILE_NAME if path.is_dir() else path
 
 
 @functools.lru_cache(maxsize=64)

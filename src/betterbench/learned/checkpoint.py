@@ -1,4 +1,4 @@
-"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of the tensors in the header."""
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of it all in the header."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_bounded, read_form
+from betterbench.json_form import parse_json, read_bounded, read_form, say_unsealed, seal_of
 from betterbench.learned.network import LearnerNetwork
 from betterbench.learned.networks import new_network
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
@@ -68,24 +68,32 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str,
     """
     held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
     # One entry: the order of several would differ from process to process.
-    text = json.dumps({**about, "sha256": _digest(held)}, sort_keys=True)
+    text = json.dumps({**about, "sha256": _seal(about, _digest(held))}, sort_keys=True)
     with on_disk(path):
         write_durably(path, safetensors.torch.save(held, metadata={_KEY: text}))
 
 
 def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors of a file and what is said about them; InvalidInputError if a byte of it is not right."""
+    """Return the tensors of a file and what is said about them; InvalidInputError if a byte of it is not right.
+
+    Files of earlier versions have a digest of the tensors alone; that is said once.
+    """
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
     try:
         tensors = safetensors.torch.load(data)
         length = int.from_bytes(data[:8], "little")
-        about = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
+        about = parse_json(parse_json(data[8 : 8 + length], unique=True)["__metadata__"][_KEY], unique=True)
         told = about.pop("sha256")
-    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        weights = _digest(tensors)
+        expected = _seal(about, weights)
+    except (SafetensorError, InvalidInputError, ValueError, KeyError, TypeError, AttributeError) as error:
         problem = f"is no checkpoint of betterbench, or is damaged ({type(error).__name__})"
         raise InvalidInputError(str(path), problem, cure) from error
-    if _digest(tensors) != told:
-        raise InvalidInputError(str(path), "is damaged: its weights are not those that were written", cure)
+    if told == weights:
+        say_unsealed(str(path))
+    elif told != expected:
+        problem = "is damaged: its weights, or what it says about itself, are not those that were written"
+        raise InvalidInputError(str(path), problem, cure)
     return tensors, about
 
 
@@ -168,6 +176,11 @@ def require_code(about: Mapping[str, Any], where: str) -> None:
         problem = f"its family {family!r} was defined by {code or 'no file that was named'}, and here by {here}"
         cure = f"Pass the file that it was trained with; better train keeps a copy in {COPIES} beside the checkpoint"
         raise InvalidInputError(where, problem, cure)
+
+
+def _seal(about: Mapping[str, Any], weights: str) -> str:
+    """Return the digest that a file carries, from what it says about itself and the digest of its tensors."""
+    return seal_of({"about": seal_of(about), "tensors": weights})
 
 
 def _digest(tensors: Mapping[str, Tensor]) -> str:

@@ -16,12 +16,13 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording import RunFolder, first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX
 from betterbench.recording.metadata import dump_json
-from betterbench.recording.modalities.header import FORMAT_VERSION
 from betterbench.recording.modalities.labels import semantic_ids
 from betterbench.recording.modalities.spec import MODALITIES, Modality, ViewSpec, require_views
 from betterbench.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
+SETTINGS_VERSION: Literal[1] = 1
+"""Version of the settings of a folder."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -40,7 +41,7 @@ class Wanted:
     modalities: tuple[Modality, ...] = MODALITIES
     quality: str | None = None
     renderer: Mapping[str, str] | None = None
-    format_version: Literal[1] = FORMAT_VERSION
+    format_version: Literal[1] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""

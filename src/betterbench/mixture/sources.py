@@ -7,6 +7,7 @@ episodes for validation are not drawn. An item of a set of questions is a line.
 from __future__ import annotations
 
 import bisect
+import hashlib
 import itertools
 import json
 import re
@@ -20,7 +21,7 @@ import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_bounded, read_form, read_object, strict_form
+from betterbench.json_form import open_seal, read_bounded, read_form, read_object, strict_form
 from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30
@@ -133,23 +134,26 @@ def open_source(path: Path) -> ItemSource:
     if (path / "meta/info.json").is_file():
         return _lerobot(path)
     if (path / "questions.jsonl").is_file():
-        _require_for_training(path)
-        return _questions(path / "questions.jsonl")
+        return _questions(path / "questions.jsonl", _require_for_training(path))
     if path.suffix == ".jsonl" and path.is_file():
-        if (path.parent / "summary.json").is_file() and path.name == "questions.jsonl":
-            _require_for_training(path.parent)
-        return _questions(path)
+        of_set = (path.parent / "summary.json").is_file() and path.name == "questions.jsonl"
+        return _questions(path, _require_for_training(path.parent) if of_set else None)
     problem = "is no LeRobot data set, set of better vqa or .jsonl file" if path.exists() else "does not exist"
     raise InvalidInputError(str(path), problem, "Name what better export or better vqa wrote, or JSON lines")
 
 
-def _require_for_training(folder: Path) -> None:
-    summary = _json(folder / "summary.json")
+def _require_for_training(folder: Path) -> str | None:
+    """Return the SHA-256 of the questions of a set, if it says so; InvalidInputError if they are not for training."""
+    file, cure = folder / "summary.json", "Make the set again in a new folder"
+    raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=cure)
+    summary = open_seal(raw, where=str(file), cure=cure, since=("schema_version", 2))
     if summary.get("purpose") != "training":
         problem = f"its questions are for {summary.get('purpose', 'an unknown purpose')}"
         raise InvalidInputError(
             str(folder), problem, "Make the set from demonstrations: better vqa RUN of better collect"
         )
+    told = summary.get("sha256")
+    return told if isinstance(told, str) else None
 
 
 def _json(path: Path) -> dict[str, Any]:
@@ -212,15 +216,20 @@ def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
     return [length for _, length in rows]
 
 
-def _questions(path: Path) -> QuestionSource:
+def _questions(path: Path, sha256: str | None) -> QuestionSource:
+    """Return the lines of a file, which must have a hash if that is known."""
     if path.stat().st_size > _MAX_QUESTION_BYTES:
         raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
-    places, at = [], 0
+    places, at, whole = [], 0, hashlib.sha256()
     with path.open("rb") as file:
         for line in file:
             if line.strip():
                 places.append((at, len(line)))
             at += len(line)
+            whole.update(line)
+    if sha256 not in (None, whole.hexdigest()):
+        problem = "has other bytes than when the set was made"
+        raise InvalidInputError(str(path), problem, "Make the set again in a new folder")
     if not places:
         raise InvalidInputError(str(path), "it has no line", "Name a file with questions")
     return QuestionSource(path, tuple(places))

@@ -23,6 +23,8 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.callers import LOOPBACK_NAMES, is_own_host
+from betterbench.policies.frame_budget import FrameBudget
 from betterbench.policies.listener import listen
 from betterbench.policies.websocket import quiet_logger
 from betterbench.policies.wire import decode_openpi, encode_openpi
@@ -46,6 +48,7 @@ _FULL_CODE = 1013
 _CLOSE_TIMEOUT_S = 2.0
 _GREETED_AT_ONCE = 32
 _QUEUED = 2
+_ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
@@ -74,22 +77,23 @@ class PolicyServer:
         api_key: str | None = None,
         clients: int | None = MAX_CLIENTS,
         on_stop: Callable[[], None] | None = None,
+        budget: FrameBudget | None = None,
     ) -> None:
         """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
 
         A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
-        None without a limit. ``on_stop`` is called once when all connections have ended. Raises InvalidInputError if it
-        cannot listen there.
+        None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all
+        clients have sent and got no answer to. Raises InvalidInputError if it cannot listen there.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
-        self._clients = clients
+        self._clients, self._budget = clients, budget or FrameBudget()
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: dict[ServerConnection, threading.Thread] = {}
         self._thread: threading.Thread | None = None
         self._server: Server = serve(
             self._converse,
-            sock=listen(host, port, most=None if clients is None else clients + _GREETED_AT_ONCE),
+            sock=listen(host, port, most=None if clients is None else clients + _GREETED_AT_ONCE, budget=self._budget),
             compression=None,
             max_size=MAX_REQUEST_BYTES,
             max_queue=_QUEUED,
@@ -126,6 +130,7 @@ class PolicyServer:
     def stop(self) -> None:
         """Take no more connections, close those that are open, and wait until their threads have ended."""
         thread, self._thread = self._thread, None
+        self._budget.stop()
         if thread is None:
             self._server.socket.close()
             return
@@ -158,15 +163,25 @@ class PolicyServer:
         # A browser lets any page that its user visits open a websocket to this machine, and says which page it was.
         if not set(request.headers.get_all("Origin")) <= self._own_origins:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
+        if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is for clients of its own machine.\n")
         if self._api_key is not None:
             shown = request.headers.get("Authorization", "")
             if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
                 return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server wants an Api-Key.\n")
-        if self._full():
+        if self._full() and not self._room_made():
             return connection.respond(
                 http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has as many clients as it may.\n"
             )
         return None
+
+    def _room_made(self) -> bool:
+        """Drop clients that are stuck within a message, and tell whether that has made room soon."""
+        self._budget.cut_stuck()
+        end = time.monotonic() + _ROOM_S
+        while self._full() and time.monotonic() < end and self._budget.is_dropping:
+            time.sleep(_PAUSE_S)
+        return not self._full()
 
     def _full(self, more: int = 1) -> bool:
         """Tell whether so many more clients would be too many."""
@@ -195,6 +210,7 @@ class PolicyServer:
                 connection.send(encode_openpi(reply))
                 timing = {"prev_total_ms": 1000.0 * (time.perf_counter() - began)}
                 answered += 1
+                connection.socket.answered()  # type: ignore[attr-defined] # of the listener
         except ConnectionClosed:
             pass
         except BaseException as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other

@@ -13,10 +13,11 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError, require_between
 from betterbench.export.card import STILL
-from betterbench.json_form import read_object
+from betterbench.json_form import open_seal, read_bounded, read_object
 from betterbench.recipes.recipe import Recipe, Setting
 
 SOURCE_FILE = Path("meta/betterbench.json")
+_CURE = "Name a folder that better export wrote, or one that is not here yet"
 _MAX_META_BYTES = 1 << 30
 
 
@@ -137,7 +138,10 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
     if benchmark != "better" or not folder.exists():
         return TrainingData(place, preset if benchmark == "better" else "")
-    source, info = _json(folder / SOURCE_FILE), _json(folder / "meta/info.json")
+    file = folder / SOURCE_FILE
+    raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=_CURE)
+    source = open_seal(raw, where=str(file), cure=_CURE, since=("version", 2))
+    info = _json(folder / "meta/info.json")
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
     cure = f"Make it with better export RUN --to {to} --preset {preset} --out {place}"
     try:
@@ -162,8 +166,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
 
 
 def _json(path: Path) -> dict[str, Any]:
-    cure = "Name a folder that better export wrote, or one that is not here yet"
-    return read_object(path, max_bytes=_MAX_META_BYTES, cure=cure)
+    return read_object(path, max_bytes=_MAX_META_BYTES, cure=_CURE)
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:

@@ -6,7 +6,6 @@ a line that is changed, left out or moved is noticed. Journals of older versions
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,8 +15,7 @@ from pydantic import BaseModel, Field, TypeAdapter
 
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.json_form import read_form
-from betterbench.recording.line_journal import LineJournal, complete_lines
-from betterbench.recording.metadata import dump_json
+from betterbench.recording.line_journal import LineJournal, complete_lines, link_after, not_following
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
@@ -128,7 +126,7 @@ class Journal(LineJournal):
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
         read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
-        link = _link(self._link, form)
+        link = link_after(self._link, form)
         self._append_line({**form, "link": link})
         self._entries[entry.key], self._link = entry, link
 
@@ -142,11 +140,6 @@ def read_journal(path: Path) -> tuple[JournalEntry, ...]:
     return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
 
 
-def _link(before: str, form: Mapping[str, object]) -> str:
-    """Return the link of a line from the link before it and its other fields."""
-    return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
-
-
 def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, JournalEntry], str]:
     """Return the last entry of every trial, and the link of the last line."""
     entries: dict[TrialId, JournalEntry] = {}
@@ -158,12 +151,9 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
         fields = form.model_dump()
         told = fields.pop("link")
         if told is not None or link:
-            link = _link(link, fields)
+            link = link_after(link, fields)
             if told != link:
-                raise RecordError(
-                    f"{where} does not follow from the lines before it: one was changed, left out or moved. "
-                    f"{_LINE_CURE}."
-                )
+                raise not_following(where, _LINE_CURE)
         entry = JournalEntry(**fields)
         if entry.status == "error":
             done.pop(entry.key, None)  # its record was not there any more

@@ -1,21 +1,30 @@
-"""An append-only file of JSON lines that survives a killed process and a full disk."""
+"""An append-only file of JSON lines that survives a killed process and a full disk.
+
+Each line holds a link, the SHA-256 of the link before it and of the line itself, so that a line that is changed, left
+out or moved is noticed. A last line without its end is a lost tail: it does not count, and that is said.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from betterbench.errors import RecordError
-from betterbench.json_form import read_bounded
+from betterbench.json_form import form_errors, parse_json, read_bounded, say_unsealed
 from betterbench.recording.durable import sync_folder, write_durably
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import dump_json
 
 MAX_BYTES = 1 << 30
 """Largest journal that is read; a line takes some 600 bytes."""
+
+LINK = "link"
+"""Key of a line's link."""
 
 logger = logging.getLogger(__name__)
 
@@ -116,8 +125,55 @@ class LineJournal:
         self.close()
 
 
+def link_after(before: str, form: Mapping[str, object]) -> str:
+    """Return the link of a line from the link before it, "" for the first line, and its other fields."""
+    return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
+
+
+def not_following(where: str, cure: str) -> RecordError:
+    """Return the error of a line whose link does not fit."""
+    return RecordError(f"{where} does not follow from the lines before it: one was changed, left out or moved. {cure}.")
+
+
+def linked_forms(
+    path: Path, lines: Iterable[bytes], *, cure: str, first: int = 1, before: str = "", needed: bool = True
+) -> Iterator[tuple[dict[str, Any], str]]:
+    """Yield the JSON object of each line without its link, and the link, after comparing it.
+
+    Args:
+        path: File for the error.
+        lines: Its lines, or those after some that were read before.
+        cure: What to do about a line that was changed.
+        first: Number of the first of them.
+        before: Link of the line before.
+        needed: False for a file that earlier versions may have begun, whose first lines have no links. It is said.
+
+    Raises:
+        RecordError: If a line is no JSON object, or does not follow from the lines before it.
+    """
+    linked = needed
+    for number, line in enumerate(lines, start=first):
+        where = f"{path}: line {number}"
+        with form_errors(f"{where} is corrupt", cure, RecordError):
+            form = parse_json(line, unique=True)
+            if not isinstance(form, dict):
+                raise RecordError(f"{where} is corrupt: it is not a JSON object. {cure}.")
+            told = form.pop(LINK, None)
+            if told is None and not linked:
+                say_unsealed(str(path))
+                yield form, ""
+                continue
+            linked, before = True, link_after(before, form)
+        if told != before:
+            raise not_following(where, cure)
+        yield form, before
+
+
 def complete_lines(path: Path) -> tuple[list[bytes], int]:
-    """Return the complete lines of a file, a missing one being empty, and how many bytes they take."""
+    """Return the complete lines of a file, a missing one being empty, and how many bytes they take.
+
+    What follows the last line break is left out: it is the tail of a line that was lost, or is being written.
+    """
     try:
         data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
     except RecordError as error:
@@ -126,3 +182,14 @@ def complete_lines(path: Path) -> tuple[list[bytes], int]:
         raise
     length = data.rfind(b"\n") + 1
     return data[:length].split(b"\n")[:-1], length
+
+
+def say_lost_tail(path: Path) -> None:
+    """Say that the last line of a file has lost its end and does not count, unless a process is writing to it now."""
+    if is_locked(path.parent / LOCK_NAME):
+        return
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        lost = size > 0 and (file.seek(size - 1), file.read(1))[1] != b"\n"
+    if lost:
+        logger.warning("%s: its last line has lost its end, so it does not count", path)

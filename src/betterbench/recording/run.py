@@ -10,7 +10,7 @@ import os
 import re
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from betterbench.errors import InvalidInputError, RecordError, RunConflictError,
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.recording.durable import PART_SUFFIX, remove_parts, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
-from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.line_journal import LOCK_NAME, say_lost_tail
 from betterbench.recording.lock import RunLock, is_locked
 from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
 from betterbench.recording.parquet import AGAIN, RecordBrief, file_digest, read_brief, read_record, write_record
@@ -205,6 +205,7 @@ class RunFolder:
         """
         entries = tuple(_known_entries(self.journal_path).values())
         self._check_entries(entries)
+        self._say_unlisted(entries)
         return entries
 
     def entry(self, trial: TrialId) -> JournalEntry | None:
@@ -214,6 +215,23 @@ class RunFolder:
     def record_digest(self, entry: JournalEntry) -> str:
         """Return the SHA-256 of the record of a trial that is done, which journals of older versions do not hold."""
         return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
+
+    def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
+        """Say once that there are records that the journal does not list; the process that writes them is not one."""
+        told = (self.path, len(entries))
+        if told in _TOLD or self.is_running:
+            return
+        _TOLD.add(told)
+        listed = {TrialId(e.task, e.variation or e.condition, e.seed) for e in entries}
+        unlisted = [t for t in self._planned or () if t not in listed and self.record_path(*astuple(t)).exists()]
+        if unlisted:
+            logger.warning(
+                "%s: does not list %d records that are there, of %s and others: it was cut short, or the run was "
+                "killed. They do not count; the command that made the run runs their trials again",
+                self.journal_path,
+                len(unlisted),
+                one_line(unlisted[0]),
+            )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
         """Refuse a journal that lists what the plan does not."""
@@ -348,10 +366,15 @@ class RunFolder:
         return path
 
 
+_TOLD: set[tuple[Path, int]] = set()
+"""Runs with the number of trials that they listed when their unlisted records were looked for."""
+
+
 @lru_cache(maxsize=8)
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
     """Return the entries of a journal by trial; size and time of the last change tell whether it is still the same."""
     del size, changed_ns
+    say_lost_tail(path)
     return {entry.key: entry for entry in read_journal(path)}
 
 

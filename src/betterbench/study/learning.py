@@ -13,9 +13,10 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from betterbench.errors import BetterError, TrainingError, described
+from betterbench.errors import BetterError, RecordError, TrainingError, described
 from betterbench.evaluation.workers.pool import interrupts_blocked
-from betterbench.learned.address import PREFIX
+from betterbench.learned.address import FILE_NAME as CHECKPOINT
+from betterbench.learned.address import PREFIX, checkpoint_of
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.policies.policy_process import exit_text
 from betterbench.recording.parquet import file_digest
@@ -35,7 +36,7 @@ class TrainedPolicy:
 
     Attributes:
         address: Address of the policy.
-        digest: Hash of what it is.
+        digest: SHA-256 of its checkpoint.
         observation: Observation preset under which it is evaluated.
         quality: Render preset under which it is evaluated.
     """
@@ -44,6 +45,10 @@ class TrainedPolicy:
     digest: str
     observation: str = "state_only"
     quality: str = "fast"
+
+    def require(self) -> None:
+        """Raise RecordError if its checkpoint is not the one that was trained."""
+        require_weights(checkpoint_of(self.address), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
@@ -55,10 +60,16 @@ class TrainedPolicy:
 
 @dataclass(frozen=True, slots=True)
 class TrainingJob:
-    """A learner to be trained, and the folder in which that is done."""
+    """A learner to be trained.
+
+    Attributes:
+        out: Folder in which that is done.
+        begins_with: SHA-256 of the checkpoint that the recipe names as its start; "" if nobody knows.
+    """
 
     recipe: TrainingRecipe
     out: Path
+    begins_with: str = ""
 
 
 @dataclass(slots=True)
@@ -177,8 +188,21 @@ def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
     )
 
 
+def require_weights(place: Path, digest: str) -> None:
+    """Raise RecordError if a checkpoint, or the one in a folder, is not the one that a stage of the study has left."""
+    path = place / CHECKPOINT if place.is_dir() else place
+    there = file_digest(path) if path.is_file() else None
+    if there != digest:
+        problem = "is missing" if there is None else "holds other weights than those that this study has trained"
+        raise RecordError(
+            f"{path}: {problem}. Put the checkpoint back, or run a new study into another folder; nothing was deleted."
+        )
+
+
 def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
     """Train a learner in this process; the errors are those of the training loop."""
+    if job.begins_with and job.recipe.start is not None:
+        require_weights(Path(job.recipe.start), job.begins_with)
     from betterbench.training.data import read_training_set  # noqa: PLC0415 - needs torch
     from betterbench.training.loop import train  # noqa: PLC0415
 

@@ -1,7 +1,8 @@
 """The stages of a study, one after the other: sets, learners, runs. What is done is never done again.
 
-``OUT/stages/NAME.json`` says that a stage is complete, what went into it and what came out. A stage that was
-interrupted is resumed by the package whose work it is, to the same bytes.
+``OUT/stages/NAME.json`` says that a stage is complete, what went into it and what came out, under a seal. A stage that
+was interrupted is resumed by the package whose work it is, to the same bytes. What a stage made is compared with what
+its file says before the next one uses it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
@@ -24,7 +25,7 @@ from betterbench.datasets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
 from betterbench.interventions.regimes import Regime, conditions_of
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import open_seal, read_bounded, read_form, sealed_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
@@ -42,7 +43,7 @@ STAGES = "stages"
 _MAX_BYTES = 64 << 20
 _HERE = "{study}"
 """Stands for the folder of the study, which may be moved."""
-_CURE = "Delete the file, and the stage is looked at again"
+_CURE = "Move the file elsewhere, and the stage is looked at again; what it made stays"
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +95,7 @@ class _Done:
     inputs: str
     output: dict[str, Any]
     seconds: float
+    version: Literal[2] = 2
 
 
 _DONE = TypeAdapter(_Done)
@@ -165,6 +167,7 @@ class _Study:
         self._number = 0
         self._seconds: dict[str, float] = {}
         self._digests: dict[PlannedLearner, str] = {}
+        self._hashes: dict[str, str] = {}
 
     def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
         """Yield name and recipe of each set that some learner needs; the same one serves several."""
@@ -195,6 +198,7 @@ class _Study:
         """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
         self._require_questions()
         hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
+        self._hashes = hashes
         for recipe in self._asked_elsewhere():
             self._workshop.require_questions(recipe)
         asked = {name: self._ask(name, *about, hashes) for name, about in self._questions.items()}
@@ -276,12 +280,16 @@ class _Study:
             form["co_training"]["sets"], inputs["questions"] = asked, [hashes[name] for name in asked]
         elif recipe.co_training is not None:
             inputs["questions"] = [read_set(Path(place)).sha256 for place in recipe.co_training.sets]
-        return _Learning(learner, TrainingJob(recipe, self._out / "learners" / learner.name), _hash_of(inputs))
+        begins_with = "" if start is None else self._digests[start]
+        job = TrainingJob(recipe, self._out / "learners" / learner.name, begins_with)
+        return _Learning(learner, job, _hash_of(inputs))
 
     def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
         """Train those of a group that are not trained yet, and return the policies of all."""
         self._number += len(group)
         due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
+        for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):
+            self._workshop.require_set(self._out / "sets" / name, self._hashes[name])
         if due:
             began = time.perf_counter()
             names = ", ".join(one.learner.name for one in due)
@@ -345,7 +353,7 @@ class _Study:
     def _keep(self, kind: str, name: str, done: _Done) -> None:
         path = self._marker(kind, name)
         with on_disk(path):
-            write_durably(path, (json.dumps(asdict(done), indent=1) + "\n").encode())
+            write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
 
     def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
         """Return what a complete stage gave, and count its time."""
@@ -372,6 +380,8 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def _read(path: Path) -> _Done:
+def _read(path: Path) -> _Done | None:
+    """Return what the file of a stage says; None for one of an earlier version, whose stage is looked at again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
-    return read_form(_DONE, data, where=str(path), cure=_CURE, raises=RecordError)
+    form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
+    return None if "version" not in form else read_form(_DONE, form, where=str(path), cure=_CURE, raises=RecordError)

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import SEAL, open_seal, read_form, seal_of, strict_form
 from betterbench.tasks.randomness import SUITE_VERSION, stream
 from betterbench.tasks.task import Task
 from betterbench.tasks.user_files import companion_of, options_for
@@ -154,12 +154,18 @@ class DemonstrationsFile:
     def to_text(self) -> str:
         """Return the JSON text, with one line per place and per pair of object and target."""
         tasks = [f" {json.dumps(name)}: {_task_text(self.tasks[name])}" for name in sorted(self.tasks)]
-        return f'{{"form": {json.dumps(self.form)},\n "tasks": {{\n' + ",\n".join(tasks) + "\n}}\n"
+        seal = seal_of(json.loads(json.dumps({"form": self.form, "version": 2, **_tasks_form(self.tasks)})))
+        head = f'{{"form": {json.dumps(self.form)}, "version": 2, "{SEAL}": "{seal}",\n "tasks": {{\n'
+        return head + ",\n".join(tasks) + "\n}}\n"
 
 
 _FILE = TypeAdapter(DemonstrationsFile)
 _NONE = DemonstrationsFile({})
 _PACKAGED_NAME = "packaged demonstrations"
+
+
+def _tasks_form(tasks: Mapping[str, Demonstrated]) -> dict[str, Any]:
+    return {"tasks": {name: asdict(task) for name, task in tasks.items()}}
 
 
 def _task_text(task: Demonstrated) -> str:
@@ -242,7 +248,10 @@ def cure_for(task: str) -> str:
 @functools.lru_cache(maxsize=8)
 def read_demonstrations(text: str, where: str) -> DemonstrationsFile:
     """Read a file of measured demonstrations; raise InvalidInputError if it is none."""
-    return read_form(_FILE, text, where=where, cure="Measure again with better certify --demonstrations")
+    cure = "Measure again with better certify --demonstrations"
+    form = open_seal(text, where=where, cure=cure, since=("version", 2))
+    form.pop("version", None)
+    return read_form(_FILE, form, where=where, cure=cure)
 
 
 @functools.lru_cache(maxsize=1)

@@ -20,6 +20,8 @@ LONGEST_RATE_HZ = 10.0
 SIZE_PX = 256
 LATE_S = 1.0
 """Age of a wanted image from which it is called late [s]."""
+STOP_S = 0.5
+"""How long an image under way is waited for at the end [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,13 +67,18 @@ class CameraThread:
         late = time.monotonic() - since
         return late if late >= LATE_S else 0.0
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether it draws, or waits for something to draw."""
+        return self._thread.is_alive()
+
     def close(self) -> None:
-        """Stop drawing and free the renderer."""
+        """Stop drawing and free the renderer, unless the image under way takes longer than :data:`STOP_S`."""
         with self._wake:
             self._is_over = True
             self._wake.notify()
         if self._thread.is_alive():
-            self._thread.join(timeout=10.0)
+            self._thread.join(timeout=STOP_S)
 
     def _run(self) -> None:
         view: StoredView | None = None

@@ -29,6 +29,8 @@ MARK = "better-teleop:"
 """What the text begins with that the page sends."""
 DEAD_ZONE = 0.12
 """Deflection of an axis below which it counts as at rest."""
+MOST_TAPS = 32
+"""Presses that wait for a control step, at most; further ones come from no hand and are dropped."""
 NO_PUSH = (0.0,) * 6
 
 KEYS: dict[str, tuple[int, float]] = {
@@ -144,7 +146,7 @@ class Controls:
         with self._lock:
             if page is not None and page != self.driver:
                 return False
-            self._taps.append(tap)
+            self._taps = [*self._taps, tap][:MOST_TAPS]
             return True
 
     def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
@@ -177,7 +179,7 @@ class Controls:
             push = _push_of(form)
             if page != self.driver:
                 return not (made or any(push))
-            self._taps += made
+            self._taps = [*self._taps, *made][:MOST_TAPS]
             self._pushes["page"] = _Push(push, now_s)
             return True
 

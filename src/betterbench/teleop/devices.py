@@ -103,7 +103,7 @@ class DeviceThread:
     def close(self) -> None:
         """Stop reading."""
         self._is_over.set()
-        self._thread.join(timeout=1.0)
+        self._thread.join(timeout=0.3)
         with contextlib.suppress(OSError):
             os.close(self._file)
 

@@ -143,7 +143,7 @@ class LeaderThread:
     def close(self) -> None:
         """Stop reading and disconnect."""
         self._is_over.set()
-        self._thread.join(timeout=2.0)
+        self._thread.join(timeout=0.3)
         try:
             self._leader.disconnect()
         except Exception as problem:  # noqa: BLE001 - lerobot raises what it likes, and nothing is left to save

@@ -15,6 +15,7 @@ import json
 import logging
 import math
 import socket
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Pose
 from betterbench.installation import missing_extra
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
+from betterbench.teleop.gate import Gate
 from betterbench.teleop.steering import SLOWEST
 
 GIZMO = "/tool"
@@ -35,6 +37,8 @@ GIZMO_M = 0.20
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
 """Where the person stands at first, and looks [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
+STOP_S = 0.5
+"""How long the pages are waited for at the end [s]."""
 TOLD_EVERY_S = 3.0
 """Least time between two notices to a page that it does not drive [s]."""
 
@@ -114,12 +118,20 @@ class Page:
         self._controls, self._host = controls, host
         wanted = free_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
-        with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
+        self._gate = Gate(host)
+        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
             self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
         self.port = int(self._server.get_port())
+        if not self._gate.is_closed:
+            self._server.stop()
+            raise MissingDependencyError(
+                f"this version of viser ({viser.__version__}) starts its server in a way that better teleop does not "
+                "know, so that anybody could drive. Install the version of the extra 'teleop'"
+            )
         if self.port != wanted:  # somebody was faster, and viser took the next one
             self._server.stop()
             raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
+        self._stopping = threading.Thread(target=self._server.stop, name="teleop page", daemon=True)
         self._told: dict[int, float] = {}
         self._shown: PanelState | None = None
         self._bodies: dict[int, Any] = {}
@@ -134,9 +146,9 @@ class Page:
 
     @property
     def url(self) -> str:
-        """The address of the page."""
+        """The address of the page, with its token."""
         name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{name}:{self.port}"
+        return f"http://{name}:{self.port}/{self._gate.token}"
 
     @property
     def view_yaw(self) -> float:
@@ -155,9 +167,15 @@ class Page:
         return float(self._speed.value) / 100.0
 
     def close(self) -> None:
-        """Close all connections and stop listening."""
+        """Close all connections and stop listening; a page that does not answer is waited for for :data:`STOP_S`."""
         with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
-            self._server.stop()
+            self._stopping.start()
+            self._stopping.join(STOP_S)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it still waits for a page to close."""
+        return self._stopping.is_alive()
 
     def show_scene(self, files: Mapping[int, bytes]) -> None:
         """Show the bodies of another scene, given as GLB by number."""

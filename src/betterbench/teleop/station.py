@@ -11,7 +11,7 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -20,10 +20,10 @@ from betterbench.demonstrations.attempt import DemonstrationAttempt
 from betterbench.demonstrations.starts import Start
 from betterbench.errors import BetterError, StorageError
 from betterbench.geometry import Pose, distance, from_axis_angle, multiply, normalize, rotate
-from betterbench.scenes import Scene
 from betterbench.scenes.glb import body_files
 from betterbench.teleop.cameras import CameraThread
 from betterbench.teleop.controls import ControlInput, Controls, Tap
+from betterbench.teleop.loading import SessionLoader
 from betterbench.teleop.page import PanelState
 from betterbench.teleop.session import Command, TeleopSession
 from betterbench.teleop.store import DemonstrationStore, can_keep
@@ -69,6 +69,7 @@ class Station:
         *,
         name: str,
         cameras: CameraThread | None = None,
+        loads_apart: bool = False,
     ) -> None:
         """Set up the first start that is due.
 
@@ -78,7 +79,9 @@ class Station:
             display: Shows everything.
             name: Who demonstrates.
             cameras: Draws the live images.
+            loads_apart: Make scenes in a thread, so that the loop goes on and can be ended meanwhile.
         """
+        self._loader = SessionLoader(lambda start: TeleopSession(store.scene(start)), apart=loads_apart)
         self._store, self._controls, self._display, self._cameras = store, controls, display, cameras
         self._name = name
         self._said: deque[str] = deque(maxlen=SAID_LINES)
@@ -96,13 +99,23 @@ class Station:
         self._target: Pose | None = None
         self._closed, self._is_waiting = False, True
         self._still_for, self._undone = WAIT_STEPS, 0
-        self._began_s = 0.0
+        self._began_s, self._starts = 0.0, 0
         self._begin_next()
 
     @property
     def is_done(self) -> bool:
         """Whether every demonstration asked for is saved."""
-        return self.session is None
+        return self.start is None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a thread is making a scene."""
+        return self._loader.is_busy
+
+    @property
+    def is_loading(self) -> bool:
+        """Whether the scene of the start is being made."""
+        return self.session is None and self.start is not None
 
     def run(self, stopped: threading.Event) -> None:
         """Go on until the event is set; a step that comes late is not made up for."""
@@ -118,12 +131,22 @@ class Station:
         asked = self._controls.take(now_s)
         for problem in self._controls.take_problems():
             self._say(problem)
-        for tap in asked.taps:
-            self._do[tap]()
+        if self.is_loading:
+            self._receive()
+        else:
+            self._obey(asked.taps)
         session = self.session
         if session is not None:
             self._follow(session, asked)
         self._show(asked)
+
+    def _obey(self, taps: Sequence[Tap]) -> None:
+        """Do what was tapped, up to the tap that another start follows: the later ones were not meant for that."""
+        for tap in taps:
+            before = self._starts
+            self._do[tap]()
+            if self._starts != before:
+                return
 
     def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
         """Take a control step toward what is asked for, unless time stands still."""
@@ -228,12 +251,20 @@ class Station:
         self._closed, self._is_waiting = False, True
         self._still_for, self._undone = WAIT_STEPS, 0
         self._began_s = time.monotonic()
+        self._starts += 1
         if self.start is None:
             return
-        scene: Scene = self._store.scene(self.start)
-        self.session = TeleopSession(scene)
-        self._controls.hold_from(self.session.state.commanded_pose)
-        self._display.show_scene(body_files(scene.model))
+        self._loader.begin(self.start)
+        self._receive()
+
+    def _receive(self) -> None:
+        """Take over the session of the start if it is made; what was asked for meanwhile is forgotten."""
+        session = self._loader.take()
+        if session is None:
+            return
+        self.session, self._began_s = session, time.monotonic()
+        self._controls.hold_from(session.state.commanded_pose)
+        self._display.show_scene(body_files(session.scene.model))
 
     def _let_go(self, session: TeleopSession) -> None:
         """Ask for nothing, with the gripper as the state has it."""
@@ -249,7 +280,8 @@ class Station:
     def _show(self, asked: ControlInput) -> None:
         session = self.session
         if session is None:
-            self._display.show(_all_saved(self._store, tuple(self._said)))
+            shown = _all_saved if self.start is None else _loading
+            self._display.show(shown(self._store, tuple(self._said)))
             return
         positions, quaternions = session.scene.body_poses()
         gizmo = None if asked.is_dragging else (self._target or session.state.commanded_pose)
@@ -301,6 +333,13 @@ class Station:
         if not self._is_waiting:
             return f"recording{holds}", "go"
         return (f"waiting for you{holds}" if session.steps else "ready: drag the gizmo or press a key"), "wait"
+
+
+def _loading(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:
+    title = f"{store.saved} of {store.planned} saved"
+    return PanelState(
+        title, "The next start is being set up.", (), 0.0, "", "loading", "wait", "", said, "the start", False, False
+    )
 
 
 def _all_saved(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:

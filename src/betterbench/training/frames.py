@@ -19,7 +19,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.export.pictures import Pictures
 from betterbench.interface import observation_spec
-from betterbench.json_form import parse_json
+from betterbench.json_form import SEAL, parse_json, seal_of, sealed_form
 from betterbench.learned.eyes import looked_at
 from betterbench.learned.recipe import Eyes
 from betterbench.recording import Record, RunFolder, write_durably
@@ -150,7 +150,7 @@ def frames_bytes(frames: np.ndarray) -> bytes:
             at += len(block)
     payload = index.tobytes() + b"".join(blocks)
     told = {"version": FRAMES_VERSION, "shape": list(frames.shape), "sha256": hashlib.sha256(payload).hexdigest()}
-    header = dump_json(told)
+    header = dump_json(sealed_form(told))
     return len(header).to_bytes(8, "little") + header + payload
 
 
@@ -175,6 +175,8 @@ class _EpisodeFrames:
             if length > _MAX_HEADER:
                 return None
             header = parse_json(bytes(data[8 : 8 + length]))
+            if header[SEAL] != seal_of(header):
+                return None
             payload, shape = data[8 + length :], tuple(map(int, header["shape"]))
             if header["version"] != FRAMES_VERSION or hashlib.sha256(payload).hexdigest() != header["sha256"]:
                 return None

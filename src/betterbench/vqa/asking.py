@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import codecs
+import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
-from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.json_form import SEAL, open_form, read_bounded, read_form, seal_of
 from betterbench.llm import Chat, RefusedError, user_message
-from betterbench.recording.line_journal import MAX_BYTES, LineJournal
+from betterbench.recording.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.statistics import Rate
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
+
+logger = logging.getLogger(__name__)
 
 _LONGEST_NAME = 200
 MOST_AT_ONCE = 256
@@ -48,11 +51,13 @@ class ModelAnswer:
         id: Identifier of the question.
         text: What it said; empty if the request was refused.
         error: Why it said nothing, or None.
+        seal: Digest of its line; None in a file of somebody's own program, or of an earlier version.
     """
 
     id: str
     text: str
     error: str | None = None
+    seal: str | None = None
 
 
 @open_form
@@ -63,6 +68,7 @@ class AnswersHead:
     model: str
     set_sha256: str
     coordinates: Coordinates = "pixels"
+    seal: str | None = None
 
     def __post_init__(self) -> None:
         """Refuse a name that tables and sentences cannot show."""
@@ -72,15 +78,20 @@ class AnswersHead:
 
 
 _ANSWER, _HEAD = TypeAdapter(ModelAnswer), TypeAdapter(AnswersHead)
-_CURE = "Correct the line, or delete the file and ask again"
+_CURE = "Correct a file of your own, or ask again into another one with --answers"
 
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """The answers of a model to a set; a question without one counts as wrong."""
+    """The answers of a model to a set; a question without one counts as wrong.
+
+    Attributes:
+        changed: Number of the first line of their file whose seal does not fit; 0 if there is none.
+    """
 
     head: AnswersHead
     answers: dict[str, ModelAnswer]
+    changed: int = 0
 
     def has(self, question: Question) -> bool:
         """Tell whether the model was asked a question, even if it said nothing."""
@@ -116,27 +127,28 @@ class Score:
 
 
 class _AnswerFile(LineJournal):
-    """The file in which answers are kept as they come."""
+    """The file in which answers are kept as they come, each line with its seal."""
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
         super().__init__(path)
         if self.is_empty:
-            self._append_line(asdict(head))
+            self._append_line(_sealed(head, head))
 
     def _take_in(self, lines: list[bytes]) -> None:
         if lines:
             found = _parsed(lines, self._path)
-            if found.head != self.head:
+            if replace(found.head, seal=None) != self.head:
                 raise RunConflictError(
                     f"{self._path}: holds answers of {found.head.model!r} to another set, or with other coordinates. "
                     "Choose another file."
                 )
+            _require_unchanged(found, self._path)
             self.known = found.answers
 
     def append(self, answer: ModelAnswer) -> None:
         """Append an answer and force it to disk."""
-        self._append_line(asdict(answer))
+        self._append_line(_sealed(self.head, answer))
 
 
 def prompt_for(question: Question, coordinates: Coordinates = "pixels") -> str:
@@ -173,7 +185,7 @@ def ask_set(
             try:
                 for question in [*todo, *([None] * at_once)]:
                     if question is not None:
-                        waiting.append(pool.submit(_ask, chat, asked.path, question, coordinates))
+                        waiting.append(pool.submit(_ask, chat, asked, question, coordinates))
                     if waiting and (question is None or len(waiting) >= at_once):
                         answer = waiting.popleft().result()
                         kept.append(answer)
@@ -185,12 +197,8 @@ def ask_set(
     return Answers(head, answers)
 
 
-def _ask(chat: Chat, folder: Path, question: Question, coordinates: Coordinates) -> ModelAnswer:
-    file = folder / question.image
-    try:
-        image = file.read_bytes()
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror}). Make the set again in a new folder.") from error
+def _ask(chat: Chat, asked: QuestionSet, question: Question, coordinates: Coordinates) -> ModelAnswer:
+    image = asked.image(question.image)
     try:
         text = chat.complete([user_message(prompt_for(question, coordinates), image)])
     except RefusedError as error:
@@ -217,24 +225,46 @@ def read_answers(file: Path, asked: QuestionSet) -> Answers:
         problem = f"has {len(lines) - 1:,} answers to the {len(asked.questions):,} questions of {asked.path}"
         raise InvalidInputError(str(file), problem, "Name the answers to that set, one to a question")
     found = _parsed(lines, file)
+    if found.head.seal is not None:
+        say_lost_tail(file)
+        if (left := len(asked.questions) - len(found.answers)) > 0:
+            logger.warning("%s: %d questions of %s have no answer in it, and count as wrong", file, left, asked.path)
     if found.head.set_sha256 != asked.sha256:
         raise InvalidInputError(str(file), f"its answers are to another set than {asked.path}", "Name that set")
     unknown = found.answers.keys() - {q.id for q in asked.questions}
     if unknown:
         raise RecordError(f"{file}: answers {one_line(min(unknown), most=80)}, which the set does not ask. {_CURE}.")
+    _require_unchanged(found, file)
     return found
 
 
 def _parsed(lines: Sequence[bytes], file: Path) -> Answers:
     where = f"{file}, line"
     head = read_form(_HEAD, lines[0], where=f"{where} 1", cure=_CURE, raises=RecordError)
+    changed = 1 if head.seal not in (None, _sealed(head, head)[SEAL]) else 0
     answers: dict[str, ModelAnswer] = {}
     for number, line in enumerate(lines[1:], start=2):
         answer = read_form(_ANSWER, line, where=f"{where} {number}", cure=_CURE, raises=RecordError)
+        if (head.seal is not None or answer.seal is not None) and answer.seal != _sealed(head, answer)[SEAL]:
+            changed = changed or number
         if answer.id in answers:
             raise RecordError(f"{where} {number}: {one_line(answer.id, most=80)} was answered before. {_CURE}.")
         answers[answer.id] = answer
-    return Answers(head, answers)
+    return Answers(head, answers, changed)
+
+
+def _require_unchanged(found: Answers, file: Path) -> None:
+    if found.changed:
+        raise RecordError(
+            f"{file}, line {found.changed}: was changed after it was written: its seal does not fit. {_CURE}."
+        )
+
+
+def _sealed(head: AnswersHead, line: AnswersHead | ModelAnswer) -> dict[str, Any]:
+    """Return a line of a file of answers with its seal, which holds for this model and set alone."""
+    form = {name: value for name, value in asdict(line).items() if name != SEAL}
+    to = [head.model, head.set_sha256, head.coordinates]
+    return {**form, SEAL: seal_of({**form, "to": to})}
 
 
 def scores_of(asked: QuestionSet, answers: Answers) -> list[Score]:

@@ -1,7 +1,9 @@
 """A set of questions on disk: made from the records of a run, resumable, the same bytes whatever interrupts it.
 
 ``candidates/`` holds what could be asked about each trial while the set is made. Once all trials are there, questions
-are chosen over all of them, written, and whatever is not needed is removed. ``summary.json`` comes last.
+are chosen over all of them, written, and whatever is not needed is removed. ``summary.json`` comes last. It and
+``set.json`` carry seals, and it holds the hashes of the questions and of the images, which are compared when they are
+read.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
-from betterbench.json_form import read_bounded, read_form
+from betterbench.json_form import open_seal, read_bounded, read_form, say_unsealed, sealed_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
@@ -48,8 +50,8 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 1
-"""Version of the files of a set."""
+SET_SCHEMA_VERSION = 2
+"""Version of the files of a set; those of version 1 have no seals and are read with a warning."""
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
@@ -133,6 +135,7 @@ class QuestionSet:
         baselines: What can be answered without the images, by type.
         sha256: Hash of ``questions.jsonl``.
         records: SHA-256 of the record of each trial that was looked at, by its name; empty for older sets.
+        images: SHA-256 of each image by its place; empty for older sets.
     """
 
     path: Path
@@ -141,6 +144,15 @@ class QuestionSet:
     baselines: tuple[Baseline, ...]
     sha256: str
     records: Mapping[str, str] = field(default_factory=dict)
+    images: Mapping[str, str] = field(default_factory=dict)
+
+    def image(self, place: str) -> bytes:
+        """Return an image of the set (JPEG); RecordError if it is missing or another one than was asked about."""
+        file = self.path / place
+        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+        if self.images.get(place) not in (None, hashlib.sha256(data).hexdigest()):
+            raise RecordError(f"{file}: is another image than when the set was made. {_CURE}.")
+        return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
         """Return whether what it asks about a trial of this name is about this record; True if it does not say."""
@@ -278,7 +290,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
             plan = json.loads(dump_json(self._plan))
             _require_same(file, plan)
             remove_parts(out)
-            write_durably(file, json.dumps(plan, indent=1, sort_keys=True).encode() + b"\n")
+            write_durably(file, json.dumps(sealed_form(plan), indent=1, sort_keys=True).encode() + b"\n")
             if (out / "summary.json").exists():
                 shutil.rmtree(out / "candidates", ignore_errors=True)
                 return True
@@ -293,7 +305,9 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
     """Raise RunConflictError if a folder holds a set with another plan."""
-    difference = first_difference(_json_of(file), plan, "set") if file.exists() else None
+    stored = _sealed(file) if file.exists() else plan
+    version = {"schema_version": SET_SCHEMA_VERSION} if stored.get("schema_version") == 1 else {}
+    difference = first_difference({**stored, **version}, plan, "set")
     if difference is not None:
         where, there, asked = difference
         raise RunConflictError(
@@ -302,11 +316,9 @@ def _require_same(file: Path, plan: dict[str, Any]) -> None:
         )
 
 
-def _json_of(file: Path) -> Any:  # noqa: ANN401 - whatever stands in the file
-    try:
-        return json.loads(read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError))
-    except ValueError as error:
-        raise RecordError(f"{file}: is not JSON ({error}). {_CURE}.") from error
+def _sealed(file: Path) -> dict[str, Any]:
+    data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    return open_seal(data, where=str(file), cure=_CURE, raises=RecordError, since=("schema_version", 2))
 
 
 def _survey(
@@ -425,7 +437,9 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
             str(out), "no question could be balanced", "Give more trials, variations, frames or cameras"
         )
     lines = b"".join(dump_json(_conversation(q)) + b"\n" for q in questions)
-    made = QuestionSet(out, purpose, tuple(questions), tuple(found), hashlib.sha256(lines).hexdigest())
+    images = sorted({q.image for q in questions})
+    digests = {image: _digest_of(out / image) for image in images if (out / image).is_file()}
+    made = QuestionSet(out, purpose, tuple(questions), tuple(found), hashlib.sha256(lines).hexdigest(), images=digests)
     write_durably(out / "questions.jsonl", lines)
     rows = [_row(q) for q in questions]
     write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
@@ -436,9 +450,14 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     for folder in sorted((p for p in (out / "images").rglob("*") if p.is_dir()), reverse=True):
         if not any(folder.iterdir()):
             folder.rmdir()
-    write_durably(out / "summary.json", json.dumps(made.to_json(), indent=1, sort_keys=True).encode() + b"\n")
+    summary = sealed_form({**made.to_json(), "image_sha256": digests})
+    write_durably(out / "summary.json", json.dumps(summary, indent=1, sort_keys=True).encode() + b"\n")
     shutil.rmtree(out / "candidates", ignore_errors=True)
     return made
+
+
+def _digest_of(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _conversation(question: Question) -> dict[str, Any]:
@@ -478,7 +497,8 @@ class _Line:
 class _Summary:
     purpose: str
     sha256: str
-    baselines: list[dict[str, Any]]
+    baselines: list[Baseline]
+    image_sha256: dict[str, str] = field(default_factory=dict)
 
 
 _LINE, _SUMMARY = TypeAdapter(_Line), TypeAdapter(_Summary)
@@ -492,8 +512,8 @@ def read_set(folder: Path) -> QuestionSet:
     """
     if not (folder / "summary.json").exists():
         raise RecordError(f"{folder}: holds no complete set of questions. Make one with better vqa RUN --out {folder}.")
-    raw = read_bounded(folder / "summary.json", max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
-    summary = read_form(_SUMMARY, raw, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
+    form = _sealed(folder / "summary.json")
+    summary = read_form(_SUMMARY, form, where=str(folder / "summary.json"), cure=_CURE, raises=RecordError)
     file = folder / "questions.jsonl"
     data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     if hashlib.sha256(data).hexdigest() != summary.sha256:
@@ -502,15 +522,16 @@ def read_set(folder: Path) -> QuestionSet:
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)
     )
-    names = ("name", "n", "blind", "majority", "chance")
-    found = tuple(Baseline(**{name: b[name] for name in names}) for b in summary.baselines)
-    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, _records(folder / SET_NAME))
+    found, records = tuple(summary.baselines), _records(folder / SET_NAME)
+    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, records, summary.image_sha256)
 
 
 def _records(file: Path) -> dict[str, str]:
     """Return what a set says of the records that it is about; nothing if it does not say."""
-    form = _json_of(file) if file.exists() else {}
-    records = form.get("records", {}) if isinstance(form, dict) else None
+    if not file.exists():
+        say_unsealed(str(file.parent))
+    form = _sealed(file) if file.exists() else {}
+    records = form.get("records", {})
     if not isinstance(records, dict) or not all(isinstance(value, str) for value in records.values()):
         raise RecordError(f"{file}: its records are no hashes by trial. {_CURE}.")
     return records

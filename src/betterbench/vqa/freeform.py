@@ -7,7 +7,6 @@ names nothing and says no word of place or state that its claims do not cover. W
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.json_form import open_form, read_form
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
@@ -28,6 +27,8 @@ from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Candidate, FrameSource, hash_number
 from betterbench.vqa.types import candidates_of
+
+_MAX_BYTES = 16 << 20
 
 CLAIMS = {
     "is visible": "X can be seen",
@@ -198,18 +199,16 @@ def _about(
     model = re.sub(r"[^A-Za-z0-9.]+", "-", chat.name).strip("-.") or "model"
     file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
     if file.exists():
-        try:
-            stored: dict[str, Any] = json.loads(file.read_bytes())
-        except (OSError, ValueError) as error:
-            raise RecordError(f"{file}: cannot be read ({error}). Delete it and ask again.") from error
-        return stored
+        cure = "Move it elsewhere and give the same command again, which asks about the image again"
+        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+        return open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
     checked: dict[str, Any] = {"kept": [], "dropped": {}}
     reasons: Counter[str] = Counter()
     try:
-        said = chat.complete([user_message(prompt_of(moment), (described.path / image).read_bytes())], max_tokens=1500)
+        said = chat.complete([user_message(prompt_of(moment), described.image(image))], max_tokens=1500)
         texts = parsed_texts(said)
     except RefusedError:
         texts, reasons["refused"] = [], 1
@@ -225,7 +224,7 @@ def _about(
         else:
             reasons[reason] += 1
     checked["dropped"] = dict(reasons)
-    write_durably(file, dump_json(checked) + b"\n")
+    write_durably(file, dump_json(sealed_form({"version": 2, **checked})) + b"\n")
     return checked
 
 

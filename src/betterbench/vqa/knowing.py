@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from betterbench.diagnosis import RunDiagnosis
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
 from betterbench.recording import RunFolder, write_durably
 from betterbench.statistics import Rate
 from betterbench.tasks import Kind, Label, TrialId, all_labels
@@ -205,7 +205,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
     Raises:
         OSError: If the folder cannot be written.
     """
-    form = {"sentence": known.sentence, **asdict(known)}
+    form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})
     write_durably(knowledge_path(run), json.dumps(form, indent=1).encode() + b"\n")
     return knowledge_path(run)
 
@@ -221,7 +221,8 @@ def read_knowledge(run: RunFolder) -> Knowledge | None:
         return None
     cure = "Give better diagnose RUN --answers FILE again"
     raw = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-    return read_form(_KNOWLEDGE, raw, where=str(path), cure=cure, raises=RecordError)
+    form = open_seal(raw, where=str(path), cure=cure, raises=RecordError, since=("version", 2))
+    return read_form(_KNOWLEDGE, form, where=str(path), cure=cure, raises=RecordError)
 
 
 def _of(label: Label, trials: Sequence[TrialKnowledge]) -> list[TrialKnowledge]:

@@ -1,17 +1,25 @@
-"""Files of modalities: written row group by row group beside their place, read row by row."""
+"""Files of modalities: written row group by row group beside their place, read row by row.
+
+The footer of a file, with the header in it, carries a seal as a record does, and lists the SHA-256 of each row group.
+Both are compared before the Parquet reader, which is native code, gets to see the bytes.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import io
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import TypeAdapter
 
 from betterbench.errors import BetterError, RecordError
 from betterbench.json_form import read_form
@@ -26,18 +34,64 @@ from betterbench.recording.modalities.columns import (
     view_schema,
 )
 from betterbench.recording.modalities.header import HEADER, ViewHeader
+from betterbench.recording.parquet import NO_DIGEST, SEAL_KEY, seal
 
 HEADER_KEY = b"betterbench.modalities"
 """Key of the header's JSON in the metadata of the Parquet schema."""
 
+GROUPS_KEY = b"betterbench.groups"
+"""Key of a JSON list: where each row group ends [byte], and the SHA-256 of its bytes, from the one before it on."""
+
 COMPRESSION_LEVEL = 1
 """Level of zstd: a row group holds the same scene many times, which every level finds; higher ones cost time only."""
+
+_GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
 AGAIN = "The same better materialize command draws it again"
 """What to do about a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_ROWS = 10_000_000
+_MAX_FOOTER_BYTES = 1 << 26
+_MAGIC = b"PAR1"
+_TAIL = 8
+"""Bytes at the end of a Parquet file: the length of the footer, and the magic."""
+
+
+class _Sink(io.RawIOBase):
+    """Passes row groups on to a file with a digest of each, and keeps the footer back until it is sealed."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        super().__init__()
+        self._file, self._digest, self._at = file, hashlib.sha256(), 0
+        self._footer: bytearray | None = None
+        self.groups: list[tuple[int, str]] = []
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:  # noqa: ANN401 - a buffer
+        view = memoryview(data).cast("B")
+        if self._footer is not None:
+            self._footer += view
+        else:
+            self._file.write(view)
+            self._digest.update(view)
+            self._at += len(view)
+        return len(view)
+
+    def end_group(self) -> None:
+        """Note that a row group is complete."""
+        self.groups.append((self._at, self._digest.hexdigest()))
+        self._digest = hashlib.sha256()
+
+    def begin_footer(self) -> None:
+        """Note that all row groups are complete."""
+        self._footer = bytearray()
+
+    def end_footer(self) -> None:
+        """Write the footer with its seal."""
+        self._file.write(seal(bytes(self._footer or b"")))
 
 
 class ModalityWriter:
@@ -53,8 +107,9 @@ class ModalityWriter:
         self._chunk = chunk_rows(self.columns)
         self._kept: list[dict[str, np.ndarray]] = []
         self._file = DurableFile(path)
+        self._sink = _Sink(self._file.file)
         self._writer = pq.ParquetWriter(
-            self._file.file,
+            pa.PythonFile(self._sink, mode="w"),
             view_schema(self.columns),
             compression="zstd",
             compression_level=COMPRESSION_LEVEL,
@@ -83,8 +138,14 @@ class ModalityWriter:
     def finish(self, header: ViewHeader) -> Path:
         """Write what the file says about itself, force it to disk and put it at its place, which is returned."""
         self._flush()
-        self._writer.add_key_value_metadata({HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json"))})
+        told = {
+            HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json")),
+            GROUPS_KEY: dump_json(self._sink.groups),
+        }
+        self._writer.add_key_value_metadata({**told, SEAL_KEY: NO_DIGEST})
+        self._sink.begin_footer()
         self._writer.close()
+        self._sink.end_footer()
         self._file.finish()
         return self._path
 
@@ -94,6 +155,7 @@ class ModalityWriter:
             self._kept.clear()
             table = to_batch(self.columns, stacked)
             self._writer.write_table(table, row_group_size=table.num_rows)
+            self._sink.end_group()
 
 
 class ModalityFile:
@@ -105,13 +167,20 @@ class ModalityFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         with _reading(path):
-            self._file = pq.ParquetFile(path, page_checksum_verification=True, memory_map=False)
+            self._source: int | None = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                footer = self._checked_footer()
+                self._file = pq.ParquetFile(path, page_checksum_verification=True, memory_map=False)
+            except BaseException:
+                os.close(self._source)
+                raise
             try:
                 self.header = self._checked_header()
+                self._groups = self._checked_groups(footer)
                 self.columns = view_columns(self.header.view, self.header.modalities, len(self.header.objects))
                 self._check()
             except BaseException:
-                self._file.close()
+                self.close()
                 raise
         self._chunk = chunk_rows(self.columns)
         self._last: tuple[int, tuple[str, ...], dict[str, np.ndarray]] | None = None
@@ -160,6 +229,9 @@ class ModalityFile:
         """Close the file; harmless when closed."""
         self._last = None
         self._file.close()
+        if self._source is not None:
+            os.close(self._source)
+            self._source = None
 
     def _group(self, group: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         known = [c.name for c in self.columns]
@@ -169,7 +241,44 @@ class ModalityFile:
                 f"{self.path}: has no column {missing[0]!r}. It has {', '.join(known)}; materialize the others too."
             )
         with _reading(self.path):
+            (begin, _), (end, digest) = self._groups[group - 1] if group else (0, ""), self._groups[group]
+            if hashlib.sha256(self._bytes(begin, end)).hexdigest() != digest:
+                raise RecordError(f"{self.path}: is damaged (row group {group} has other bytes). {AGAIN}.")
             return from_batch(self.columns, self._file.read_row_group(group, columns=list(names)))
+
+    def _bytes(self, begin: int, end: int) -> bytes:
+        if self._source is None:
+            msg = f"{self.path}: the file is closed"
+            raise ValueError(msg)
+        return os.pread(self._source, end - begin, begin)
+
+    def _checked_footer(self) -> int:
+        """Return where the footer begins, whose seal fits; raise RecordError if it does not."""
+        size = os.fstat(self._source or 0).st_size
+        tail = self._bytes(max(0, size - _TAIL), size)
+        length = int.from_bytes(tail[:4], "little")
+        begin = size - _TAIL - length
+        if tail[4:] != _MAGIC or begin < len(_MAGIC) or length > _MAX_FOOTER_BYTES:
+            raise RecordError(f"{self.path}: is damaged (its end is missing). {AGAIN}.")
+        footer = self._bytes(begin, size)
+        if SEAL_KEY not in footer:
+            raise RecordError(f"{self.path}: has no seal: an earlier version wrote it, or it is damaged. {AGAIN}.")
+        try:
+            intact = seal(footer) == footer
+        except RecordError:
+            intact = False
+        if not intact:
+            raise RecordError(f"{self.path}: is damaged (its seal does not fit). {AGAIN}.")
+        return begin
+
+    def _checked_groups(self, footer: int) -> tuple[tuple[int, str], ...]:
+        """Return end and digest of each row group; raise RecordError if they are not those of the file."""
+        raw = (self._file.metadata.metadata or {}).get(GROUPS_KEY, b"")
+        found = read_form(_GROUPS, raw, where=f"{self.path}: row groups", cure=AGAIN, raises=RecordError)
+        ends = [0, *(end for end, _ in found)]
+        if len(found) != self._file.metadata.num_row_groups or ends != sorted(ends) or (found and ends[-1] != footer):
+            raise RecordError(f"{self.path}: its row groups are not those of its header. {AGAIN}.")
+        return found
 
     def _checked_header(self) -> ViewHeader:
         raw = (self._file.metadata.metadata or {}).get(HEADER_KEY)

@@ -14,8 +14,9 @@ from betterbench.json_form import strict_form
 from betterbench.recording.modalities.labels import FIRST_OBJECT, STAGE, semantics_of_instances
 from betterbench.recording.modalities.spec import MODALITIES, Modality, ViewSpec
 
-FORMAT_VERSION: Literal[1] = 1
-"""Version of the columns and of the header; it moves when an older reader would misunderstand a newer file."""
+FORMAT_VERSION: Literal[2] = 2
+"""Version of the columns and of the header; it moves when an older reader would misunderstand a newer file. Files of
+version 1 have no seal; better materialize draws them again."""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -67,7 +68,7 @@ class ViewHeader:
     objects: tuple[BoxedObject, ...]
     renderer: Mapping[str, str]
     stage: Mapping[str, int]
-    format_version: Literal[1] = FORMAT_VERSION
+    format_version: Literal[2] = FORMAT_VERSION
 
     def __post_init__(self) -> None:
         """Refuse modalities that stand twice or in another order."""

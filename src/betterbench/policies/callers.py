@@ -1,0 +1,48 @@
+"""Who may talk to a server of this machine: pages of the server itself and programs, and no page of another site.
+
+A browser lets any page that its user visits open a connection to this machine. It names the page's site (``Origin``)
+and the name under which the server was reached (``Host``), which gives away a site that has its own name point here.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from collections.abc import Sequence
+
+LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
+_ANY = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - compared, not bound
+
+
+def is_own_host(values: Sequence[str], bound: str) -> bool:
+    """Tell whether the ``Host`` headers of a request name a server that listens on an interface.
+
+    On the loopback interface these are its names and the interface's, on all interfaces also this machine's name and
+    every number: a site that plays tricks with names has none.
+    """
+    if len(values) != 1:
+        return False
+    name = _name_in(values[0])
+    if name in LOOPBACK_NAMES or (bound not in _ANY and name == bound.lower()):
+        return True
+    return bound in _ANY and (_is_number(name) or name in {socket.gethostname().lower(), socket.getfqdn().lower()})
+
+
+def is_own_origin(values: Sequence[str], hosts: Sequence[str]) -> bool:
+    """Tell whether the ``Origin`` headers of a request, if there are any, are the address in its ``Host`` header."""
+    return not values or (len(hosts) == 1 and list(values) == [f"http://{hosts[0]}"])
+
+
+def _name_in(host: str) -> str:
+    """Return the name in a ``Host`` header without its port."""
+    if host.startswith("["):
+        return host[1:].partition("]")[0].lower()
+    return host.rpartition(":")[0].lower() if ":" in host else host.lower()
+
+
+def _is_number(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
