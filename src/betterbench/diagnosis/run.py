@@ -10,11 +10,11 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
+from betterbench.diagnosis.decider import decider_of
 from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.instruction_effect import (
     SAME_TARGET,
-    decider_of,
     effect_findings,
     effect_words,
     tasks_without_effect,

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.geometry import Pose
 from betterbench.installation import missing_extra
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
