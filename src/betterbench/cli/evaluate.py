@@ -14,6 +14,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -468,7 +469,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     if failed:
         text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
-    following = f"better report {run.path}{options_for({t.task for t in plan.trials})}"
+    following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)

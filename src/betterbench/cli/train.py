@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.learned import TrainingRecipe
@@ -151,4 +152,4 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, *, json: b
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
     files = "" if recipe.built_in else loading_options()
-    OUT.print(f"evaluate    better eval --policy learned:{out}{files}", markup=False, soft_wrap=True)
+    OUT.print(f"evaluate    better eval --policy {shell_word(f'learned:{out}')}{files}", markup=False, soft_wrap=True)
