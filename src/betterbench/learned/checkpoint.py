@@ -16,7 +16,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import read_bounded, read_form
+from betterbench.json_form import parse_json, read_bounded, read_form
 from betterbench.learned.network import LearnerNetwork
 from betterbench.learned.networks import new_network
 from betterbench.learned.recipe import TrainingRecipe, read_training_recipe
@@ -79,9 +79,9 @@ def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], d
     try:
         tensors = safetensors.torch.load(data)
         length = int.from_bytes(data[:8], "little")
-        about = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][_KEY])
+        about = parse_json(parse_json(data[8 : 8 + length])["__metadata__"][_KEY])
         told = about.pop("sha256")
-    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (SafetensorError, ValueError, KeyError, TypeError, AttributeError) as error:
         problem = f"is no checkpoint of betterbench, or is damaged ({type(error).__name__})"
         raise InvalidInputError(str(path), problem, cure) from error
     if _digest(tensors) != told:
@@ -105,6 +105,9 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     if trained.action_space != ACTION_SPACE:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
+    if trained.recipe.built_in:
+        with torch.device("meta"):  # a recipe that claims what its weights do not have is refused before it costs
+            _require_fit(new_network(trained.recipe, trained.vocabulary), weights, str(path))
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
@@ -135,12 +138,16 @@ def read_vocabulary(path: Path) -> Vocabulary:
 
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     """Put weights into a network; InvalidInputError if they are of another one."""
+    _require_fit(network, weights, where)
+    network.load_state_dict(dict(weights))
+
+
+def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
     if there != wanted:
         names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
         problem = f"its weights are those of another network ({names[0]} differs)"
         raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
-    network.load_state_dict(dict(weights))
 
 
 def _trained(about: Mapping[str, Any], where: str) -> Trained:

@@ -24,14 +24,14 @@ from betterbench.datasets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
 from betterbench.interventions.regimes import Regime, conditions_of
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import open_form, read_bounded, read_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
-from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
+from betterbench.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
 from betterbench.study.work import Workshop
 from betterbench.tasks import get_task
@@ -96,7 +96,33 @@ class _Done:
     seconds: float
 
 
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Hashed:
+    sha256: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    address: str
+    digest: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Evaluated:
+    trials: tuple[TrialOutcome, ...]
+
+
 _DONE = TypeAdapter(_Done)
+_OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
+    "sets": TypeAdapter(_Hashed),
+    "questions": TypeAdapter(_Hashed),
+    "learners": TypeAdapter(_Learned),
+    "runs": TypeAdapter(_Evaluated),
+}
+"""What a stage of each kind leaves."""
 
 
 def run_study(
@@ -339,7 +365,7 @@ class _Study:
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
         """Return what a complete stage left, or None if it is not done with these inputs."""
         path = self._marker(kind, name)
-        there = _read(path) if path.exists() else None
+        there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
 
     def _keep(self, kind: str, name: str, done: _Done) -> None:
@@ -372,6 +398,8 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def _read(path: Path) -> _Done:
+def _read(path: Path, kind: str) -> _Done:
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
-    return read_form(_DONE, data, where=str(path), cure=_CURE, raises=RecordError)
+    done = read_form(_DONE, data, where=str(path), cure=_CURE, raises=RecordError)
+    read_form(_OUTPUTS[kind], done.output, where=f"{path}: output", cure=_CURE, raises=RecordError)
+    return done

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
-from betterbench.json_form import read_bounded, read_form
+from betterbench.json_form import parse_json, read_bounded, read_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
@@ -304,7 +304,7 @@ def _require_same(file: Path, plan: dict[str, Any]) -> None:
 
 def _json_of(file: Path) -> Any:  # noqa: ANN401 - whatever stands in the file
     try:
-        return json.loads(read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError))
+        return parse_json(read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError))
     except ValueError as error:
         raise RecordError(f"{file}: is not JSON ({error}). {_CURE}.") from error
 
@@ -478,7 +478,7 @@ class _Line:
 class _Summary:
     purpose: str
     sha256: str
-    baselines: list[dict[str, Any]]
+    baselines: tuple[Baseline, ...]
 
 
 _LINE, _SUMMARY = TypeAdapter(_Line), TypeAdapter(_Summary)
@@ -502,9 +502,9 @@ def read_set(folder: Path) -> QuestionSet:
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)
     )
-    names = ("name", "n", "blind", "majority", "chance")
-    found = tuple(Baseline(**{name: b[name] for name in names}) for b in summary.baselines)
-    return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, _records(folder / SET_NAME))
+    return QuestionSet(
+        folder, summary.purpose, questions, summary.baselines, summary.sha256, _records(folder / SET_NAME)
+    )
 
 
 def _records(file: Path) -> dict[str, str]:

@@ -7,7 +7,6 @@ names nothing and says no word of place or state that its claims do not cover. W
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.json_form import open_form, read_form
+from betterbench.json_form import open_form, read_bounded, read_form, strict_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
@@ -198,11 +197,9 @@ def _about(
     model = re.sub(r"[^A-Za-z0-9.]+", "-", chat.name).strip("-.") or "model"
     file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
     if file.exists():
-        try:
-            stored: dict[str, Any] = json.loads(file.read_bytes())
-        except (OSError, ValueError) as error:
-            raise RecordError(f"{file}: cannot be read ({error}). Delete it and ask again.") from error
-        return stored
+        data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+        stored = read_form(_DESCRIBED, data, where=str(file), cure=_CURE, raises=RecordError)
+        return {"kept": stored.kept, "dropped": stored.dropped}
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -227,6 +224,19 @@ def _about(
     checked["dropped"] = dict(reasons)
     write_durably(file, dump_json(checked) + b"\n")
     return checked
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """What was kept of what a model said about one image."""
+
+    kept: list[dict[str, Any]]
+    dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]
+
+
+_DESCRIBED = TypeAdapter(_Kept)
+_MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
