@@ -590,6 +590,22 @@ def test_a_stage_file_without_a_field_or_with_another_type_is_one_line(undisturb
 
 
 @pytest.mark.parametrize(
+    "address", ["python:evil.py:Policy", "expert", "learned:/elsewhere", "learned:{study}/../x", ""]
+)
+def test_a_stage_file_cannot_name_another_policy(undisturbed, tmp_path, address):
+    out = tmp_path / "study"
+    shutil.copytree(undisturbed[0], out)
+    (out / "stages" / f"runs-{TASK}-balanced-seed0.json").unlink()
+    file = out / "stages" / f"learners-{TASK}-balanced-seed0.json"
+    whole = json.loads(file.read_text())
+    file.write_text(json.dumps({**whole, "output": {**whole["output"], "address": address}}))
+    workshop, calls = made_up_workshop()
+    with pytest.raises(RecordError, match=r"output\.address"):
+        run_study(small(), out, workshop)
+    assert not calls
+
+
+@pytest.mark.parametrize(
     "changes",
     [
         {"seeds": list(range(12_000))},

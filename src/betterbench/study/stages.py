@@ -320,6 +320,9 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
+            if address != f"learned:{one.job.out}":  # another address would run another policy, even a file of code
+                file = self._marker("learners", one.learner.name)
+                raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
             policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
             self._digests[one.learner] = policies[-1].digest
         return policies

@@ -209,6 +209,11 @@ class _Header:
     shape: tuple[_Rows, _Count, _Size, _Size, _Colors]
     sha256: str
 
+    def __post_init__(self) -> None:
+        """Refuse pictures that are not square; raises InvalidInputError."""
+        if self.shape[2] != self.shape[3]:
+            raise InvalidInputError("shape", f"has pictures of {self.shape[2]} x {self.shape[3]}", "Square them")
+
 
 _HEADER = TypeAdapter(_Header)
 
