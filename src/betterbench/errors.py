@@ -18,7 +18,10 @@ from typing import Protocol, TextIO, TypeVar
 LONGEST_SHOWN = 500
 """Most characters of a text from outside in a message, unless told otherwise."""
 
-UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+UNPRINTABLE = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
+    r"\U000e0000-\U000e007f]"
+)
 """What steers a terminal, hides or reorders letters, or has no encoding; not the tab and the line feed."""
 
 

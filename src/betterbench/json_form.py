@@ -44,6 +44,10 @@ open_form = with_config(ConfigDict(strict=True, allow_inf_nan=False))
 """Likewise, but unknown keys are left alone: for parts of a file that another version may have written."""
 
 
+growing_form = with_config(ConfigDict(strict=True, allow_inf_nan=False, extra="allow"))
+"""Likewise for a ``TypedDict`` whose unknown keys are kept: for a part of a file that is read and written again."""
+
+
 def _no_truth(value: object) -> object:
     if isinstance(value, bool):
         raise ValueError("it is a truth, not a number")  # noqa: TRY004 - pydantic passes a TypeError on
@@ -198,14 +202,35 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 
 
 def parse_json(text: str | bytes, *, unique: bool = False) -> Any:  # noqa: ANN401 - a stranger's text holds anything
-    """Return the value of a JSON text; raise ValueError if it is none, or nested too deep to be read.
+    """Return the value of a JSON text; raise ValueError if it is none, or holds what no file of ours holds.
 
-    With ``unique``, InvalidInputError is raised if a key stands twice.
+    Refused are values nested deeper than 200 and integers of 20 digits or more: code that goes through them, or reckons
+    with them, would break somewhere else. With ``unique``, InvalidInputError is raised if a key stands twice.
     """
     try:
-        return json.loads(text, object_pairs_hook=unique_keys if unique else None)
+        found = json.loads(text, object_pairs_hook=unique_keys if unique else None)
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
+    data = text.encode("utf-8", "replace") if isinstance(text, str) else text
+    if _HUGE.search(data):
+        raise ValueError("it holds a number of 20 digits or more")
+    if data.count(b"[") + data.count(b"{") > _DEEPEST and _is_deep(found):
+        raise ValueError("it is nested too deep")
+    return found
+
+
+_DEEPEST = 200
+"""Most levels of lists and maps in one another; pydantic reads as many."""
+
+
+def _is_deep(value: Any) -> bool:  # noqa: ANN401 - as above
+    level = [value]
+    for _ in range(_DEEPEST):
+        if not level:
+            return False
+        lists = (v if isinstance(v, list) else v.values() for v in level if isinstance(v, list | dict))
+        level = [inner for found in lists for inner in found if isinstance(inner, list | dict)]
+    return bool(level)
 
 
 def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:

@@ -8,8 +8,8 @@ import pytest
 
 from betterbench.assets import build
 from betterbench.demonstrations.retarget import carry_pick, carry_place
-from betterbench.demonstrations.sources import demonstrated_source, grasp_shift, load_library
-from betterbench.errors import InvalidInputError
+from betterbench.demonstrations.sources import _require_objects, demonstrated_source, grasp_shift, load_library
+from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.geometry import Pose, angle_between, distance, from_yaw
 from betterbench.recording import RunFolder
 
@@ -85,3 +85,14 @@ def test_the_library_has_what_is_demonstrated_and_nothing_else(sources):
     assert library.skills(("pick", "spaceship", "", "", "")) == ()
     with pytest.raises(InvalidInputError, match="no successful demonstration of fast_food"):
         load_library(RunFolder.open(sources.path), "fast_food")
+
+
+def test_a_record_that_renames_an_object_is_refused_by_name(record):
+    scene = record.metadata.scene
+    named = (replace(scene.objects[0], name="stranger"), *scene.objects[1:])
+    lied = replace(record, metadata=replace(record.metadata, scene=replace(scene, objects=named)))
+    with pytest.raises(BetterError) as caught:
+        demonstrated_source(lied)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordError, match="objects are not those of its condition"):
+        _require_objects(lied, [o.name for o in scene.objects])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import diagnose_run
-from betterbench.errors import RunConflictError
+from betterbench.errors import RecordError, RunConflictError
 from betterbench.evaluation import evaluate, make_plan, open_server
 from betterbench.evaluation.planning import machine
 from betterbench.evaluation.planning.manifest import (
@@ -165,6 +165,36 @@ def test_a_change_that_is_allowed_is_noted_and_is_then_the_policy_of_the_run(run
     notes = diagnose_run(run.path).notes
     assert re.search(r"after 0 trials: .*pi05-1000.* and is .*pi05-2000", notes[0])
     assert "pi05-1000" in notes[1]
+
+
+CHANGE = {"at_utc": "2026-01-01T00:00:00Z", "trials_before": 1, "difference": "x", "policy": {}}
+DEEP = json.loads("[" * 150 + "]" * 150)
+
+
+@pytest.mark.parametrize(
+    "context",
+    [
+        *({"policy": value} for value in (5, True, "expert", None, [], [{}])),
+        *({"policy_changes": value} for value in (5, {}, "x", None, [5], [[]], [{}], [{"policy": 5}], [None])),
+        *(
+            {"policy_changes": [{**CHANGE, field: value}]}
+            for field in ("trials_before", "difference", "policy")
+            for value in (5.5, [], DEEP)
+        ),
+        *({"extended": value} for value in (5, {}, "x", None, [5], DEEP)),
+        *({"sources": value} for value in (5, {}, None, [5])),
+    ],
+    ids=lambda context: json.dumps(context)[:60],
+)
+def test_a_context_of_foreign_types_is_refused_and_never_taken_for_an_older_version(run, context):
+    form = json.loads((run.path / "run.json").read_bytes())
+    form["context"] |= context
+    (run.path / "run.json").write_text(json.dumps(form))
+    with pytest.raises(RecordError, match=r"run\.json: context\.") as caught:
+        RunFolder.open(run.path)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordError, match=r"run\.json: context\."):
+        RunFolder.start(run.path, PLAN.to_json())
 
 
 def test_a_run_of_an_older_version_has_no_policy_to_compare_with(tmp_path):

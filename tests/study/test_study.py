@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,6 +29,7 @@ from betterbench.study.page import FILES, expectations, write_page
 from betterbench.study.plan import PRESETS, PlannedLearner, StudyPlan, preset_text, read_study_plan
 from betterbench.study.stages import run_study
 from betterbench.study.vocabulary import never_shown
+from betterbench.tasks import task_names
 
 TASK = "morning_coffee"
 KEPT = [name for name in FILES if name != "study.html"]
@@ -559,3 +562,66 @@ def test_a_learner_without_a_pair_is_left_out_of_a_contrast(undisturbed):
     lonely = [replace(f, trials=tuple(f.varied)) if f.learner.seed else f for f in balanced]
     assert contrast_of("one against another", TASK, balanced, confounded).learners == 2
     assert contrast_of("one against another", TASK, lonely, confounded).learners == 1
+
+
+FOREIGN = (None, True, 5, -1.5, "x", [], [[]], {}, {"trials": 5}, {"sha256": 5}, json.loads("[" * 150 + "]" * 150))
+
+
+@pytest.mark.parametrize(
+    "stage", [f"sets-{TASK}-training", f"learners-{TASK}-balanced-seed0", f"runs-{TASK}-balanced-seed0"]
+)
+def test_a_stage_file_without_a_field_or_with_another_type_is_one_line(undisturbed, tmp_path, stage):
+    out = tmp_path / "study"
+    shutil.copytree(undisturbed[0], out)
+    file = out / "stages" / f"{stage}.json"
+    whole = json.loads(file.read_text())
+    outputs = [{k: v for k, v in whole["output"].items() if k != field} for field in whole["output"]]
+    outputs += [
+        {**whole["output"], field: value} for field in whole["output"] for value in FOREIGN if value not in ("x", [])
+    ]
+    forms = [{**whole, "output": output} for output in (*outputs, *FOREIGN) if output != whole["output"]]
+    forms += [{k: v for k, v in whole.items() if k != field} for field in whole]
+    forms += [{**whole, "seconds": value} for value in (None, True, "x", [], 10**400)]
+    for form in forms:
+        file.write_text(json.dumps(form))
+        workshop, _ = made_up_workshop()
+        with pytest.raises(RecordError, match=stage) as caught:
+            run_study(small(), out, workshop)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "address", ["python:evil.py:Policy", "expert", "learned:/elsewhere", "learned:{study}/../x", ""]
+)
+def test_a_stage_file_cannot_name_another_policy(undisturbed, tmp_path, address):
+    out = tmp_path / "study"
+    shutil.copytree(undisturbed[0], out)
+    (out / "stages" / f"runs-{TASK}-balanced-seed0.json").unlink()
+    file = out / "stages" / f"learners-{TASK}-balanced-seed0.json"
+    whole = json.loads(file.read_text())
+    file.write_text(json.dumps({**whole, "output": {**whole["output"], "address": address}}))
+    workshop, calls = made_up_workshop()
+    with pytest.raises(RecordError, match=r"output\.address"):
+        run_study(small(), out, workshop)
+    assert not calls
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seeds": list(range(12_000))},
+        {"arms": {f"arm{i}": {"training": 1.0} for i in range(2000)}},
+        {"levers": [{"name": f"l{i}", "changes": {}} for i in range(1500)]},
+        {
+            "seeds": list(range(30)),
+            "levers": [{"name": f"l{i}", "changes": {}, "arms": ["balanced"] * 40} for i in range(40)],
+        },
+        {"trials": 10_000, "tasks": task_names()},
+    ],
+    ids=["seeds", "arms", "levers", "repeated", "trials"],
+)
+def test_a_plan_of_too_much_is_refused_before_it_costs(changes):
+    began = time.perf_counter()
+    with pytest.raises(InvalidInputError, match=r"at most|more than"):
+        small(**changes)
+    assert time.perf_counter() - began < 3.0

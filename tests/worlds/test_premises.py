@@ -1,5 +1,6 @@
 """The premise check of all initial states: what is broken is named, and what is known is not run again."""
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -44,7 +45,34 @@ def test_the_command_goes_on_where_it_was_interrupted(fake_command, tmp_path, mo
     assert "libero_object task 6: 1 of 50 states broken" in capsys.readouterr().err
 
 
-def test_a_damaged_file_is_refused_with_a_cure(tmp_path):
-    (tmp_path / "p.jsonl").write_text('{"suite": 1}\n')
-    with pytest.raises(InvalidInputError, match=r"line 1 is no entry.*--out"):
+ENTRY = {
+    "suite": "libero_object",
+    "task": 0,
+    "instruction": "pick up the soup",
+    "states": 50,
+    "broken": {"on(cube_1, tray_1)": [40]},
+    "jumps": {},
+    "engine": {"fake": "1"},
+    "bddl_sha256": "0" * 64,
+}
+
+
+@pytest.mark.parametrize("field", ENTRY)
+@pytest.mark.parametrize("value", [None, True, 1.5, -1, 10**400, "x", [], [[]], {"a": 5}, {"a": ["x"]}, ...])
+def test_a_damaged_file_is_refused_with_a_cure(tmp_path, field, value):
+    file = tmp_path / "p.jsonl"
+    entry = {k: v for k, v in ENTRY.items() if k != field} if value is ... else {**ENTRY, field: value}
+    file.write_text(json.dumps(ENTRY) + "\n" + json.dumps(entry) + "\n")
+    if (field, value) in (("suite", "x"), ("instruction", "x"), ("bddl_sha256", "x")):
+        assert len(read_entries(file)) == 2
+        return
+    with pytest.raises(InvalidInputError, match=r"line 2.*--out") as caught:
+        read_entries(file)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{", "\0", "5", "[]", '{"suite": 1}', '{"suite": "a", "suite": "b"}'])
+def test_a_file_that_is_no_table_of_premises_is_refused(tmp_path, text):
+    (tmp_path / "p.jsonl").write_text(text + "\n")
+    with pytest.raises(InvalidInputError, match=r"line 1.*--out"):
         read_entries(tmp_path / "p.jsonl")

@@ -36,7 +36,11 @@ class Terminal(Console):
     """
 
     def print(self, *objects: Any, **options: Any) -> None:  # noqa: ANN401 - those of rich
-        """Print as rich does, with texts made printable and commands as they are started here."""
+        """Print as rich does, with texts made printable and commands as they are started here.
+
+        Brackets are a style only if ``markup`` is given.
+        """
+        options.setdefault("markup", False)
         super().print(*(as_started_here(_printable(o)) if isinstance(o, str) else o for o in objects), **options)
 
     def on_broken_pipe(self) -> None:
@@ -164,12 +168,20 @@ def say(text: str, *, whole: bool = False) -> None:
 
 
 def complain(problem: str) -> None:
-    """Print an error as :func:`say` prints a message."""
+    """Print an error as :func:`say` prints a message; it is one line, whatever a stranger's name in it holds."""
     from rich.text import Text
 
     ERR.print(
-        Text.assemble(("error:", "bold red"), " ", as_started_here(_printable(problem))), soft_wrap=not ERR.is_terminal
+        Text.assemble(("error:", "bold red"), " ", as_started_here(_printable(" ".join(problem.split("\n"))))),
+        soft_wrap=not ERR.is_terminal,
     )
+
+
+def styled_text(text: str) -> str:
+    """Return a text from outside for a place where rich reads brackets as styles."""
+    from rich.markup import escape
+
+    return escape(one_line(text, most=LONGEST_MESSAGE))
 
 
 def _printable(text: str) -> str:

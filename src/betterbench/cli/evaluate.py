@@ -16,6 +16,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -572,7 +573,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
     if plan.policy == "expert" and plan.world is None:
         _print_expert(run)
-    following = f"better report {shlex.quote(str(run.path))}{options_for({t.task for t in plan.trials})}"
+    following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar
+from betterbench.quoting import shell_line
 
 if TYPE_CHECKING:
     from betterbench.materialization.checking import FolderCheck
@@ -170,4 +170,4 @@ def _command(run: Path, place: Path, wanted: Wanted, trials: Sequence[TrialId]) 
         words += ["--trial", str(trial)]
     if wanted.quality is not None:
         words += ["--quality", wanted.quality]
-    return shlex.join([*words, "--out", str(place)])
+    return shell_line([*words, "--out", str(place)])

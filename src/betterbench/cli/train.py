@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.learned import TrainingRecipe
@@ -153,5 +153,6 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
     files = "" if recipe.built_in else loading_options()
-    evaluation = f"better eval --policy {shlex.quote(f'learned:{out}')}{files} --tasks {shlex.join(tasks)} --trials 3"
+    chosen = " ".join(map(shell_word, tasks))
+    evaluation = f"better eval --policy {shell_word(f'learned:{out}')}{files} --tasks {chosen} --trials 3"
     OUT.print(f"evaluate    {evaluation}", markup=False, soft_wrap=True)

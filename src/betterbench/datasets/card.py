@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from betterbench.datasets.numbers import ConditionCounts, SetNumbers
 from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import SetRecipe
+from betterbench.quoting import markdown_address, markdown_table, markdown_text
 from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
 from betterbench.shortcuts.page import audit_lines, doubt, prediction_lines
@@ -55,7 +56,7 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
     """Return the card, as Markdown."""
     total = sum(c.demonstrations for c in facts.counts)
     held_out = sum(c.validation for c in facts.counts)
-    given = ", ".join(f"{count} {kind}" for kind, count in facts.numbers.demonstrators.items())
+    given = ", ".join(f"{count} {markdown_text(kind)}" for kind, count in facts.numbers.demonstrators.items())
     counted = (
         f"{total} demonstrations ({given}) with {facts.numbers.steps} steps; {total - held_out} are for training and "
         f"{held_out} for validation, by seed (`split.json`)."
@@ -77,13 +78,15 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
         "",
         "## Conditions",
         "",
-        *_table(("task", "condition", "demonstrations", "for validation", "steps", "instruction"), _rows(facts.counts)),
+        *markdown_table(
+            ("task", "condition", "demonstrations", "for validation", "steps", "instruction"), _rows(facts.counts)
+        ),
         "",
         "## Actions",
         "",
         RANGES,
         "",
-        *_table(("number", "least", "1 %", "99 %", "most"), _ranges(facts.numbers)),
+        *markdown_table(("number", "least", "1 %", "99 %", "most"), _ranges(facts.numbers)),
         *_task_lines(recipe, facts),
         *_shortcut_lines(facts),
     ]
@@ -93,27 +96,30 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
 def _rows(counts: Iterable[ConditionCounts]) -> Iterator[tuple[str, ...]]:
     for c in counts:
         steps = f"{c.steps_min} to {c.steps_max}, median {c.steps_median}"
-        yield c.task, c.condition, str(c.demonstrations), str(c.validation), steps, c.instruction
+        cells = (c.task, c.condition, c.demonstrations, c.validation, steps, c.instruction)
+        yield tuple(map(markdown_text, cells))
 
 
 def _ranges(numbers: SetNumbers) -> Iterator[tuple[str, ...]]:
     stats = numbers.statistics()["action"]
     for i, name in enumerate(numbers.components):
-        yield name, *(f"{stats[key][i]:.3f}" for key in ("min", "q01", "q99", "max"))
+        yield markdown_text(name), *(f"{stats[key][i]:.3f}" for key in ("min", "q01", "q99", "max"))
 
 
 def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
     """Yield one section per task: its picture, what is crossed, its pairs."""
     pairs = pairs_by_task(facts.pairs)
     for task in recipe.tasks:
-        yield from ("", f"## {task}", "")
+        yield from ("", f"## {markdown_text(task)}", "")
         file = facts.sheets.get(task, "none: it was not asked for")
         shown = (
-            f"![Starts of {task}]({file})" if file.endswith(".jpg") else f"No picture ({file.removeprefix('none: ')})"
+            f"![Starts of {markdown_text(task)}]({markdown_address(file)})"
+            if file.endswith(".jpg")
+            else f"No picture ({markdown_text(file.removeprefix('none: '))})"
         )
         yield shown
         if recipe.regime == "balanced":
-            yield from ("", "Crossed:", "", *(f"- {line}" for line in crossed(task)))
+            yield from ("", "Crossed:", "", *(f"- {markdown_text(line)}" for line in crossed(task)))
         if recipe.pairs:
             found = pairs.get(task, [])
             rows = sorted(p.shared_rows for p in found)
@@ -138,10 +144,3 @@ def _shortcut_lines(facts: CardFacts) -> Iterator[str]:
     rest = len(facts.prediction.variations) - MOST_FORECASTS
     if rest > 0:
         yield from ("", f"`prediction.json` has all {len(facts.prediction.variations)}, with its hash.")
-
-
-def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
-    def line(cells: tuple[str, ...]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-    return [line(head), "|" + "---|" * len(head), *map(line, rows)]

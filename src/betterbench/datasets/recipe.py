@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
@@ -15,6 +14,7 @@ from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.interventions.regimes import Regime
 from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.quoting import shell_line
 from betterbench.recording import first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX
 from betterbench.tasks import SUITE_VERSION
@@ -80,7 +80,7 @@ class SetRecipe:
         words += ["--demos", str(self.demos), "--sources", str(self.sources), "--seed", str(self.seed)]
         words += ["--noise", f"{self.noise:g}", "--validation", f"{self.validation:g}"]
         words += ["--pairs"] if self.pairs else []
-        return shlex.join([*words, "--expect", sha256])
+        return shell_line([*words, "--expect", sha256])
 
 
 _FORM = TypeAdapter(SetRecipe)

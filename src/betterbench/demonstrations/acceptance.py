@@ -13,6 +13,7 @@ from betterbench.demonstrations.attempt import AttemptNote
 from betterbench.demonstrations.failure import FAILURES
 from betterbench.demonstrations.production import StartOutcome, attempts_of, method_of, set_hash
 from betterbench.demonstrations.starts import FactorCoverage, coverage_of, levels_of
+from betterbench.quoting import markdown_address, markdown_text
 from betterbench.recording import RunFolder, write_durably
 from betterbench.tasks import Task, TrialId
 
@@ -180,7 +181,7 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
     """Return the page about a run of demonstrations, as Markdown."""
     mean = "none yet" if found.mean_rate is None else f"{100.0 * found.mean_rate:.1f} %"
     lines = [
-        f"# Acceptance of {found.policy}",
+        f"# Acceptance of {markdown_text(found.policy)}",
         "",
         f"Demonstrations: {found.demonstrations}. Accepted share of attempts, mean over tasks: {mean}.",
         "",
@@ -192,9 +193,9 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
     for t in found.tasks:
         steps = t.steps / t.attempts.accepted if t.attempts.accepted else 0.0
         covered = sum(c.filled for c in t.coverage) / len(t.coverage)
-        lines.append(f"| {t.task} | {t.attempts} | {t.starts} | {steps:.0f} | {100.0 * covered:.0f} % |")
+        lines.append(f"| {markdown_text(t.task)} | {t.attempts} | {t.starts} | {steps:.0f} | {100.0 * covered:.0f} % |")
     for t in found.tasks:
-        lines += ["", f"## {t.task}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
+        lines += ["", f"## {markdown_text(t.task)}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
         lines += [*_coverage_lines(t), *_source_lines(t)]
     return "\n".join(lines) + "\n"
 
@@ -202,9 +203,9 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
 def _picture_lines(t: TaskAcceptance, pictures: Mapping[str, str]) -> list[str]:
     file = pictures.get(t.task, "none: it was not asked for")
     if not file.endswith(".jpg"):
-        return [f"No picture of the paths ({file.removeprefix('none: ')})", ""]
+        return [f"No picture of the paths ({markdown_text(file.removeprefix('none: '))})", ""]
     said = "Paths of the tool, one color per source in the lead; a ring is where the gripper begins to close."
-    return [f"![Paths of {t.task}]({file})", "", said, ""]
+    return [f"![Paths of {markdown_text(t.task)}]({markdown_address(file)})", "", said, ""]
 
 
 def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> list[str]:
@@ -213,11 +214,11 @@ def _failure_lines(t: TaskAcceptance, films: Mapping[tuple[str, str], str]) -> l
     lines = ["| failure | attempts | what it means | first example | film |", "|---|---|---|---|---|"]
     for kind, count in sorted(t.failures.items(), key=lambda item: (-item[1], item[0])):
         trial, number, reason = t.examples[kind]
-        said = reason.replace("|", "\\|").replace("\n", " ")
+        example = markdown_text(f"{trial}, attempt {number + 1}: {reason}")
         film = films.get((t.task, kind), "not rendered")
-        shown = f"[film]({film})" if film.endswith(".mp4") else film
+        shown = f"[film]({markdown_address(film)})" if film.endswith(".mp4") else markdown_text(film)
         meaning = FAILURES.get(kind, "")  # type: ignore[call-overload] # a journal may hold kinds of other versions
-        lines.append(f"| {kind} | {count} | {meaning} | {trial}, attempt {number + 1}: {said} | {shown} |")
+        lines.append(f"| {markdown_text(kind)} | {count} | {meaning} | {example} | {shown} |")
     return [*lines, ""]
 
 
@@ -226,10 +227,11 @@ def _coverage_lines(t: TaskAcceptance) -> list[str]:
     lines = ["| condition | factor | demonstrations per level | rarest level against the mean |", "|---|---|---|---|"]
     for c in t.coverage:
         for f in c.factors:
-            lines.append(f"| {c.condition} | {f.factor} | {' '.join(map(str, f.counts))} | {f.evenness:.2f} |")
+            names = f"{markdown_text(c.condition)} | {markdown_text(f.factor)}"
+            lines.append(f"| {names} | {' '.join(map(str, f.counts))} | {f.evenness:.2f} |")
     if t.regions and t.attempts.accepted < t.attempts.attempts:
         low = min(t.regions, key=lambda r: (t.regions[r].rate or 0.0, r))
-        lines += ["", f"Lowest acceptance of a region: {low} with {t.regions[low]}."]
+        lines += ["", f"Lowest acceptance of a region: {markdown_text(low)} with {t.regions[low]}."]
     return [*lines, ""]
 
 
@@ -237,4 +239,4 @@ def _source_lines(t: TaskAcceptance) -> list[str]:
     if not t.sources:
         return []
     lines = ["| source in the lead | attempts accepted |", "|---|---|"]
-    return [*lines, *(f"| {source} | {tally} |" for source, tally in t.sources.items()), ""]
+    return [*lines, *(f"| {markdown_text(source)} | {tally} |" for source, tally in t.sources.items()), ""]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from betterbench.assets import Asset
@@ -171,6 +171,7 @@ def demonstrated_source(record: Record) -> Source:
     segments = subgoal_segments(record, condition.condition)
     placed = place_objects(condition.task, condition.condition, meta.seed, shown=meta.looks)
     assets = {p.spec.name: p.asset for p in placed}
+    _require_objects(record, assets)
     skills = tuple(
         _skill_of(record, str(trial), window, assets[window.object])
         for segment in segments
@@ -179,6 +180,17 @@ def demonstrated_source(record: Record) -> Source:
     )
     speed = 1.0 if meta.demonstrator is None else meta.demonstrator.manner.get("speed", 1.0)
     return Source(trial, segments, skills, min(1.0, max(0.3, float(speed))))
+
+
+def _require_objects(record: Record, planned: Collection[str]) -> None:
+    """Raise RecordError if a record shows other objects than its condition has."""
+    meta = record.metadata
+    other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
+    if other:
+        raise RecordError(
+            f"{meta.task}/{meta.condition}/{meta.seed}: its objects are not those of its condition "
+            f"({one_line(other[0], most=80)} is in one of them alone). Collect the demonstration again."
+        )
 
 
 def _skill_of(record: Record, name: str, window: SkillWindow, asset: Asset) -> SourceSkill:

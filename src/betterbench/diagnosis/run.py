@@ -31,6 +31,7 @@ from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.json_form import open_form, read_form
+from betterbench.quoting import shell_word
 from betterbench.recording import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
@@ -250,7 +251,8 @@ def _foreign_of(run: RunFolder) -> ForeignRun | None:
     if isinstance(world, dict) and world.get("name") == "calvin":
         raise RecordError(
             f"{run.path}: a run in CALVIN gets no labels, because its success rules name no target for every subtask. "
-            f"Give `better compare {run.path}` for its five rates, its average length and its rates per subtask."
+            f"Give `better compare {shell_word(run.path)}` for its five rates, its average length and its rates per "
+            "subtask."
         )
     where, cure = f"{run.path / 'run.json'}: plan.world", "Restore the file, or start the run again"
     form = read_form(_WORLD, world, where=where, cure=cure, raises=RecordError)

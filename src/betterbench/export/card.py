@@ -9,6 +9,7 @@ import numpy as np
 
 from betterbench.export.episodes import Dataset
 from betterbench.export.numbers import Stats
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
 
 _FRONT = (
     "---",
@@ -37,20 +38,22 @@ def card(dataset: Dataset, stats: Mapping[str, Stats]) -> str:
         f"{len(lengths) - dataset.train} for validation."
     )
     shown = (
-        f"Layout: preset `{layout.adapter.name}`, images as {dataset.form}, render quality `{source['quality']}`. "
+        f"Layout: preset {markdown_code(layout.adapter.name)}, images as {dataset.form}, render quality "
+        f"{markdown_code(source['quality'])}. "
         "A policy that was trained on these columns is evaluated with"
     )
     origin = (
-        f"Made by betterbench {source['package_version']} from the records of {', '.join(source['policies'])}; suite "
-        f"{source['suite_version']}, looks `{', '.join(source['looks'])}`. `meta/betterbench.json` names the record "
+        f"Made by betterbench {markdown_text(source['package_version'])} from the records of "
+        f"{', '.join(map(markdown_text, source['policies']))}; suite {markdown_text(source['suite_version'])}, looks "
+        f"{markdown_code(', '.join(source['looks']))}. `meta/betterbench.json` names the record "
         "of each episode by its SHA-256."
     )
     lines = [*_FRONT, "# Demonstrations of BeTTER tasks", "", counts, "", shown, "", "```sh", str(source["evaluate"])]
     lines += ["```", "", "## Episodes", ""]
-    lines += _table(("task", "condition", "episodes", "frames", "instruction"), _episodes(dataset))
-    lines += ["", "## Columns", "", *_table(("column", "what", "range of the data"), _columns(dataset, stats))]
+    lines += markdown_table(("task", "condition", "episodes", "frames", "instruction"), _episodes(dataset))
+    lines += ["", "## Columns", "", *markdown_table(("column", "what", "range of the data"), _columns(dataset, stats))]
     lines += [*_still(dataset, stats), "", "## Origin", "", origin, ""]
-    lines += [f"- left out: {count} trials {reason}" for reason, count in source["left_out"].items()]
+    lines += [f"- left out: {count} trials {markdown_text(reason)}" for reason, count in source["left_out"].items()]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -61,17 +64,20 @@ def _episodes(dataset: Dataset) -> list[tuple[str, ...]]:
         key = tuple(str(episode.about[name]) for name in ("task", "condition", "instruction"))
         count[key] += 1
         frames[key] += len(episode)
-    return [(k[0], k[1], str(count[k]), str(frames[k]), k[2]) for k in sorted(count)]
+    return [tuple(map(markdown_text, (k[0], k[1], count[k], frames[k], k[2]))) for k in sorted(count)]
 
 
 def _columns(dataset: Dataset, stats: Mapping[str, Stats]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for name, image in dataset.layout.all_images.items():
-        rows.append((f"`{name}`", f"camera `{image.camera}`, {image.width} × {image.height}", "uint8"))
+        rows.append(
+            (markdown_code(name), f"camera {markdown_code(image.camera)}, {image.width} × {image.height}", "uint8")
+        )
     for column in (*dataset.layout.states, dataset.layout.action):
         low, high = stats[column.name]["min"], stats[column.name]["max"]
         for i, component in enumerate(column.components):
-            rows.append((f"`{column.name}[{i}]`", component, f"{low[i]:.4g} to {high[i]:.4g}"))
+            name = markdown_code(f"{column.name}[{i}]")
+            rows.append((name, markdown_text(component), f"{low[i]:.4g} to {high[i]:.4g}"))
     return rows
 
 
@@ -80,15 +86,10 @@ def _still(dataset: Dataset, stats: Mapping[str, Stats]) -> list[str]:
     found = []
     for column in (*dataset.layout.states, dataset.layout.action):
         spans = zip(column.components, stats[column.name]["q01"], stats[column.name]["q99"], strict=True)
-        found += [f"`{name}` of `{column.name}`" for name, low, high in spans if high - low < STILL]
+        found += [
+            f"{markdown_code(name)} of {markdown_code(column.name)}" for name, low, high in spans if high - low < STILL
+        ]
     if not found:
         return []
     said = "Normalization by range, quantiles or standard deviation blows up what stands still"
     return ["", f"{said}: {', '.join(found)} (quantiles 0.01 and 0.99 less than {STILL:g} apart). Give them a floor."]
-
-
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    def line(cells: tuple[str, ...]) -> str:
-        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
-
-    return [line(head), "|" + "---|" * len(head), *map(line, rows)]

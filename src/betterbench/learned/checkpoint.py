@@ -113,6 +113,9 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
     if trained.action_space != ACTION_SPACE:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
+    if trained.recipe.built_in:
+        with torch.device("meta"):  # a recipe that claims what its weights do not have is refused before it costs
+            _require_fit(new_network(trained.recipe, trained.vocabulary), weights, str(path))
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
@@ -143,12 +146,16 @@ def read_vocabulary(path: Path) -> Vocabulary:
 
 def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     """Put weights into a network; InvalidInputError if they are of another one."""
+    _require_fit(network, weights, where)
+    network.load_state_dict(dict(weights))
+
+
+def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
     there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
     if there != wanted:
         names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
         problem = f"its weights are those of another network ({names[0]} differs)"
         raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
-    network.load_state_dict(dict(weights))
 
 
 def _trained(about: Mapping[str, Any], where: str) -> Trained:

@@ -15,6 +15,7 @@ from PIL import Image
 from betterbench.installation import missing_extra
 from betterbench.materialization.pictures import LEAST_SEEN, own_colors
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
+from betterbench.quoting import markdown_text
 from betterbench.recording import Record, RunFolder
 from betterbench.recording.modalities.header import instance_of_object, stage_ids
 from betterbench.recording.modalities.spec import ViewSpec
@@ -116,7 +117,8 @@ def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[i
     stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world", rerun.AnnotationContext(names), static=True)
     end = f"{record.outcome.termination}{', success' if record.outcome.success else ''}"
-    text = f"# {meta.task}/{meta.condition}/{meta.seed}\n\n“{meta.instruction}”\n\n{meta.policy}: {end}"
+    title, said, by = map(markdown_text, (f"{meta.task}/{meta.condition}/{meta.seed}", meta.instruction, meta.policy))
+    text = f"# {title}\n\n“{said}”\n\n{by}: {end}"
     stream.log("trial", rerun.TextDocument(text, media_type="text/markdown"), static=True)
 
 

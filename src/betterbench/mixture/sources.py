@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import open_seal, read_bounded, read_form, read_object, strict_form
+from betterbench.json_form import open_seal, parse_json, read_bounded, read_form, read_object, strict_form
 from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30
@@ -114,7 +114,7 @@ class QuestionSource:
             file.seek(start)
             line = file.read(length)
         try:
-            found = json.loads(line)
+            found = parse_json(line)
         except ValueError as error:
             raise InvalidInputError(
                 f"{self.path}: item {number}", f"is not JSON ({error})", "Repair the file"

@@ -6,7 +6,6 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from urllib.parse import unquote
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy, PolicyInfo
+from betterbench.json_form import parse_json
 
 
 def load_plugin(address: str) -> Policy:
@@ -82,8 +82,8 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
 
 def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
     try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
+        return parse_json(text)
+    except ValueError:
         return text
 
 

@@ -12,16 +12,17 @@ from typing import Any
 
 from betterbench.errors import InvalidInputError
 from betterbench.export.layout import layout_of
+from betterbench.quoting import shell_line
 from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
+    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
     flag_lines,
-    shell,
 )
 
 UPSTREAM = "BeingBeyond/Being-H@594219eaa16097b86d460b3e1040cca0fc4e4b98"
@@ -57,7 +58,7 @@ def being_h_setup(training: Training) -> TrainerSetup:
     commands = []
     if ours:
         commands += [("Export the demonstrations", export_line(d, "lerobot-v2.1")) for d in training.data]
-    flags = [(s.name, shell([s.value])) for s in settings if s.name.startswith("--")]
+    flags = [(s.name, shell_line([s.value])) for s in settings if s.name.startswith("--")]
     commands += [
         ("From Being-H's folder (the one that holds BeingH and configs): train", flag_lines(start, flags)),
         (
@@ -96,7 +97,7 @@ def _settings(training: Training) -> tuple[Setting, ...]:
         ("--resume_from", training.weights or "Being-H05-2B", "ours" if training.weights else "upstream", _LIBERO),
         ("--resume_model_only", True, "upstream", _LIBERO),
         ("--layer_module", "Qwen3MoTDecoderLayer", "upstream", _LIBERO),
-        ("--dataset_config_file", f'"$HERE/{recipe.name}.yaml"', "ours", ""),
+        ("--dataset_config_file", beside(f"{recipe.name}.yaml"), "ours", ""),
         ("--expected_num_tokens", tokens, *_batch_source(training), _TOKENS),
         ("--max_num_tokens", tokens + training.sample_tokens, "ours", "one sample more"),
         (

@@ -11,16 +11,17 @@ from typing import Any
 from betterbench.errors import InvalidInputError
 from betterbench.export.layout import layout_of
 from betterbench.export.lerobot_v21 import modality
+from betterbench.quoting import ShellText, shell_line
 from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
+    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
     flag_lines,
-    shell,
 )
 
 UPSTREAM = "NVIDIA/Isaac-GR00T@15ce93d2530e6f31aa7fe1c999a25c5dff7045db"
@@ -30,6 +31,7 @@ _CALVIN = (
     "MODALITY_CONFIG is your Python file with the modalities of your conversion of CALVIN, registered for "
     "NEW_EMBODIMENT (better_modality.py of a recipe for BeTTER shows one)."
 )
+_OWN_FILE = ShellText('"$MODALITY_CONFIG"')
 _JITTER = {"brightness": 0.3, "contrast": 0.4, "saturation": 0.5, "hue": 0.08}
 
 
@@ -62,17 +64,17 @@ def gr00t_setup(training: Training) -> TrainerSetup:
             if "language" in frozen
             else "From Isaac-GR00T's folder: a copy of the checkpoint",
             'python "$HERE/prepare_checkpoint.py" '
-            + shell([training.weights or "GR00T-N1.6-3B", values["--base-model-path"], top]),
+            + shell_line([training.weights or "GR00T-N1.6-3B", values["--base-model-path"], top]),
         ),
         ("Train", flag_lines(f"{start} gr00t/experiment/launch_finetune.py", _flags(settings))),
         (
             "What was trained, and what was frozen",
             'python "$HERE/check_frozen.py" '
-            + shell([values["--base-model-path"], f"{out}/checkpoint-{recipe.steps}"]),
+            + shell_line([values["--base-model-path"], f"{out}/checkpoint-{recipe.steps}"]),
         ),
         (
             "Serve the last checkpoint",
-            shell(["python", "gr00t/eval/run_gr00t_server.py", "--model-path", f"{out}/checkpoint-{recipe.steps}"])
+            shell_line(["python", "gr00t/eval/run_gr00t_server.py", "--model-path", f"{out}/checkpoint-{recipe.steps}"])
             + f" --embodiment-tag {values['--embodiment-tag']} --port 5555",
         ),
     ]
@@ -97,7 +99,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
     ours = bool(data.preset)
     tag = "NEW_EMBODIMENT" if ours or recipe.benchmark == "calvin" else "LIBERO_PANDA"
     chunk = () if not ours else (given_or("delta_indices of the action", form.chunk, 16, "upstream", _LIBERO),)
-    path, told = ('"$HERE/better_modality.py"', "") if ours else ('"$MODALITY_CONFIG"', "your file, see above")
+    path, told = (beside("better_modality.py"), "") if ours else (_OWN_FILE, "your file, see above")
     modality_path = () if tag != "NEW_EMBODIMENT" else (Setting("--modality-config-path", path, "ours", told),)
     top = 0 if "language" in frozen else 4
     told = "N1.6 trains the top 4 layers although tune_llm is False" if not top else "default of N1.6"
@@ -140,7 +142,7 @@ def _flags(settings: tuple[Setting, ...]) -> list[tuple[str, str]]:
         elif isinstance(setting.value, dict):
             found.append((setting.name, " ".join(f"{key} {value}" for key, value in setting.value.items())))
         else:
-            found.append((setting.name, shell([setting.value])))
+            found.append((setting.name, shell_line([setting.value])))
     return found
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.quoting import shell_line
 from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
@@ -18,7 +19,6 @@ from betterbench.recipes.trainer import (
     evaluation_lines,
     export_line,
     exposure,
-    shell,
 )
 
 UPSTREAM = "huggingface/lerobot 0.6.1 (and 0.4.4)"
@@ -169,7 +169,7 @@ def _nested(settings: tuple[Setting, ...]) -> dict[str, Any]:
 
 
 def _evaluation(training: Training, checkpoint: str) -> str:
-    on_libero = shell(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
+    on_libero = shell_line(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
     return evaluation_lines(
         training.recipe,
         training.only_data,

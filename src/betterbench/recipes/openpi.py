@@ -6,16 +6,17 @@ Fields: Physical-Intelligence/openpi@15a9616a, ``src/openpi/training/config.py``
 
 from __future__ import annotations
 
+from betterbench.quoting import shell_line, shell_word
 from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
     TrainingData,
+    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
-    shell,
 )
 
 UPSTREAM = "Physical-Intelligence/openpi@15a9616a00943ada6c20a0f158e3adb39df2ccac"
@@ -47,13 +48,13 @@ def openpi_setup(training: Training) -> TrainerSetup:
     settings = _settings(training, repo_id)
     values = {setting.name: setting.value for setting in settings}
     file = f"{name}.py"
-    run = shell(["uv", "run", f'"$HERE/{file}"'])
+    run = shell_line(["uv", "run", beside(file)])
     commands = []
     if data.preset:
         commands.append(("Export the demonstrations", export_line(data, "lerobot-v2.1", images="png")))
     if not _on_hub(data):
         linked = 'mkdir -p "$HF_LEROBOT_HOME/local" && ln -sfn '
-        linked += f'"$(realpath {shell([data.place])})" "$HF_LEROBOT_HOME/{repo_id}"'
+        linked += f'"$(realpath -- {shell_word(data.place)})" "$HF_LEROBOT_HOME"/{shell_word(repo_id)}'
         commands.append(("Put the data set where openpi looks for it", linked))
     last = recipe.steps - 1
     commands += [

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import importlib.resources
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import Annotated, Any, Literal, TypeVar
 
-from betterbench.errors import InvalidInputError, require_between
+from pydantic import Field, TypeAdapter, ValidationError
+
+from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, require_between
 from betterbench.export.card import STILL
-from betterbench.json_form import open_seal, read_bounded, read_object
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form
+from betterbench.quoting import ShellText, shell_line, shell_word
 from betterbench.recipes.recipe import Recipe, Setting
 
 SOURCE_FILE = Path("meta/betterbench.json")
 _CURE = "Name a folder that better export wrote, or one that is not here yet"
-_MAX_META_BYTES = 1 << 30
+_MAX_META_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +67,11 @@ class Training:
     sample_tokens: int = 220
 
     def __post_init__(self) -> None:
-        """Refuse numbers that mean nothing; raises InvalidInputError."""
+        """Refuse numbers and places that mean nothing; raises InvalidInputError."""
         require_between("--gpus", self.gpus, 1, 4096)
         require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
+        if self.weights is not None and not _is_place(self.weights):
+            raise InvalidInputError("--weights", f"{self.weights!r} is no place of weights", "Name a file or a folder")
 
     @property
     def only_data(self) -> TrainingData:
@@ -131,7 +135,7 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         InvalidInputError: If it is here and is not what the trainer needs.
     """
     folder = Path(place)
-    if not place or any(ord(letter) < 32 for letter in place):
+    if not _is_place(place):
         raise InvalidInputError("--data", f"{place!r} is no place of a data set", "Name its folder")
     if not _NAME.fullmatch(folder.name):
         problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
@@ -140,40 +144,85 @@ def data_of(place: str, *, preset: str, version: str, benchmark: str) -> Trainin
         return TrainingData(place, preset if benchmark == "better" else "")
     file = folder / SOURCE_FILE
     raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=_CURE)
-    source = open_seal(raw, where=str(file), cure=_CURE, since=("version", 2))
-    info = _json(folder / "meta/info.json")
+    source = read_form(
+        _SOURCE, open_seal(raw, where=str(file), cure=_CURE, since=("version", 2)), where=str(file), cure=_CURE
+    )
     to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
-    cure = f"Make it with better export RUN --to {to} --preset {preset} --out {place}"
-    try:
-        found = source["layout"]["adapter"]["name"]
-    except (KeyError, TypeError):
-        found = "unknown"
-    if found != preset:
+    cure = f"Make it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
+    if source.layout.adapter.name != preset:
+        found = one_line(source.layout.adapter.name, most=80)
         raise InvalidInputError(place, f"its layout is {found}, and this trainer needs {preset}", cure)
-    if info.get("codebase_version") != version:
-        raise InvalidInputError(place, f"it is LeRobot {info.get('codebase_version')}, not {version}", cure)
-    stats = _json(folder / "meta/stats.json")
+    info = _read(folder / "meta/info.json", _INFO)
+    if info.codebase_version != version:
+        found = one_line(info.codebase_version, most=80)
+        raise InvalidInputError(place, f"it is LeRobot {found}, not {version}", cure)
+    stats = _read(folder / "meta/stats.json", _STATS)
     try:
         still = tuple(
             f"{column}[{i}]"
-            for column in source["layout"]["vectors"]
-            for i, (low, high) in enumerate(zip(stats[column]["q01"], stats[column]["q99"], strict=True))
+            for column in source.layout.vectors
+            for i, (low, high) in enumerate(zip(*_quantiles(stats[column]), strict=True))
             if high - low < STILL
         )
-        return TrainingData(place, preset, int(info["total_frames"]), str(source["quality"]), still)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInputError(place, f"its meta files do not fit each other ({error!r})", cure) from error
+    except (KeyError, ValueError, ValidationError) as error:
+        problem = f"its meta files do not fit each other ({one_line(repr(error), most=200)})"
+        raise InvalidInputError(place, problem, cure) from error
+    return TrainingData(place, preset, info.total_frames, source.quality, still)
 
 
-def _json(path: Path) -> dict[str, Any]:
-    return read_object(path, max_bytes=_MAX_META_BYTES, cure=_CURE)
+def _quantiles(of: Mapping[str, Any]) -> tuple[list[float], list[float]]:
+    return _NUMBERS.validate_python(of["q01"]), _NUMBERS.validate_python(of["q99"])
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Adapter:
+    name: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    adapter: _Adapter
+    vectors: Mapping[Annotated[str, Field(max_length=200)], Any]
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What is read of :data:`SOURCE_FILE`."""
+
+    layout: _Layout
+    quality: Literal["fast", "standard", "high"]
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Info:
+    """What is read of ``meta/info.json``."""
+
+    codebase_version: str
+    total_frames: Annotated[int, Field(ge=1, le=10**12)]
+
+
+_SOURCE, _INFO = TypeAdapter(_Source), TypeAdapter(_Info)
+_STATS, _NUMBERS = TypeAdapter(dict[str, dict[str, Any]]), TypeAdapter(list[float])
+_Form = TypeVar("_Form")
+
+
+def _read(path: Path, form: TypeAdapter[_Form]) -> _Form:
+    return read_form(form, read_bounded(path, max_bytes=_MAX_META_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+
+
+def _is_place(text: str) -> bool:
+    return bool(text) and not any(letter in "\t\n" or UNPRINTABLE.match(letter) for letter in text)
 
 
 def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
     """Return the command that makes a data set of ours."""
     words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
     words += ["--images", images] * (images != "video") + ["--out", place or data.place]
-    return shell(words)
+    return shell_line(words)
 
 
 def evaluation_lines(
@@ -201,12 +250,12 @@ def evaluation_lines(
 def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
     words = ["better", "eval", "--policy", address, "--suite", "better60"]
     words += ["--quality", data.quality] * (data.quality != "standard")
-    return shell([*words, "--out", f"runs/{recipe.name}"])
+    return shell_line([*words, "--out", f"runs/{recipe.name}"])
 
 
-def shell(words: Sequence[object]) -> str:
-    """Return words as a command line; what begins with a variable is left to the shell."""
-    return " ".join(w if (w := str(word)).startswith(('"$', "$")) else shlex.quote(w) for word in words)
+def beside(file: str) -> ShellText:
+    """Return the word of the shell for a file of the recipe's own folder; its name is ours."""
+    return ShellText(f'"$HERE/{file}"')
 
 
 def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.recipes import being_h, gr00t, lerobot, openpi
 from betterbench.recipes.recipe import Framework, Recipe, Setting
 from betterbench.recipes.trainer import TrainerSetup, Training, data_of
@@ -128,13 +129,11 @@ def _page(setup: TrainerSetup, recipe: Recipe) -> str:
         "",
         "## Look at",
         "",
-        *(f"- {text}" for text in setup.checks),
+        *(f"- {markdown_text(text)}" for text in setup.checks),
         "",
         "## Fields",
         "",
-        "| field | value | decided by | where |",
-        "|---|---|---|---|",
-        *(_row(setting) for setting in setup.settings),
+        *markdown_table(("field", "value", "decided by", "where"), map(_row, setup.settings)),
         "",
         "The paper gives steps, batch and frozen parts. What it does not give is taken from the framework's own recipe",
         "and is not claimed to be what the paper used.",
@@ -143,6 +142,6 @@ def _page(setup: TrainerSetup, recipe: Recipe) -> str:
     return "\n".join(lines)
 
 
-def _row(setting: Setting) -> str:
+def _row(setting: Setting) -> tuple[str, ...]:
     value = setting.value if isinstance(setting.value, str) else json.dumps(setting.value)
-    return f"| `{setting.name}` | `{value}` | {_ORIGINS[setting.origin]} | {setting.where.replace('|', '/')} |"
+    return markdown_code(setting.name), markdown_code(value), _ORIGINS[setting.origin], markdown_text(setting.where)

@@ -13,12 +13,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, NotRequired
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
+from typing_extensions import TypedDict
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import growing_form, read_bounded, read_form, strict_form
 from betterbench.recording.durable import PART_SUFFIX, remove_parts, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import LOCK_NAME, say_lost_tail
@@ -40,12 +41,31 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
 _HASH = re.compile(r"[0-9a-f]{8,128}")
 
 
+@growing_form
+class _PolicyChange(TypedDict):
+    """A time at which a run went on with another policy."""
+
+    policy: dict[str, Any]
+    trials_before: NotRequired[Annotated[int, Field(ge=0)]]
+    difference: NotRequired[str]
+
+
+@growing_form
+class _RunContext(TypedDict, total=False):
+    """What is read of a context; it may say more."""
+
+    policy: dict[str, Any]
+    policy_changes: list[_PolicyChange]
+    extended: list[dict[str, Any]]
+    sources: str
+
+
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _RunDocument:
     schema_version: Literal[1]
     plan: dict[str, Any]
-    context: dict[str, Any]
+    context: _RunContext
 
 
 _RUN_DOCUMENT = TypeAdapter(_RunDocument)
@@ -131,7 +151,7 @@ class RunFolder:
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
         document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)
         require_origins(document.plan, path)
-        return cls(path, document.plan, document.context)
+        return cls(path, document.plan, dict(document.context))
 
     @property
     def journal_path(self) -> Path:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from betterbench.diagnosis import Calibration, Kind, Label
 from betterbench.diagnosis.confusion import FAMILIES
 from betterbench.diagnosis.power_matrix import PowerMatrix
+from betterbench.quoting import markdown_code
 from betterbench.report.html import data_uri, environment, write
 from betterbench.report.power_page import blind_sentences, blind_table
 from betterbench.statistics import Rate, percent
@@ -113,7 +114,7 @@ def calibration_markdown(calibration: Calibration) -> str:
         for s in calibration.scores()
     ]
     lines += ["", "| policy | right |", "|---|---|"]
-    lines += [f"| `{name}` | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration).items()]
+    lines += [f"| {markdown_code(name)} | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration).items()]
     return "\n".join(lines) + "\n"
 
 

@@ -6,10 +6,8 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from html import escape
 
-from betterbench.errors import printable
-from betterbench.report.html import LONGEST_TEXT
+from betterbench.quoting import markup_text
 from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 from betterbench.statistics.wording import minus, p_text
@@ -138,9 +136,10 @@ def draw(chart: Chart, *, narrow: bool = False, style: str | None = None) -> str
     pen.chart(chart)
     height = math.ceil(pen.y + 4)
     ground = "" if style is None else f'<style>{style}</style><rect width="{width}" height="{height}" class="ground"/>'
+    title = markup_text(chart.title)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="drawing" viewBox="0 0 {width} {height}" width="{width}" '
-        f'height="{height}" role="img" aria-label="{escape(chart.title)}"><title>{escape(chart.title)}</title>'
+        f'height="{height}" role="img" aria-label="{title}"><title>{title}</title>'
         f"{ground}{_patterns(name)}{''.join(pen.marks)}</svg>"
     )
 
@@ -204,9 +203,8 @@ class _Pen:
 
     def text(self, x: float, y: float, text: str, style: str = "", full: str = "") -> None:
         """Write a text; ``full`` is shown on hovering where the text was cut."""
-        text, full = (printable(t, most=LONGEST_TEXT) for t in (text, full))
-        hint = f"<title>{escape(full)}</title>" if full and full != text else ""
-        self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{escape(text)}{hint}</text>')
+        hint = f"<title>{markup_text(full)}</title>" if full and full != text else ""
+        self.marks.append(f'<text x="{x:.1f}" y="{y:.1f}" class="{style}">{markup_text(text)}{hint}</text>')
 
     def box(self, x: float, width: float, height: float, style: str) -> None:
         """Draw a bar at the present height, with its family's pattern over it."""

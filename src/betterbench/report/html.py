@@ -10,9 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from betterbench.errors import printable
-
-LONGEST_TEXT = 2000
-"""Most characters of one text in a page, a figure or a table."""
+from betterbench.quoting import LONGEST_TEXT
 
 
 def environment() -> Environment:

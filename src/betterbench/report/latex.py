@@ -5,58 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from betterbench.errors import printable
-from betterbench.report.html import LONGEST_TEXT
+from betterbench.quoting import latex_text
 from betterbench.report.paper import PaperTable
 from betterbench.report.table import Scalar, Table
 from betterbench.report.wording import Figure
 from betterbench.statistics import round_half_up
 
-_ESCAPES = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "$": r"\$",
-    "&": r"\&",
-    "#": r"\#",
-    "%": r"\%",
-    "_": r"\_",
-    "^": r"\textasciicircum{}",
-    "~": r"\textasciitilde{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
-    "→": r"$\rightarrow$",
-    "−": r"$-$",
-    "Δ": r"$\Delta$",
-    "π": r"$\pi$",
-    "×": r"$\times$",
-    "–": "--",
-    "…": r"\dots{}",
-    "\N{NARROW NO-BREAK SPACE}": r"\,",
-    "\N{NO-BREAK SPACE}": "~",
-}
 _LONG_TABLE = 40
 """Rows from which on a table is set as a longtable, which breaks over pages."""
-
-
-def escape(text: str) -> str:
-    """Return a text that LaTeX prints as it is; control characters become spaces."""
-    return "".join(_ESCAPES.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
 
 
 def table_to_latex(table: Table) -> str:
     """Return a plain table as a booktabs tabular, or as a longtable if it is long."""
     columns = "".join("r" if _numeric(table, i) else "l" for i in range(len(table.columns)))
-    header = " & ".join(escape(column.replace("_", " ")) for column in table.columns) + r" \\"
+    header = " & ".join(latex_text(column.replace("_", " ")) for column in table.columns) + r" \\"
     rows = [" & ".join(_cell(value) for value in row) + r" \\" for row in table.rows]
     label = f"tab:better_{table.name}"
     if len(rows) >= _LONG_TABLE:
         lines = [
             "% needs the packages booktabs and longtable",
             rf"\begin{{longtable}}{{{columns}}}",
-            rf"\caption{{{escape(table.caption)}}}\label{{{label}}} \\",
+            rf"\caption{{{latex_text(table.caption)}}}\label{{{label}}} \\",
             r"\toprule",
             header,
             r"\midrule",
@@ -80,7 +49,7 @@ def paper_table_to_latex(table: PaperTable) -> str:
     groups, rules, at = [], [], 2
     for group in table.groups:
         end = at + group.span - 1
-        groups.append(rf"\multicolumn{{{group.span}}}{{c}}{{{escape(group.title)}}}")
+        groups.append(rf"\multicolumn{{{group.span}}}{{c}}{{{latex_text(group.title)}}}")
         rules.append(rf"\cmidrule(lr){{{at}-{end}}}")
         at = end + 1
     lines = [
@@ -88,7 +57,7 @@ def paper_table_to_latex(table: PaperTable) -> str:
         r"\toprule",
         " & ".join([" ", *groups]).strip() + r" \\",
         " ".join(rules),
-        " & ".join(["Model", *(escape(column.title) for column in table.columns)]) + r" \\",
+        " & ".join(["Model", *(latex_text(column.title) for column in table.columns)]) + r" \\",
         r"\midrule",
     ]
     before = table.rows[0].source if table.rows else ""
@@ -96,7 +65,7 @@ def paper_table_to_latex(table: PaperTable) -> str:
         if row.source != before:
             lines.append(r"\midrule")
             before = row.source
-        name = escape(row.name) + (r" (paper, $n=20$)" if row.source == "paper" else "")
+        name = latex_text(row.name) + (r" (paper, $n=20$)" if row.source == "paper" else "")
         lines.append(" & ".join([name, *(_figure(figure) for figure in row.figures)]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}"]
     return _floated(lines, table.caption, f"tab:better_{table.name}")
@@ -108,7 +77,7 @@ def _floated(lines: Sequence[str], caption: str, label: str) -> str:
         "% needs the package booktabs",
         r"\begin{table}[t]",
         r"\centering",
-        rf"\caption{{{escape(caption)}}}",
+        rf"\caption{{{latex_text(caption)}}}",
         rf"\label{{{label}}}",
     ]
     return "\n".join([*head, *lines, r"\end{table}"]) + "\n"
@@ -118,8 +87,8 @@ def _figure(figure: Figure) -> str:
     """Return a number with its count and interval in small print."""
     if figure.missing:
         return "--"
-    number = escape(figure.number(1)) + ("" if figure.difference else r"\,\%")
-    count, ends = escape(figure.count()), escape(figure.interval(1))
+    number = latex_text(figure.number(1)) + ("" if figure.difference else r"\,\%")
+    count, ends = latex_text(figure.count()), latex_text(figure.interval(1))
     small = ", ".join(part for part in (count, f"[{ends.replace(' to ', ', ')}]" if ends else "") if part)
     return rf"{number} {{\scriptsize ({small})}}" if small else number
 
@@ -137,5 +106,5 @@ def _cell(value: Scalar) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return escape(str(round_half_up(value, 4))) if math.isfinite(value) else "--"
-    return escape(str(value))
+        return latex_text(str(round_half_up(value, 4))) if math.isfinite(value) else "--"
+    return latex_text(str(value))

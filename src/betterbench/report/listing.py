@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
@@ -10,8 +9,8 @@ from typing import Any
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import printable
+from betterbench.quoting import LONGEST_TEXT
 from betterbench.report.film import film_key
-from betterbench.report.html import LONGEST_TEXT
 from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
 from betterbench.report.media import NO_MEDIA, Media
 
@@ -49,14 +48,6 @@ def listing_of(diagnoses: Sequence[RunDiagnosis], films: Mapping[str, int], medi
         "options": media.options,
         "paths": {key: b64encode(image).decode("ascii") for key, image in media.paths.items()},
     }
-
-
-def script_json(value: object) -> str:
-    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, no line separators, no NaN."""
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
 
 
 def _row(policy: str, trial: TrialDiagnosis, strings: StringTable, films: Mapping[str, int]) -> list[Any]:

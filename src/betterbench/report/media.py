@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from betterbench.quoting import shell_word
 from betterbench.report.film import Film
 
 
@@ -43,7 +43,7 @@ class Media:
     def replay_start(self, policy: str) -> str:
         """Return the beginning of every command that replays a trial of a policy; empty where its folder is unknown."""
         folder = self.folders.get(policy)
-        return "" if folder is None else f"better replay {shlex.quote(folder.rstrip('/') + '/')}"
+        return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
 
 
 NO_MEDIA = Media()

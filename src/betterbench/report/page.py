@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import script_json
 from betterbench.report.charts import charts_of, twin_figure
 from betterbench.report.drawing import Chart, draw, file_style
 from betterbench.report.exports import Export, exports_of
@@ -21,7 +22,7 @@ from betterbench.report.headline import RARE_SHARE, WEAK_SHARE, Headline, headli
 from betterbench.report.html import asset, data_uri, environment, write
 from betterbench.report.knowledge import knowledge_view
 from betterbench.report.legend import AXIS_NAMES, LEGEND, families_of
-from betterbench.report.listing import listing_of, script_json
+from betterbench.report.listing import listing_of
 from betterbench.report.matrices import Matrix, matrices_of
 from betterbench.report.media import NO_MEDIA, Media
 from betterbench.report.outcomes import is_abroad

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import json
 from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import script_json
 from betterbench.report.html import asset, environment, write
 
 _HEAD_BYTES = 1 << 18
@@ -117,5 +117,4 @@ def _data(trial: PlayedTrial) -> str:
             {"kind": lane.kind, "name": lane.name, "spans": [list(s) for s in lane.spans]} for lane in trial.lanes
         ],
     }
-    text = json.dumps(form, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("<", "\\u003c")
+    return script_json(form)

@@ -17,6 +17,7 @@ from betterbench.diagnosis.power_matrix import (
     PowerMatrix,
 )
 from betterbench.errors import UnknownNameError
+from betterbench.quoting import markdown_table, markdown_text
 from betterbench.report.html import environment, write
 from betterbench.statistics import percent
 from betterbench.statistics.wording import listed, plural
@@ -51,11 +52,11 @@ def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
 
 def power_markdown(matrix: PowerMatrix) -> str:
     """Return sentences and tables of a matrix as Markdown."""
-    lines = [f"- {sentence}" for sentence in power_sentences(matrix)]
+    lines = [f"- {markdown_text(sentence)}" for sentence in power_sentences(matrix)]
     for table in power_tables(matrix):
-        lines += ["", f"### {table.title}", "", table.caption, ""]
-        lines += ["| " + " | ".join(table.columns) + " |", "|" + "---|" * len(table.columns)]
-        lines += ["| " + " | ".join(row) + " |" for row in table.rows]
+        lines += ["", f"### {markdown_text(table.title)}", "", markdown_text(table.caption), ""]
+        head = tuple(map(markdown_text, table.columns))
+        lines += markdown_table(head, (tuple(map(markdown_text, row)) for row in table.rows))
     return "\n".join(lines) + "\n"
 
 

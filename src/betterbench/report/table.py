@@ -6,14 +6,10 @@ import csv
 import io
 from dataclasses import dataclass
 
-from betterbench.errors import printable
-from betterbench.report.html import LONGEST_TEXT
+from betterbench.quoting import csv_text
 
 Scalar = str | int | float | bool | None
 """What a cell of a plain table holds; None is an empty cell."""
-
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""A spreadsheet takes a text with such a beginning for a formula (OWASP, "CSV Injection")."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +30,7 @@ def to_csv(table: Table) -> str:
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\r\n")
-    writer.writerow(_guard(column) for column in table.columns)
+    writer.writerow(csv_text(column) for column in table.columns)
     writer.writerows([_cell(value) for value in row] for row in table.rows)
     return buffer.getvalue()
 
@@ -47,10 +43,4 @@ def _cell(value: Scalar) -> str:
         return "true" if value else "false"
     if isinstance(value, int | float):
         return f"{value:.12g}" if isinstance(value, float) else str(value)
-    return _guard(value)
-
-
-def _guard(text: str) -> str:
-    """Return a text of bounded length that no spreadsheet takes for a formula."""
-    text = printable(text, most=LONGEST_TEXT)
-    return f"'{text}" if text.lstrip(" ").startswith(_FORMULA_STARTS) else text
+    return csv_text(value)

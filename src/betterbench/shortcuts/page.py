@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
+from betterbench.quoting import markdown_table, markdown_text
 from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
 from betterbench.shortcuts.prediction import Prediction
 from betterbench.shortcuts.reading import DataReading
@@ -31,13 +31,13 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
     lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
     lines += [ABOUT, ""]
     for group in audit.groups:
-        lines += [f"### {group.group}", "", *_group_lines(group), ""]
+        lines += [f"### {markdown_text(group.group)}", "", *_group_lines(group), ""]
     return lines
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
     """Return the paragraph with which an audit begins; a stranger's names are no markup."""
-    return [re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", reading.paragraph)]
+    return [markdown_text(reading.paragraph)]
 
 
 def _group_lines(group: GroupAudit) -> Iterator[str]:
@@ -46,22 +46,21 @@ def _group_lines(group: GroupAudit) -> Iterator[str]:
     yield f"{len(group.shortcuts)} shortcuts in {group.episodes} demonstrations; {asked} questions were asked."
     for note in group.notes:
         yield ""
-        yield f"{note[0].upper()}{note[1:]}."
+        yield f"{markdown_text(note[:1].upper() + note[1:])}."
     if found:
         yield from _finding_lines(found)
     if group.smallest:
         yield from ("", SMALLEST, "")
-        yield from ("| what goes together | compared | smallest rule that would be found |", "|---|---|---|")
-        for r in group.smallest:
-            yield f"| {r.title} | {r.n} {r.noun} | {share_text(r.least_share)} |"
+        head = ("what goes together", "compared", "smallest rule that would be found")
+        rows = ((r.title, f"{r.n} {r.noun}", share_text(r.least_share)) for r in group.smallest)
+        yield from markdown_table(head, (tuple(map(markdown_text, row)) for row in rows))
 
 
 def _finding_lines(found: list[Finding]) -> Iterator[str]:
     yield ""
-    yield "| what goes together | verdict | bits | strength | p | what a learner can go by | broken by |"
-    yield "|---|---|---|---|---|---|---|"
-    for f in sorted(found, key=lambda f: (f.verdict != "shortcut", -f.strength, f.question, f.subject)):
-        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in _cells(f))} |"
+    head = ("what goes together", "verdict", "bits", "strength", "p", "what a learner can go by", "broken by")
+    ordered = sorted(found, key=lambda f: (f.verdict != "shortcut", -f.strength, f.question, f.subject))
+    yield from markdown_table(head, (tuple(map(markdown_text, _cells(f))) for f in ordered))
 
 
 def _cells(f: Finding) -> tuple[str, ...]:
@@ -85,8 +84,9 @@ def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
 
 def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
     """Return the ranking of the variations, the likeliest failures first; the first ``most`` of them."""
-    lines = ["| rank | variation | risk | label | because |", "|---|---|---|---|---|"]
+    rows = []
     for f in prediction.variations[:most]:
-        because = "; ".join(f.because).replace("|", "\\|") or "it breaks no rule that was found"
-        lines.append(f"| {f.rank} | {f.task}/{f.variation} | {f.risk:.2f} | {f.label or '–'} | {because} |")
-    return lines
+        because = "; ".join(f.because) or "it breaks no rule that was found"
+        cells = (str(f.rank), f"{f.task}/{f.variation}", f"{f.risk:.2f}", f.label or "–", because)
+        rows.append(tuple(map(markdown_text, cells)))
+    return markdown_table(("rank", "variation", "risk", "label", "because"), rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from importlib import resources
@@ -25,6 +26,8 @@ PRESETS = ("small", "full", "levers", "doses")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of a recipe that the study itself decides."""
 MOST_LEARNERS = 1000
+MOST_TRIALS = 200_000
+"""Trials of the learners of one seed, at most; each is planned before the first is run."""
 _SUM_SLACK = 1e-6
 
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
@@ -120,6 +123,7 @@ class StudyPlan:
         for name, listed in (("tasks", self.tasks), ("seeds", self.seeds), ("levers", [v.name for v in self.levers])):
             if len(set(listed)) < len(listed):
                 raise InvalidInputError(name, "one of them stands there twice", "Give each once")
+        self._require_few()
         for task in map(get_task, self.tasks):
             for regime in {regime for shares in self.arms.values() for regime in shares}:
                 conditions_of(task, regime)
@@ -138,12 +142,22 @@ class StudyPlan:
             changed = PlannedLearner(self.tasks[0], next(iter(self.arms)), self.seeds[0], lever.name)
             self._require_weights_fit(changed, self.recipe_of(changed, ("data",)))
             self._require_words_known(f"levers[{i}].start", lever)
-        names = [learner.name for learner in self.learners()]
-        if len(names) > MOST_LEARNERS:
-            raise InvalidInputError("seeds", f"they make {len(names)} learners", f"Give at most {MOST_LEARNERS}")
-        twice = next((name for name in names if names.count(name) > 1), None)
+        names = Counter(learner.name for learner in self.learners())
+        twice = next((name for name, times in names.items() if times > 1), None)
         if twice is not None:
             raise InvalidInputError("levers", f"two learners would be called {twice}", "Rename the arm or the lever")
+
+    def _require_few(self) -> None:
+        """Refuse more learners or trials than a study can have, by their numbers alone, before any of them is made."""
+        plain = len(self.tasks) * len(self.arms)
+        levered = sum(len(v.tasks or self.tasks) * len(v.arms or self.arms) for v in self.levers)
+        learners = len(self.seeds) * (plain + levered)
+        if learners > MOST_LEARNERS:
+            raise InvalidInputError("seeds", f"they make {learners} learners", f"Give at most {MOST_LEARNERS}")
+        most = max(len(get_task(task).variations) for task in self.tasks) + 1
+        if len(self.tasks) * most * self.trials > MOST_TRIALS:
+            problem = f"{self.trials} of each variation make more than {MOST_TRIALS} trials for the learners of a seed"
+            raise InvalidInputError("trials", problem, "Give fewer trials or tasks")
 
     def learners(self) -> Iterator[PlannedLearner]:
         """Yield all learners: those of the first seed first, so that a part of the study already says something."""

@@ -25,14 +25,14 @@ from betterbench.datasets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
 from betterbench.interventions.regimes import Regime, conditions_of
-from betterbench.json_form import open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.line_journal import LOCK_NAME
 from betterbench.recording.lock import RunLock
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
-from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
+from betterbench.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan
 from betterbench.study.work import Workshop
 from betterbench.tasks import get_task
@@ -98,7 +98,33 @@ class _Done:
     version: Literal[2] = 2
 
 
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Hashed:
+    sha256: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    address: str
+    digest: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Evaluated:
+    trials: tuple[TrialOutcome, ...]
+
+
 _DONE = TypeAdapter(_Done)
+_OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
+    "sets": TypeAdapter(_Hashed),
+    "questions": TypeAdapter(_Hashed),
+    "learners": TypeAdapter(_Learned),
+    "runs": TypeAdapter(_Evaluated),
+}
+"""What a stage of each kind leaves."""
 
 
 def run_study(
@@ -302,6 +328,9 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
+            if address != f"learned:{one.job.out}":  # another address would run another policy, even a file of code
+                file = self._marker("learners", one.learner.name)
+                raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
             policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
             self._digests[one.learner] = policies[-1].digest
         return policies
@@ -347,7 +376,7 @@ class _Study:
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
         """Return what a complete stage left, or None if it is not done with these inputs."""
         path = self._marker(kind, name)
-        there = _read(path) if path.exists() else None
+        there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
 
     def _keep(self, kind: str, name: str, done: _Done) -> None:
@@ -380,8 +409,12 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def _read(path: Path) -> _Done | None:
+def _read(path: Path, kind: str) -> _Done | None:
     """Return what the file of a stage says; None for one of an earlier version, whose stage is looked at again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
-    return None if "version" not in form else read_form(_DONE, form, where=str(path), cure=_CURE, raises=RecordError)
+    if "version" not in form:
+        return None
+    done = read_form(_DONE, form, where=str(path), cure=_CURE, raises=RecordError)
+    read_form(_OUTPUTS[kind], done.output, where=f"{path}: output", cure=_CURE, raises=RecordError)
+    return done

@@ -14,7 +14,6 @@ import importlib.metadata
 import importlib.util
 import os
 import re
-import shlex
 import sys
 import threading
 import traceback
@@ -26,6 +25,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.json_form import read_bounded
+from betterbench.quoting import shell_word
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
@@ -285,7 +285,7 @@ def options_for(tasks: Iterable[str]) -> str:
 
 def loading_options() -> str:
     """Return the options that load all files again that are loaded in this process, with a leading space."""
-    return "".join(f" --task-file {shlex.quote(str(path))}" for path in _files)
+    return "".join(f" --task-file {shell_word(path)}" for path in _files)
 
 
 def require_origins(plan: Mapping[str, Any], run: Path) -> None:

@@ -27,6 +27,7 @@ import numpy as np
 from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.geometry import Pose
 from betterbench.installation import missing_extra
+from betterbench.quoting import markup_text
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
 from betterbench.teleop.gate import Gate
 from betterbench.teleop.steering import SLOWEST
@@ -319,30 +320,30 @@ def _head(shown: PanelState) -> str:
     """Return the upper part of the panel: what is asked for, and which subgoals are done."""
     rows = "".join(
         f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
-        f"<b>{'✔' if done else '○'}</b>&ensp;{html.escape(text)}</div>"
+        f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"
         for text, done in shown.subgoals
     )
     return (
         f'<div style="padding:4px 10px;font-size:13px;line-height:1.4">'
-        f'<div style="opacity:.65;font-size:12px">{html.escape(shown.title)}</div>'
-        f'<div style="font-size:16px;font-weight:600;margin:6px 0">{html.escape(shown.instruction)}</div>{rows}</div>'
+        f'<div style="opacity:.65;font-size:12px">{markup_text(shown.title)}</div>'
+        f'<div style="font-size:16px;font-weight:600;margin:6px 0">{markup_text(shown.instruction)}</div>{rows}</div>'
     )
 
 
 def _foot(shown: PanelState) -> str:
     """Return the lower part of the panel: what is going on, and what was said."""
     color = _COLORS[shown.tone]
-    notice = html.escape(shown.notice)
-    said = "".join(f'<div style="opacity:.7">{html.escape(line)}</div>' for line in shown.said)
+    notice = markup_text(shown.notice)
+    said = "".join(f'<div style="opacity:.7">{markup_text(line)}</div>' for line in shown.said)
     percent = f"{100.0 * min(1.0, shown.share):.0f}"
     return (
         f'<div style="padding:4px 10px;font-size:13px;line-height:1.4">'
         f'<div style="height:4px;background:#8884;border-radius:2px;margin-bottom:6px">'
         f'<div style="height:4px;width:{percent}%;background:{color};border-radius:2px"></div></div>'
-        f'<div><b style="color:{color}">{html.escape(shown.status)}</b>'
-        f'<span style="float:right;opacity:.65">{html.escape(shown.clock)}</span></div>'
-        f'<div style="opacity:.8">{html.escape(shown.height)}</div>'
-        f'<div style="opacity:.65">{html.escape(shown.images)}</div>'
+        f'<div><b style="color:{color}">{markup_text(shown.status)}</b>'
+        f'<span style="float:right;opacity:.65">{markup_text(shown.clock)}</span></div>'
+        f'<div style="opacity:.8">{markup_text(shown.height)}</div>'
+        f'<div style="opacity:.65">{markup_text(shown.images)}</div>'
         f'<div style="color:#f7b731;min-height:18px">{notice}</div>{said}</div>'
     )
 
@@ -359,7 +360,7 @@ def _script() -> str:
 
 def _keys(rows: Sequence[tuple[str, str]]) -> str:
     cells = "".join(
-        f'<tr><td style="padding:1px 12px 1px 0"><b>{html.escape(k)}</b></td><td>{html.escape(t)}</td></tr>'
+        f'<tr><td style="padding:1px 12px 1px 0"><b>{markup_text(k)}</b></td><td>{markup_text(t)}</td></tr>'
         for k, t in rows
     )
     return f'<table style="margin:0 10px;font-size:12px">{cells}</table>'

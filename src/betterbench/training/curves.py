@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from betterbench.errors import RecordError
+from betterbench.quoting import markup_text
 from betterbench.recording.durable import on_disk, write_durably
 from betterbench.training.questions import AnswerRate
 from betterbench.training.validation import PhaseError, Rollout
@@ -92,7 +93,7 @@ def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) ->
         across = _LEFT + (right - _LEFT) * x / last
         return f"{across:.1f},{bottom - (bottom - down - _TOP) * y / most:.1f}"
 
-    parts = [f'<text x="{_LEFT}" y="{down + 18}" font-weight="bold">{title}</text>']
+    parts = [f'<text x="{_LEFT}" y="{down + 18}" font-weight="bold">{markup_text(title)}</text>']
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         y = bottom - (bottom - down - _TOP) * share
         x = _LEFT + (right - _LEFT) * share
@@ -106,7 +107,7 @@ def _chart(title: str, series: dict[str, list[tuple[int, float]]], down: int) ->
         parts.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="1.5"/>')
         parts += [f'<circle cx="{p.split(",")[0]}" cy="{p.split(",")[1]}" r="2" fill="{color}"/>' for p in line.split()]
         y = down + _TOP + 16 * number + 10
-        parts.append(f'<text x="{right + 8}" y="{y}" fill="{color}">{name}</text>')
+        parts.append(f'<text x="{right + 8}" y="{y}" fill="{color}">{markup_text(name)}</text>')
     return parts
 
 

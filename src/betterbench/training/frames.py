@@ -13,13 +13,15 @@ import mmap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.export.pictures import Pictures
 from betterbench.interface import observation_spec
-from betterbench.json_form import SEAL, parse_json, seal_of, sealed_form
+from betterbench.json_form import SEAL, parse_json, read_form, seal_of, sealed_form, strict_form
 from betterbench.learned.eyes import looked_at
 from betterbench.learned.recipe import Eyes
 from betterbench.recording import Record, RunFolder, write_durably
@@ -174,24 +176,49 @@ class _EpisodeFrames:
             length = int.from_bytes(data[:8], "little")
             if length > _MAX_HEADER:
                 return None
-            header = parse_json(bytes(data[8 : 8 + length]))
-            if header[SEAL] != seal_of(header):
+            form = parse_json(bytes(data[8 : 8 + length]))
+            if form.pop(SEAL) != seal_of(form):
                 return None
-            payload, shape = data[8 + length :], tuple(map(int, header["shape"]))
-            if header["version"] != FRAMES_VERSION or hashlib.sha256(payload).hexdigest() != header["sha256"]:
+            header = read_form(_HEADER, form, where=str(path), cure="Draw them again")
+            payload, shape = data[8 + length :], header.shape
+            if hashlib.sha256(payload).hexdigest() != header.sha256:
                 return None
             size = 8 * _INDEX_NUMBERS * shape[0] * shape[1]
             index = np.frombuffer(payload[:size], "<i8").reshape(shape[0], shape[1], _INDEX_NUMBERS)
             blocks = payload[size:]
             found = [_picture(blocks, index[0, view], None, shape) for view in range(shape[1])]
-            return cls(path, shape, str(header["sha256"]), index, blocks, np.stack(found))
-        except (OSError, ValueError, KeyError, TypeError, IndexError, RecordError):
+            return cls(path, shape, header.sha256, index, blocks, np.stack(found))
+        except (OSError, ValueError, IndexError, RecordError, InvalidInputError):
             return None
 
     def into(self, row: int, out: np.ndarray) -> None:
         """Put the pictures of a row into ``out``, (views, size, size, 3)."""
         for view in range(self.shape[1]):
             out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
+
+
+_Rows = Annotated[int, Field(ge=1, lt=1 << 31)]
+_Count = Annotated[int, Field(ge=1, le=64)]
+_Size = Annotated[int, Field(ge=1, le=4096)]
+_Colors = Annotated[int, Field(ge=3, le=3)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """The header of a file of frames; its shape is (rows, views, size, size, 3)."""
+
+    version: Literal[1]  # FRAMES_VERSION
+    shape: tuple[_Rows, _Count, _Size, _Size, _Colors]
+    sha256: str
+
+    def __post_init__(self) -> None:
+        """Refuse pictures that are not square; raises InvalidInputError."""
+        if self.shape[2] != self.shape[3]:
+            raise InvalidInputError("shape", f"has pictures of {self.shape[2]} x {self.shape[3]}", "Square them")
+
+
+_HEADER = TypeAdapter(_Header)
 
 
 def _opened(file: Path) -> _EpisodeFrames:

@@ -12,10 +12,13 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
+from betterbench.errors import InvalidInputError
+from betterbench.json_form import open_form
 from betterbench.statistics import Rate
 from betterbench.vqa.question import Form, Question, QuestionType, hash_number
 from betterbench.vqa.scoring import is_right, overlap
@@ -27,6 +30,7 @@ TARGET_POINTS = 5.0
 """Largest excess of the blind classifier over chance [percentage points] with which a type counts as balanced."""
 
 
+@open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
     """How many questions of one type are answered right without the image.
@@ -40,10 +44,15 @@ class Baseline:
     """
 
     name: str
-    n: int
-    blind: int
-    majority: int
-    chance: float
+    n: Annotated[int, Field(ge=0, lt=1 << 40)]
+    blind: Annotated[int, Field(ge=0, lt=1 << 40)]
+    majority: Annotated[int, Field(ge=0, lt=1 << 40)]
+    chance: Annotated[float, Field(ge=0.0, le=1.0)]
+
+    def __post_init__(self) -> None:
+        """Refuse more right answers than questions; raises InvalidInputError."""
+        if max(self.blind, self.majority) > self.n:
+            raise InvalidInputError(self.name, f"has more right answers than its {self.n} questions", "Count again")
 
     @property
     def excess_points(self) -> float:

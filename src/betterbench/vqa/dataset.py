@@ -497,7 +497,7 @@ class _Line:
 class _Summary:
     purpose: str
     sha256: str
-    baselines: list[Baseline]
+    baselines: tuple[Baseline, ...]
     image_sha256: dict[str, str] = field(default_factory=dict)
 
 
@@ -522,7 +522,7 @@ def read_set(folder: Path) -> QuestionSet:
         read_form(_LINE, line, where=f"{file}, line {n}", cure=_CURE, raises=RecordError).betterbench
         for n, line in enumerate(data.splitlines(), start=1)
     )
-    found, records = tuple(summary.baselines), _records(folder / SET_NAME)
+    found, records = summary.baselines, _records(folder / SET_NAME)
     return QuestionSet(folder, summary.purpose, questions, found, summary.sha256, records, summary.image_sha256)
 
 

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
 from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
@@ -201,7 +201,10 @@ def _about(
     if file.exists():
         cure = "Move it elsewhere and give the same command again, which asks about the image again"
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        return open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
+        form = open_seal(data, where=str(file), cure=cure, raises=RecordError, since=("version", 2))
+        form.pop("version", None)
+        stored = read_form(_DESCRIBED, form, where=str(file), cure=cure, raises=RecordError)
+        return {"kept": stored.kept, "dropped": stored.dropped}
     record = run.read_record(source.task, source.condition, source.seed)
     photo = photos.photo(record, source.row, source.camera)
     moment = Moment(episode_of(record), source.row, photo.view)
@@ -226,6 +229,19 @@ def _about(
     checked["dropped"] = dict(reasons)
     write_durably(file, dump_json(sealed_form({"version": 2, **checked})) + b"\n")
     return checked
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """What was kept of what a model said about one image."""
+
+    kept: list[dict[str, Any]]
+    dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]
+
+
+_DESCRIBED = TypeAdapter(_Kept)
+_MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:

@@ -6,18 +6,22 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from betterbench.errors import InvalidInputError
-from betterbench.json_form import parse_json
+from pydantic import Field, TypeAdapter
+
+from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
 from betterbench.worlds.process import WorldError, WorldProcess
+
+_MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
 """Distance sideways from which an object that moves while settling has jumped."""
 
 
+@strict_form
 @dataclass(frozen=True, slots=True)
 class PremiseEntry:
     """The premises of one task.
@@ -34,9 +38,9 @@ class PremiseEntry:
     """
 
     suite: str
-    task: int
+    task: Annotated[int, Field(ge=0, lt=1 << 31)]
     instruction: str
-    states: int
+    states: Annotated[int, Field(ge=0, lt=1 << 31)]
     broken: dict[str, list[int]]
     jumps: dict[str, list[int]]
     engine: dict[str, str]
@@ -106,12 +110,10 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     Raises:
         InvalidInputError: If a line is no entry.
     """
-    entries = []
-    lines = path.read_bytes().splitlines() if path.exists() else []
-    for number, line in enumerate(lines, start=1):
-        try:
-            entries.append(PremiseEntry(**parse_json(line)))
-        except (ValueError, TypeError) as error:
-            problem = f"line {number} is no entry of premises"
-            raise InvalidInputError(str(path), problem, "Remove the file, or name another one with --out") from error
-    return tuple(entries)
+    cure = "Remove the file, or name another one with --out"
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure) if path.exists() else b""
+    lines = enumerate(data.splitlines(), start=1)
+    return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)
+
+
+_ENTRY = TypeAdapter(PremiseEntry)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 
-from rich.markup import escape
 from rich.table import Table
 
 from betterbench.audit import Audit, AuditFinding, TableAudit, Verdict
-from betterbench.cli.console import OUT
+from betterbench.cli.console import OUT, styled_text
 
 _STYLES = {Verdict.BROKEN: "bold red", Verdict.UNSUPPORTED: "yellow", Verdict.UNKNOWN: "dim", Verdict.HOLDS: "green"}
 _SUMMARY = {
@@ -26,7 +25,7 @@ def print_audit(audit: Audit) -> None:
     OUT.print(audit.source, markup=False)
     for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
         OUT.print()
-        OUT.print(f"[bold]{escape(table.table.name)}[/]  {escape(table.table.title)}")
+        OUT.print(f"[bold]{styled_text(table.table.name)}[/]  {styled_text(table.table.title)}", markup=True)
         OUT.print(_listing(table))
     counts = ", ".join(f"{audit.count(verdict)} {text}" for verdict, text in _SUMMARY.items())
     OUT.print(f"\n{len(audit.findings)} checks: {counts}.", markup=False)
@@ -44,7 +43,7 @@ def _listing(audit: TableAudit) -> Table:
     held = Counter(f.rule for f in audit.findings if f.verdict is Verdict.HOLDS)
     if held:
         shares = ", ".join(f"{rule} {held[rule]}/{n}" for rule, n in checked.items() if held[rule])
-        listing.add_row(f"[{_STYLES[Verdict.HOLDS]}]holds[/]", escape(shares))
+        listing.add_row(f"[{_STYLES[Verdict.HOLDS]}]holds[/]", styled_text(shares))
     return listing
 
 
@@ -60,4 +59,4 @@ def _line(finding: AuditFinding) -> str:
     where = ", ".join(part for part in (finding.row, finding.cell) if part)
     told = finding.support is not None or finding.recomputed in ("", finding.printed)
     recomputed = "" if told else f", recomputed {finding.recomputed}"
-    return f"[bold]{escape(where)}[/]: printed {escape(finding.printed)}{escape(recomputed)}. {escape(finding.why)}"
+    return f"[bold]{styled_text(where)}[/]: {styled_text(f'printed {finding.printed}{recomputed}. {finding.why}')}"

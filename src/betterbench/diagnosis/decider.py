@@ -1,0 +1,39 @@
+"""What decides in place of the instruction, where a policy does not use it: a place, a thing, a color, nearness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from betterbench.diagnosis.trial import Choice
+
+_NEARLY_ALL = 0.9
+"""Share of the first attempts that something has to explain before it is named in place of the instruction."""
+
+
+def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
+    """Return what decides in place of the instruction where it is not used, as far as the trials separate it.
+
+    ``choices`` are the first attempts of each task. A place and a kind of thing may be another one in each task.
+    """
+    every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
+    things = [choice for choice in every if choice.thing]
+    found = {
+        "its place": all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
+        "what it is": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
+        "its color": _usual([c.color for c in things]) is not None,
+        "that it is nearest to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every]) == "True",
+    }
+    names = [name for name, holds in found.items() if holds and every]
+    if not names:
+        return (
+            "neither one place, one kind of thing, one color nor the nearest thing: something else that stays the same "
+            "within a seed, such as the arm's start pose"
+        )
+    more = "" if len(names) == 1 else ", which these trials do not separate"
+    return f"{' or '.join(names)}{more}"
+
+
+def _usual(names: Sequence[str]) -> str | None:
+    """Return the name that nearly all are, or None."""
+    most = max(sorted(set(names)), key=names.count, default=None)
+    return most if most is not None and names.count(most) >= _NEARLY_ALL * len(names) else None

@@ -1,0 +1,174 @@
+"""Texts from outside, quoted for the place where they are written: one function per place.
+
+A name in a stranger's data set, run, record, plan or answer may hold anything. What is written with it is read by a
+program (a shell, a browser, a spreadsheet, LaTeX), so each place has its rules, and each rule stands here once. Lines
+of a terminal and of messages have :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; names
+of files are refused rather than quoted (``betterbench.recording``). Source of Python is written with ``repr``, JSON and
+strings of YAML with ``json.dumps``.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shlex
+from collections.abc import Iterable, Sequence
+from urllib.parse import quote
+
+from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
+
+LONGEST_TEXT = 2000
+"""Most characters of one text from outside in a page, a figure or a table, where it may stand a thousand times."""
+
+
+# -------------------------------------------------------------------------------------------------------------- shell
+class ShellText(str):
+    """Source text of the shell that our own code wrote, such as ``"$HERE/train.py"``; it is written as it is.
+
+    Nothing that was read from a file or given by a user becomes one. Joined with other texts it is an ordinary text
+    again, and is quoted.
+    """
+
+    __slots__ = ()
+
+
+def shell_word(value: object) -> str:
+    r"""Return a value as one word of a POSIX shell; only a :class:`ShellText` is left to the shell.
+
+    What steers a terminal is written by its bytes (``$'\x1b'``, a form of bash), so a command can be printed.
+
+    Raises:
+        InvalidInputError: If it holds a null character, which no command can be given.
+    """
+    if isinstance(value, ShellText):
+        return str(value)
+    text = str(value)
+    if "\0" in text:
+        raise InvalidInputError(one_line(text, most=80), "holds a null character", "Take it out")
+    if not _STEERING.search(text):
+        return shlex.quote(text)
+    return "$'" + "".join(map(_shell_letter, text)) + "'"
+
+
+def shell_line(words: Iterable[object]) -> str:
+    """Return words as one line that a shell reads as these words."""
+    return " ".join(map(shell_word, words))
+
+
+_STEERING = re.compile(f"{UNPRINTABLE.pattern}|[\\t\\n]")
+
+
+def _shell_letter(letter: str) -> str:
+    if _STEERING.match(letter):
+        return "".join(f"\\x{byte:02x}" for byte in letter.encode("utf-8", _encoding_of(letter)))
+    return f"\\{letter}" if letter in "\\'" else letter
+
+
+def _encoding_of(letter: str) -> str:
+    """Return how a letter without an encoding is written: a byte of a file name that is not UTF-8, or as it is."""
+    return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
+
+
+# -------------------------------------------------------------------------------------------------------------- pages
+def markup_text(text: str) -> str:
+    """Return a text as content or attribute of an HTML or XML element, printable and of bounded length."""
+    return html.escape(printable(text, most=LONGEST_TEXT), quote=True)
+
+
+def script_json(value: object) -> str:
+    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, no line separators, no NaN."""
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return _UNSAFE_IN_SCRIPT.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+_UNSAFE_IN_SCRIPT = re.compile(r"[<>&\u2028\u2029\ud800-\udfff]")
+
+
+# ----------------------------------------------------------------------------------------------------------- markdown
+def markdown_text(text: object) -> str:
+    """Return a text on one line that Markdown shows as it is, in a paragraph, a list, a heading or a cell of a table.
+
+    Only what CommonMark and GitHub take for markup is escaped, so that an ordinary name stays as it is: an underscore
+    between letters, brackets without an address, a lone ampersand.
+    """
+    line = _MARKDOWN.sub(r"\\\g<0>", one_line(text, most=LONGEST_TEXT))
+    return re.sub(r"^(\d+)([.)])(?=\s|$)", r"\1\\\2", line)
+
+
+_MARKDOWN = re.compile(
+    r"[\\`|~]|\*(?!\s)|(?<=\S)\*|^\*"
+    r"|(?<![^\W_])_|_(?![^\W_])"  # emphasis
+    r"|\](?=[(\[:])"  # links, images and what they refer to
+    r"|<(?=[A-Za-z/!?])|&(?=[#\w])"  # elements and entities
+    r"|^[#>]|#(?=#*$)|^[+-](?=\s|$)|^[=-](?=[=-]*$)"  # headings, quotations, lists and rules
+)
+
+
+def markdown_code(text: object) -> str:
+    """Return a text on one line as code in Markdown, also in a cell of a table."""
+    line = one_line(text, most=LONGEST_TEXT).replace("|", "\\|")
+    fence = "`" * (1 + max((len(run) for run in re.findall("`+", line)), default=0))
+    room = " " if line.startswith("`") or line.endswith("`") or not line.strip() else ""
+    return f"{fence}{room}{line}{room}{fence}"
+
+
+def markdown_address(address: str) -> str:
+    """Return a relative address as the target of a link in Markdown."""
+    return quote(address, safe="/.-_~")
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table; its cells are Markdown already (:func:`markdown_text`, :func:`markdown_code`)."""
+    return [_row(head), "|" + "---|" * len(head), *map(_row, rows)]
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+def csv_text(text: str) -> str:
+    """Return a text of bounded length for a cell of a CSV file that no spreadsheet takes for a formula.
+
+    A text that a spreadsheet would run gets an apostrophe in front (OWASP, "CSV Injection").
+    """
+    text = printable(text, most=LONGEST_TEXT)
+    return f"'{text}" if text.lstrip(" \N{NO-BREAK SPACE}").startswith(_FORMULA_STARTS) else text
+
+
+_FORMULA_STARTS = tuple("=+-@\t\r\n\N{FULLWIDTH EQUALS SIGN}\N{FULLWIDTH PLUS SIGN}") + tuple(
+    "\N{FULLWIDTH HYPHEN-MINUS}\N{FULLWIDTH COMMERCIAL AT}"
+)
+
+
+def latex_text(text: str) -> str:
+    """Return a text that LaTeX prints as it is; control characters become spaces."""
+    return "".join(_LATEX.get(c, c if c.isprintable() else " ") for c in printable(text, most=LONGEST_TEXT))
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "→": r"$\rightarrow$",
+    "−": r"$-$",
+    "Δ": r"$\Delta$",
+    "π": r"$\pi$",
+    "×": r"$\times$",
+    "–": "--",
+    "…": r"\dots{}",
+    "\N{NARROW NO-BREAK SPACE}": r"\,",
+    "\N{NO-BREAK SPACE}": "~",
+}
