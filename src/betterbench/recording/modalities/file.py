@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from betterbench.errors import BetterError, RecordError
-from betterbench.json_form import read_form
+from betterbench.json_form import open_ordinary, read_form
 from betterbench.recording.durable import DurableFile
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.modalities.columns import (
@@ -105,13 +105,14 @@ class ModalityFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         with _reading(path):
-            self._file = pq.ParquetFile(path, page_checksum_verification=True, memory_map=False)
+            self._source = open_ordinary(path)
+            self._file = pq.ParquetFile(self._source, page_checksum_verification=True, memory_map=False)
             try:
                 self.header = self._checked_header()
                 self.columns = view_columns(self.header.view, self.header.modalities, len(self.header.objects))
                 self._check()
             except BaseException:
-                self._file.close()
+                self._file.close(force=True)
                 raise
         self._chunk = chunk_rows(self.columns)
         self._last: tuple[int, tuple[str, ...], dict[str, np.ndarray]] | None = None
@@ -159,7 +160,7 @@ class ModalityFile:
     def close(self) -> None:
         """Close the file; harmless when closed."""
         self._last = None
-        self._file.close()
+        self._file.close(force=True)
 
     def _group(self, group: int, names: tuple[str, ...]) -> dict[str, np.ndarray]:
         known = [c.name for c in self.columns]
