@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -10,11 +11,12 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
 from betterbench.errors import RecordError, RunConflictError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import open_ordinary, read_form, strict_form
 from betterbench.recording import LineJournal
 from betterbench.tasks import TrialId
 
-JOURNAL_NAME = "journal.jsonl"
+JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
+_MOST_HEADER = 10_000
 _CURE = "Delete the line to examine its trial again"
 
 
@@ -40,6 +42,15 @@ class _Line:
 
 
 _HEADER, _LINE = TypeAdapter(JournalHeader), TypeAdapter(_Line)
+
+
+def holds_journal(folder: Path) -> bool:
+    """Tell whether a folder holds a journal of ours, of a certification or of measured demonstrations."""
+    for name in (JOURNAL_NAME, DEMONSTRATIONS_NAME):
+        with contextlib.suppress(OSError), open_ordinary(folder / name) as file:
+            if file.readline(_MOST_HEADER).startswith(b'{"form":"betterbench '):
+                return True
+    return False
 
 
 class VersionedJournal(LineJournal):

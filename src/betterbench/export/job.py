@@ -28,12 +28,14 @@ from betterbench.export.questions import question_set, questions_of
 from betterbench.export.robomimic import require_h5py, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
-from betterbench.json_form import parse_json
+from betterbench.json_form import parse_json, read_ordinary
 from betterbench.policies.presets import NATIVE
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
-from betterbench.recording.durable import on_disk
+from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.outputs import require_replaceable
 from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -60,6 +62,7 @@ class ExportPlan:
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
         questions: Folder of a set of questions for them, or None.
+        overwrite: Whether another data set of ours, or for robomimic any other file, is replaced.
     """
 
     runs: Sequence[RunFolder]
@@ -72,6 +75,7 @@ class ExportPlan:
     validation: float = 0.0
     language: bool = False
     questions: Path | None = None
+    overwrite: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +109,14 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
         raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
+    if staging.is_symlink():
+        raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
     with on_disk(out):
-        if out.exists():
+        if out.exists() and not _is_replaced(plan, out, identity):
             return _finished(plan, out, identity, staging, quality)
-        with RunLock(staging / ".lock"):
-            if out.exists():
+        with RunLock(staging / LOCK_NAME):
+            remove_parts(staging)
+            if out.exists() and not _is_replaced(plan, out, identity):
                 return _finished(plan, out, identity, staging, quality)
             made = _make_parts(plan, staging, quality, workers, on_progress)
             _assemble(plan, staging, out, identity, quality)
@@ -202,14 +209,33 @@ def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality
         told = _told(plan, out, 0, quality)
         there, sizes = source["identity"], dict(source.get("files", {}))
     if told is None or there != identity:
-        what = "another data set" if there else "something else"
-        raise RunConflictError(f"{out}: there is {what} already. Choose another place with --out, or move it away.")
+        if there:
+            raise RunConflictError(
+                f"{out}: there is another data set already. Give --overwrite to replace it, or another name."
+            )
+        if out.is_dir():
+            raise RunConflictError(
+                f"{out}: there is something else already, a folder that better export did not write. "
+                "It is never replaced: give another name."
+            )
+        require_replaceable(out, "export", is_ours=lambda _: False)
+        raise RunConflictError(f"{out}: there is an empty file already. Remove it, or give another name.")
     lost = next((name for name, size in sizes.items() if _size(out / name) != size), None)
     if lost is not None:
         problem = "is missing, or not as long as it was written"
         raise RunConflictError(f"{out / lost}: {problem}. Move the data set away and run the command again.")
     shutil.rmtree(staging, ignore_errors=True)
     return told
+
+
+def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
+    """Tell whether what is at the place is to be replaced: with ``overwrite``, but no folder that is not ours."""
+    if not plan.overwrite or out.is_symlink():
+        return False
+    there = None
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        there = _stored_source(plan.to, out)["identity"]
+    return there != identity and (isinstance(there, str) or (plan.to == "robomimic" and out.is_file()))
 
 
 def _size(file: Path) -> int | None:
@@ -223,7 +249,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
         from betterbench.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
         return read_origin(out)
-    form: dict[str, Any] = parse_json((out / SOURCE_FILE).read_bytes())
+    form: dict[str, Any] = parse_json(read_ordinary(out / SOURCE_FILE))
     return form
 
 
@@ -280,6 +306,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
     whole = staging / "dataset"
     shutil.rmtree(whole, ignore_errors=True)
     whole.mkdir(parents=True)
+    replaced = staging / "replaced"
     if plan.to == "robomimic":
         write_robomimic(whole / out.name, dataset)
         (whole / out.name).replace(out)
@@ -288,6 +315,9 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
     write_durably(whole / "README.md", card(dataset, stats).encode())
     files = {str(p.relative_to(whole)): p.stat().st_size for p in sorted(whole.rglob("*")) if p.is_file()}
     write_durably(whole / SOURCE_FILE, json_bytes({**dataset.source, "files": files}))
+    if out.exists():  # another one that is to be replaced; it goes with the hidden folder
+        shutil.rmtree(replaced, ignore_errors=True)
+        out.rename(replaced)
     whole.replace(out)
 
 

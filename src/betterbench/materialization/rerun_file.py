@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import MissingDependencyError
+from betterbench.json_form import open_ordinary
 from betterbench.materialization.pictures import LEAST_SEEN
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.durable import DurableFile
 from betterbench.recording.modalities.header import instance_of_object, stage_ids
 from betterbench.recording.modalities.spec import ViewSpec
 
@@ -41,11 +43,9 @@ def write_rerun(
     rerun, blueprint = _rerun()
     meta = record.metadata
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
     lanes = lanes_of(record)
-    try:
-        stream.save(str(part), default_blueprint=_layout(blueprint, views))
+    with DurableFile(path) as durable:
+        stream.save(str(durable.part), default_blueprint=_layout(blueprint, views))
         _log_names(rerun, stream, record)
         for shown in shown_rows(run, record, views, quality=quality):
             if shown.row == 0:
@@ -58,15 +58,13 @@ def write_rerun(
                 on_progress(shown.row + 1, len(record))
         stream.flush()
         stream.disconnect()
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+        durable.finish()
     return path
 
 
 def is_rerun_file(path: Path) -> bool:
     """Tell whether a file is one that :func:`write_rerun` wrote: of Rerun, with our name at its beginning."""
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
 

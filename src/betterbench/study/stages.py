@@ -28,8 +28,7 @@ from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
-from betterbench.recording.line_journal import LOCK_NAME
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import LOCK_NAME, RunLock
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.study.outcomes import LearnerOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan

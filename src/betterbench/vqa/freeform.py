@@ -7,6 +7,7 @@ names nothing and says no word of place or state that its claims do not cover. W
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 from collections import Counter
@@ -18,16 +19,21 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.json_form import open_form, read_form
+from betterbench.json_form import open_form, open_ordinary, parse_json, read_form, read_ordinary
 from betterbench.llm import Chat, RefusedError, user_message
-from betterbench.recording import RunFolder, write_durably
+from betterbench.recording import RunFolder, RunLock, write_durably
+from betterbench.recording.durable import remove_parts
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.outputs import OutputFile
 from betterbench.vqa.dataset import PhotoSource, QuestionSet
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Candidate, FrameSource, hash_number
 from betterbench.vqa.types import candidates_of
+
+_MOST_LINE = 1 << 20
 
 CLAIMS = {
     "is visible": "X can be seen",
@@ -163,6 +169,7 @@ def describe_images(
     photos: PhotoSource,
     *,
     count: int,
+    overwrite: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Described:
     """Let a model describe images of a set and ask about them, and keep what the state proves.
@@ -174,8 +181,33 @@ def describe_images(
         ModelError: If the model cannot be reached.
         RecordError: If a record or scene cannot be read.
         InvalidInputError: If the number of images is out of range.
+        RunConflictError: If the file holds anything else, unless it may be overwritten, or another process writes it.
     """
     require_between("--images", count, 1, MOST_IMAGES)
+    path = described.path / "descriptions.jsonl"
+    with RunLock(described.path / LOCK_NAME), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
+        remove_parts(described.path)
+        return _described(run, described, chat, photos, path, count=count, on_progress=on_progress)
+
+
+def _is_described(path: Path) -> bool:
+    """Tell whether the first line of a file is a text about an image."""
+    with contextlib.suppress(ValueError), open_ordinary(path) as file:
+        first = parse_json(file.readline(_MOST_LINE))
+        return isinstance(first, dict) and {"image", "conversations", "claims", "source"} <= first.keys()
+    return False
+
+
+def _described(
+    run: RunFolder,
+    described: QuestionSet,
+    chat: Chat,
+    photos: PhotoSource,
+    path: Path,
+    *,
+    count: int,
+    on_progress: Callable[[int, int], None] | None,
+) -> Described:
     sources = {q.image: q.source for q in described.questions}
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
     kept: list[dict[str, Any]] = []
@@ -186,7 +218,6 @@ def describe_images(
         dropped.update(found["dropped"])
         if on_progress is not None:
             on_progress(number, len(chosen))
-    path = described.path / "descriptions.jsonl"
     write_durably(path, b"".join(dump_json(line) + b"\n" for line in kept))
     return Described(path, len(chosen), len(kept), dict(dropped))
 
@@ -199,7 +230,7 @@ def _about(
     file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
     if file.exists():
         try:
-            stored: dict[str, Any] = json.loads(file.read_bytes())
+            stored: dict[str, Any] = json.loads(read_ordinary(file))
         except (OSError, ValueError) as error:
             raise RecordError(f"{file}: cannot be read ({error}). Delete it and ask again.") from error
         return stored
@@ -209,7 +240,7 @@ def _about(
     checked: dict[str, Any] = {"kept": [], "dropped": {}}
     reasons: Counter[str] = Counter()
     try:
-        said = chat.complete([user_message(prompt_of(moment), (described.path / image).read_bytes())], max_tokens=1500)
+        said = chat.complete([user_message(prompt_of(moment), read_ordinary(described.path / image))], max_tokens=1500)
         texts = parsed_texts(said)
     except RefusedError:
         texts, reasons["refused"] = [], 1

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import parse_json
+from betterbench.json_form import open_ordinary, parse_json, read_ordinary
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
 from betterbench.worlds.process import WorldError, WorldProcess
 
 JUMP_M = 0.03
 """Distance sideways from which an object that moves while settling has jumped."""
+
+
+_MOST_LINE = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +103,17 @@ def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
     return [int(i) for i in flags.nonzero()[0]]
 
 
+def is_premise_file(path: Path) -> bool:
+    """Tell whether the first line of a file is an entry; raises OSError unless it is missing."""
+    try:
+        with open_ordinary(path) as file:
+            return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)
+    except FileNotFoundError:
+        return False
+    except (ValueError, TypeError):
+        return False
+
+
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     """Return the entries that a file of JSON lines holds, none if there is no file.
 
@@ -107,7 +121,7 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
         InvalidInputError: If a line is no entry.
     """
     entries = []
-    lines = path.read_bytes().splitlines() if path.exists() else []
+    lines = read_ordinary(path).splitlines() if path.exists() else []
     for number, line in enumerate(lines, start=1):
         try:
             entries.append(PremiseEntry(**parse_json(line)))
