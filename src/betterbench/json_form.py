@@ -14,7 +14,9 @@ A document that counts carries a seal, which :func:`open_seal` compares before a
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import io
 import json
 import logging
 import os
@@ -249,6 +251,39 @@ def read_object(path: Path, *, max_bytes: int, cure: str) -> dict[str, Any]:
     return found
 
 
+class NotOrdinaryError(OSError):
+    """A file was to be read, and there is a folder, pipe, socket or device in its place."""
+
+
+def open_ordinary(path: Path) -> io.BufferedReader:
+    """Open a file of a stranger for reading; every file that we did not just write is opened by this function.
+
+    A pipe or a device is not waited for.
+
+    Raises:
+        NotOrdinaryError: If it is a folder, pipe, socket or device.
+        OSError: If it is missing or cannot be read.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        if error.errno == errno.ENXIO:  # of a socket
+            raise NotOrdinaryError(errno.EINVAL, "is no ordinary file", str(path)) from error
+        raise
+    kind = os.fstat(handle).st_mode
+    if stat.S_ISREG(kind):
+        return os.fdopen(handle, "rb")
+    os.close(handle)
+    problem = "is a folder and not a file" if stat.S_ISDIR(kind) else "is no ordinary file"
+    raise NotOrdinaryError(errno.EISDIR if stat.S_ISDIR(kind) else errno.EINVAL, problem, str(path))
+
+
+def read_ordinary(path: Path) -> bytes:
+    """Return the content of a file; raises what :func:`open_ordinary` raises."""
+    with open_ordinary(path) as file:
+        return file.read()
+
+
 def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterError] = InvalidInputError) -> bytes:
     """Return the content of a file that must not be larger than a limit. A pipe or a device is not waited for.
 
@@ -257,18 +292,11 @@ def read_bounded(path: Path, *, max_bytes: int, cure: str, raises: type[BetterEr
     """
     problem, cause = f"is larger than {max_bytes} bytes", None
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        try:
-            kind = os.fstat(handle)
-            if stat.S_ISDIR(kind.st_mode):
-                problem = "is a folder and not a file"
-            elif not stat.S_ISREG(kind.st_mode):
-                problem = "is no ordinary file"
-            elif kind.st_size <= max_bytes:
-                with open(handle, "rb", closefd=False) as stream:
-                    return stream.read()
-        finally:
-            os.close(handle)
+        with open_ordinary(path) as stream:
+            if os.fstat(stream.fileno()).st_size <= max_bytes:
+                return stream.read()
+    except NotOrdinaryError as error:
+        problem = str(error.strerror)
     except (OSError, ValueError) as error:  # ValueError: a name with a null character
         cause, problem = error, f"cannot be read ({getattr(error, 'strerror', None) or error})"
     raise _as(raises, InvalidInputError(str(path), problem, cure)) from cause

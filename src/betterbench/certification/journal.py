@@ -5,6 +5,7 @@ The lines of a journal of version 2 are linked, beginning with the header; those
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,12 +15,13 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
 from betterbench.errors import RecordError, RunConflictError
-from betterbench.json_form import read_form, strict_form
+from betterbench.json_form import open_ordinary, read_form, strict_form
 from betterbench.recording import LineJournal
 from betterbench.recording.line_journal import LINK, link_after, linked_forms
 from betterbench.tasks import TrialId
 
-JOURNAL_NAME = "journal.jsonl"
+JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
+_MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
 """What to do about a line that was changed."""
 
@@ -46,6 +48,15 @@ class _Line:
 
 
 _HEADER, _LINE = TypeAdapter(JournalHeader), TypeAdapter(_Line)
+
+
+def holds_journal(folder: Path) -> bool:
+    """Tell whether a folder holds a journal of ours, of a certification or of measured demonstrations."""
+    for name in (JOURNAL_NAME, DEMONSTRATIONS_NAME):
+        with contextlib.suppress(OSError), open_ordinary(folder / name) as file:
+            if file.readline(_MOST_HEADER).startswith(b'{"form":"betterbench '):
+                return True
+    return False
 
 
 class VersionedJournal(LineJournal):

@@ -13,16 +13,15 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.demonstrations import Demonstration, demonstrate, planned_demonstrations, summed_up
-from betterbench.certification.journal import CURE, VersionedJournal
+from betterbench.certification.journal import CURE, DEMONSTRATIONS_NAME, VersionedJournal
 from betterbench.certification.runner import in_workers, versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import read_form, strict_form
 from betterbench.recording import write_durably
+from betterbench.recording.outputs import OutputFile
 from betterbench.tasks import Task, TrialId, get_task
 from betterbench.tasks.demonstrated import PACKAGED, Demonstrated, updated_text
 from betterbench.tasks.user_files import companion_of
-
-JOURNAL_NAME = "demonstrations.jsonl"
 
 
 @strict_form
@@ -45,7 +44,7 @@ class DemonstrationJournal(VersionedJournal):
 
     def __init__(self, folder: Path, versions: CertificateVersions) -> None:
         self.found: dict[TrialId, Demonstration] = {}
-        super().__init__(folder / JOURNAL_NAME, versions)
+        super().__init__(folder / DEMONSTRATIONS_NAME, versions)
 
     def append(self, found: Demonstration) -> None:
         """Append a demonstration and force it to disk."""
@@ -135,7 +134,8 @@ def write_demonstrations(found: Mapping[str, Demonstrated]) -> tuple[Path, ...]:
     written = []
     for path, tasks in files.items():
         if path is not None:
-            write_durably(path, updated_text(path, tasks).encode())
+            with OutputFile(path, "certify", is_ours=lambda _: True):  # what is no file of ours cannot be read
+                write_durably(path, updated_text(path, tasks).encode())
             written.append(path)
             continue
         with resources.as_file(resources.files("betterbench.tasks").joinpath("data")) as folder:

@@ -35,6 +35,7 @@ def calibrate_command(
     films: int = 100,
     power: bool = False,
     write_package: bool = False,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
@@ -60,14 +61,57 @@ def calibrate_command(
         films: Film strips of wrong labels on the page, at most; 0 renders nothing.
         power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
         write_package: Also write the file that ships with the package; for its maintainers.
+        overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
         json: Print the result as one JSON document at the end.
     """
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.diagnosis.confusion import FAMILIES
-    from betterbench.tasks import suite_tasks
+    from betterbench.recording.outputs import OutputFolder, is_run
 
     if family not in FAMILIES:
         raise UnknownNameError("family", family, FAMILIES)
+    _check_options(
+        tasks, policies, strengths, trials=trials, seed=seed, family=family, power=power, write_package=write_package
+    )
+    prepare_robot("panda")
+    count = workers or os.cpu_count() or 1
+    if power:
+        out = out or Path("runs/power")
+        with OutputFolder(out, "calibrate", overwrite=overwrite, holds=is_run):
+            _power(out, tasks, count, write_package=write_package, as_json=json)
+        return
+    from betterbench.calibration import calibrate, calibrate_independent, calibration_policies
+    from betterbench.cli.output.calibration import print_calibration
+
+    out = out or Path("runs") / ("calibration" if family == "faulty" else family)
+    with OutputFolder(out, "calibrate", overwrite=overwrite, holds=is_run), _progress("calibrate") as told:
+        if family == "faulty":
+            planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials or 1)
+            found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
+        else:
+            found = calibrate_independent(family, out, trials=trials or 4, seed=seed, workers=count, on_progress=told)
+        page = _store(found, out, family, films=films, write_package=write_package)
+    if json:
+        print_json(found.to_json())
+        return
+    print_calibration(found)
+    OUT.print(f"page        {page}\nmatrix      {out / 'confusion.png'}", markup=False, soft_wrap=True)
+
+
+def _check_options(
+    tasks: tuple[str, ...],
+    policies: tuple[str, ...],
+    strengths: tuple[float, ...],
+    *,
+    trials: int | None,
+    seed: int,
+    family: str,
+    power: bool,
+    write_package: bool,
+) -> None:
+    """Raise InvalidInputError about options that do not go together."""
+    from betterbench.tasks import suite_tasks
+
     if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
         problem = "it replaces the file of the whole suite"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
@@ -81,27 +125,6 @@ def calibrate_command(
             "the independent family has its own tasks and habits, at full strength",
             "Leave out --tasks, --policies and --strengths, or --family",
         )
-    prepare_robot("panda")
-    count = workers or os.cpu_count() or 1
-    if power:
-        _power(out or Path("runs/power"), tasks, count, write_package=write_package, as_json=json)
-        return
-    from betterbench.calibration import calibrate, calibrate_independent, calibration_policies
-    from betterbench.cli.output.calibration import print_calibration
-
-    out = out or Path("runs") / ("calibration" if family == "faulty" else family)
-    with _progress("calibrate") as told:
-        if family == "faulty":
-            planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials or 1)
-            found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
-        else:
-            found = calibrate_independent(family, out, trials=trials or 4, seed=seed, workers=count, on_progress=told)
-    page = _store(found, out, family, films=films, write_package=write_package)
-    if json:
-        print_json(found.to_json())
-        return
-    print_calibration(found)
-    OUT.print(f"page        {page}\nmatrix      {out / 'confusion.png'}", markup=False, soft_wrap=True)
 
 
 def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bool, as_json: bool) -> None:

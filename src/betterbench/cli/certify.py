@@ -26,6 +26,7 @@ def certify_command(
     demonstrations: int | None = None,
     looks: str = "seen",
     write_package: bool = False,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Certify trials: solvable, inside the training distribution, at rest, within reach, and with a true premise.
@@ -50,12 +51,15 @@ def certify_command(
         looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
         write_package: Also write the compact certificate, or the demonstrations, that ship with the suite; for its
             maintainers.
+        overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
         json: Print the certificate as one JSON document at the end.
     """
+    from betterbench.certification.journal import holds_journal
     from betterbench.certification.runner import certify
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.cli.output.certificate import print_certificate
     from betterbench.evaluation import make_plan
+    from betterbench.recording.outputs import OutputFolder
     from betterbench.tasks import TrialId, suite_tasks
 
     of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
@@ -63,12 +67,16 @@ def certify_command(
         problem = "it replaces the certificate of the whole suite with the seen looks"
         raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
     prepare_robot("panda")
+    folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
     if demonstrations is not None:
-        _measure(tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package)
+        with folder:
+            _measure(
+                tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package
+            )
         return
     plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks)
     planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
-    with progress_bar("certify", len(planned)) as (bar, task):
+    with folder, progress_bar("certify", len(planned)) as (bar, task):
 
         def told(progress: CertificationProgress) -> None:
             last = progress.last
@@ -78,7 +86,7 @@ def certify_command(
                 say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
 
         certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
-    page = _store(certificate, out, write_package=write_package)
+        page = _store(certificate, out, write_package=write_package)
     if json:
         print_json(certificate.sealed_json())
         return

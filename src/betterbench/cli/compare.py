@@ -24,6 +24,7 @@ def compare_command(
     allow_mixed: bool = False,
     fail_if_worse: bool = False,
     out: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Compare policies, two by two, on the trials that their runs share.
@@ -44,6 +45,7 @@ def compare_command(
         fail_if_worse: Exit with status 1 if the first run is told apart from another one over all variations and is the
             worse of the two; for continuous integration.
         out: Across suites, a folder to write the tables to, as CSV and LaTeX.
+        overwrite: Write to a folder that better compare did not make, and replace files of the same names there.
         json: Print one JSON document instead of sentences and tables.
     """
     from betterbench.across import is_across
@@ -56,7 +58,7 @@ def compare_command(
         if sequential or fail_if_worse:
             option = "--sequential" if sequential else "--fail-if-worse"
             raise InvalidInputError(option, "it is for runs of one suite", f"Leave out {option}")
-        _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, json=json)
+        _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
         return
     if out is not None:
         raise InvalidInputError("--out", "these runs are of one suite", "Leave out --out, or give `better report`")
@@ -76,16 +78,27 @@ def compare_command(
 
 
 def _across(
-    folders: Sequence[RunFolder], name: Sequence[str], *, alpha: float, allow_mixed: bool, out: Path | None, json: bool
+    folders: Sequence[RunFolder],
+    name: Sequence[str],
+    *,
+    alpha: float,
+    allow_mixed: bool,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
 ) -> None:
     """Put runs of several suites side by side."""
     from betterbench.across import gaps_of, read_suite_runs, world_table
     from betterbench.cli.output.across import print_across, write_across
+    from betterbench.recording.outputs import OutputFolder
 
     suites = read_suite_runs(folders, names=name)
     table = world_table(suites, alpha=alpha, allow_mixed=allow_mixed)
     gaps = gaps_of(suites, alpha=alpha, allow_mixed=allow_mixed)
-    files = () if out is None else write_across(table, gaps, out)
+    files: tuple[Path, ...] = ()
+    if out is not None:
+        with OutputFolder(out, "compare", overwrite=overwrite):
+            files = write_across(table, gaps, out)
     if json:
         print_json({**table.to_json(), "gaps": [gap.to_json() for gap in gaps], "files": [str(f) for f in files]})
         return

@@ -32,6 +32,7 @@ def dataset_command(
     sign: Path | None = None,
     workers: int | None = None,
     pictures: bool = True,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Make a training set: the demonstrations of a regime and nothing outside it, proven record by record.
@@ -59,16 +60,18 @@ def dataset_command(
         sign: Private SSH key with which prediction.json is signed.
         workers: Worker processes; one per processor if not given.
         pictures: Draw the starts of each task.
+        overwrite: Replace files of the set that somebody has changed.
         json: Print what was made as one JSON document.
     """
     from betterbench.datasets.recipe import SetRecipe
     from betterbench.tasks import suite_tasks
 
-    chosen = tuple(dict.fromkeys(tasks or suite_tasks(suite)))
     _require_hash(expect)
-    recipe = SetRecipe(chosen, regime, demos, sources, seed, noise, validation, pairs)
+    recipe = SetRecipe(
+        tuple(dict.fromkeys(tasks or suite_tasks(suite))), regime, demos, sources, seed, noise, validation, pairs
+    )
     began = time.monotonic()
-    made = _make(recipe, out, workers, pictures=pictures)
+    made = _make(recipe, out, workers, pictures=pictures, overwrite=overwrite)
     seconds = time.monotonic() - began
     if sign is not None:
         _sign(made, sign)
@@ -91,7 +94,7 @@ def _sign(made: MadeDataset, key: Path) -> None:
     sign(made.path / "prediction.json", key)
 
 
-def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) -> MadeDataset:
+def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, overwrite: bool) -> MadeDataset:
     from betterbench.cli.evaluate import prepare_robot
     from betterbench.datasets.build import make_dataset
 
@@ -107,7 +110,14 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool) 
                 bar.reset(shown)
             bar.update(shown, description=stage, total=planned, completed=done, note=note)
 
-        return make_dataset(recipe, out, workers=workers or os.cpu_count() or 1, pictures=pictures, on_progress=told)
+        return make_dataset(
+            recipe,
+            out,
+            workers=workers or os.cpu_count() or 1,
+            pictures=pictures,
+            overwrite=overwrite,
+            on_progress=told,
+        )
 
 
 def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:

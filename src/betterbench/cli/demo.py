@@ -13,7 +13,12 @@ TASKS = ("morning_coffee", "fast_food")
 
 
 def demo_command(
-    *, out: Path = Path("runs/demo"), trials: int = 4, workers: int | None = None, films: int = 24
+    *,
+    out: Path = Path("runs/demo"),
+    trials: int = 4,
+    workers: int | None = None,
+    films: int = 24,
+    overwrite: bool = False,
 ) -> None:
     """Evaluate the expert and three policies with a known fault on two tasks, and report on them side by side.
 
@@ -24,10 +29,13 @@ def demo_command(
         trials: Trials per variation.
         workers: Worker processes; one per processor if not given.
         films: Largest number of films in the report; other failures get one image. 0 renders nothing.
+        overwrite: Write to a folder OUT/report that better did not make, and replace files of the same names there.
     """
     from betterbench.cli.evaluate import default_folder, run_with_bar
     from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.evaluation import make_plan
+    from betterbench.recording.outputs import OutputFolder
+    from betterbench.report.page import is_report
 
     runs = []
     for number, policy in enumerate(POLICIES, 1):
@@ -35,6 +43,8 @@ def demo_command(
         which = f"policy {number} of {len(POLICIES)}: {policy}"
         say(f"{which}, {len(plan.trials)} trials")
         runs.append(run_with_bar(plan, out / default_folder(policy), label=which, workers=workers))
-    page, verdicts = build_report(runs, out / "report", latex=True, films=films)
+    place = out / "report"
+    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
+        page, verdicts = build_report(runs, place, latex=True, films=films)
     OUT.print(f"report: {page}", markup=False, soft_wrap=True)
     print_verdicts(verdicts)

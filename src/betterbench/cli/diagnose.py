@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RunConflictError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -63,10 +63,7 @@ def diagnose_command(
     if result.pending:
         say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
     elif not keep and twins is None:
-        try:
-            stored.store_diagnosis(folder, result)
-        except OSError as error:
-            say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
+        _store(folder, result)
     known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
     standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
     if json:
@@ -88,6 +85,18 @@ def _document(
         "headline": headline_of(result).to_json(),
     }
     return document if known is None else {**document, "knowledge": known.to_json()}
+
+
+def _store(folder: RunFolder, result: RunDiagnosis) -> None:
+    """Keep the diagnosis in the folder of the run, or say why it cannot be kept."""
+    from betterbench.diagnosis import stored
+
+    try:
+        stored.store_diagnosis(folder, result)
+    except RunConflictError as error:
+        say(f"not stored: {error}")
+    except OSError as error:
+        say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
 
 
 def _print(
@@ -132,6 +141,8 @@ def _knowledge(
     elif not keep:
         try:
             store_knowledge(folder, known)
+        except RunConflictError as error:
+            say(f"the report will not show it: {error}")
         except OSError as error:
             say(f"the report will not show it: {folder.path} cannot be written ({error.strerror})")
     return known

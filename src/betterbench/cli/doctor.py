@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_json, print_table, say
 from betterbench.errors import BetterError, HandshakeError
+
+if TYPE_CHECKING:
+    from betterbench.evaluation.preflight.check import PreflightCheck
 
 
 def doctor_command(
@@ -20,6 +24,7 @@ def doctor_command(
     quality: str = "standard",
     proof: bool = True,
     out: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Try everything that a run needs, and print the cure for what fails. The exit status is 2 if something fails.
@@ -40,6 +45,7 @@ def doctor_command(
         quality: Render preset: fast, standard or high.
         proof: Replay a demonstration; up to 100 requests.
         out: PNG file to write; doctor-POLICY.png if not given.
+        overwrite: Replace a file that better doctor did not write.
         json: Print one JSON document instead of a table.
     """
     if policy is None:
@@ -49,20 +55,27 @@ def doctor_command(
     from betterbench.cli.output.preflight import print_conventions, print_preflight
     from betterbench.evaluation import named_trial, run_preflight
     from betterbench.evaluation.preflight.view import preflight_view
+    from betterbench.recording.outputs import OutputFile
     from betterbench.report.preflight_sheet import write_preflight_sheet
 
-    found = run_preflight(
-        policy,
-        named_trial(task, condition, seed),
-        action_space_name=action_space,
-        observation=observation,
-        quality=quality,
-        proof=proof,
-        on_conventions=None if json else print_conventions,
-    )
-    out = write_preflight_sheet(preflight_view(found), out or Path(f"doctor-{default_folder(policy)}.png"))
+    out = out or Path(f"doctor-{default_folder(policy)}.png")
+    with OutputFile(out, "doctor", overwrite=overwrite):
+        found = run_preflight(
+            policy,
+            named_trial(task, condition, seed),
+            action_space_name=action_space,
+            observation=observation,
+            quality=quality,
+            proof=proof,
+            on_conventions=None if json else print_conventions,
+        )
+        write_preflight_sheet(preflight_view(found), out)
     print_preflight(found, json=json)
     say(f"wrote {out}", whole=True)
+    _require_proof(found)
+
+
+def _require_proof(found: PreflightCheck) -> None:
     if found.proof is not None and found.proof.wrong:
         raise HandshakeError(f"The replayed demonstration says: {found.proof.verdict}")
 

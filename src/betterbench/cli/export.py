@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,6 +34,7 @@ def export_command(
     language: bool = False,
     vqa: Path | None = None,
     workers: int | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Write the outcomes of a run for others, or demonstrations of runs as a data set to train policies on.
@@ -65,6 +67,7 @@ def export_command(
         language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
         vqa: Set of better vqa about the same run, whose questions stand in these columns.
         workers: Episodes that are drawn at once; one per processor if not given.
+        overwrite: Replace a file that better export did not write, or another data set of better export.
         json: Print one JSON document about what was written or checked.
     """
     if not runs:
@@ -82,6 +85,7 @@ def export_command(
             "validation": validation,
             "language": language,
             "questions": vqa,
+            "overwrite": overwrite,
         }
         _export_dataset(runs, to, out, options, written, as_json=json)
         return
@@ -90,11 +94,16 @@ def export_command(
         "--observation": observation, "--quality": quality, "--validation": validation, "--language": language,
         "--vqa": vqa,
     }  # fmt: skip
+    _refuse(given, to)
+    _export_outcomes(runs, to, out, name=name, project=project, check=check, overwrite=overwrite, as_json=json)
+
+
+def _refuse(given: Mapping[str, object], to: str) -> None:
+    """Raise InvalidInputError about an option of data sets that was given."""
     for option, value in given.items():
         if value:
             cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
             raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
-    _export_outcomes(runs, to, out, name=name, project=project, check=check, as_json=json)
 
 
 def _is_dataset(path: Path) -> bool:
@@ -190,14 +199,17 @@ def _export_outcomes(
     name: str | None,
     project: str,
     check: Path | None,
+    overwrite: bool,
     as_json: bool,
 ) -> None:
     """Write a submission, compare one with the run, or hand the run's metrics to a tracker."""
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.trackers import write_metrics
     from betterbench.comparison import read_submission, require_same, submission_of
-    from betterbench.comparison.submission import submission_lines
-    from betterbench.recording import RunFolder
+    from betterbench.comparison.submission import is_submission, submission_lines
+    from betterbench.recording import RunFolder, write_durably
+    from betterbench.recording.lock import FileLock
+    from betterbench.recording.outputs import OutputFile, require_replaceable
 
     if len(runs) > 1:
         raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot and the like")
@@ -213,13 +225,23 @@ def _export_outcomes(
         )
         return
     if to != "submission":
-        place = write_metrics(diagnosed(folder), to, out or runs[0] / to, name=name, project=project)
+        place = out or folder.inside(to)
+        with FileLock(place):  # beside it, for a tracker reads what is in the folder
+            write_metrics(diagnosed(folder), to, place, name=name, project=project)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
+    if out is not None:  # before the records are read
+        require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)
     file = out or Path(f"{re.sub(r'[^A-Za-z0-9.]+', '-', submission.name).strip('-.') or 'submission'}.json")
-    _write(file, submission.file_bytes())
+    try:
+        with OutputFile(file, "export", overwrite=overwrite, is_ours=is_submission):
+            write_durably(file, submission.file_bytes())
+    except OSError as error:
+        raise InvalidInputError(
+            "--out", f"{file} cannot be written ({error.strerror})", "Name another place"
+        ) from error
     for line in submission_lines(submission):
         say(line)
     _tell({"written": str(file), "sha256": submission.sha256}, f"written to {file}", as_json=as_json)
@@ -230,15 +252,3 @@ def _tell(document: dict[str, object], sentence: str, *, as_json: bool) -> None:
         print_json(document)
     else:
         OUT.print(sentence, markup=False, soft_wrap=True)
-
-
-def _write(file: Path, data: bytes) -> None:
-    """Write a file, or raise InvalidInputError if its place cannot be written."""
-    from betterbench.recording import write_durably
-
-    try:
-        write_durably(file, data)
-    except OSError as error:
-        raise InvalidInputError(
-            "--out", f"{file} cannot be written ({error.strerror})", "Name another place"
-        ) from error

@@ -65,7 +65,7 @@ def materialize_command(
     from betterbench.statistics.wording import plural
 
     folder = RunFolder.open(run)
-    place = out or folder.path / "modalities"
+    place = out or folder.inside("modalities")
     trials = [_trial(text) for text in trial]
     views = tuple(ViewSpec.parse(text) for text in camera) or default_views(folder)
     wanted = Wanted(views, modalities_named(modality), quality)

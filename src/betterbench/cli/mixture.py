@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_text
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from betterbench.mixture.pretraining import CheckedTotal
 
 _CURE = "Correct the file; docs/mixture.md shows one"
+_BEGINNING = b'{"number": '
 
 
 def mixture_command(
@@ -33,6 +35,7 @@ def mixture_command(
     tokens_per_gpu: float = 8192.0,
     tokens: tuple[str, ...] = (),
     parameters: float | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Show the pre-training mixture of the paper or one of your own, draw from it, and say what GPUs and steps buy.
@@ -56,12 +59,13 @@ def mixture_command(
         tokens_per_gpu: Tokens of one GPU in one step.
         tokens: Tokens of a sample by data set, such as DROID=220; an estimate for what is not given.
         parameters: Weights of the model, such as 2e9, for an estimate of GPU hours.
+        overwrite: Replace a file of --out that holds anything else than draws of this mixture, seed and shard.
         json: Print one JSON document instead of tables.
     """
     mixture = None if file is None else _of_file(file)
     parts = _parts(mixture, inside)
     chosen = seed if seed is not None else mixture.seed if mixture else 0
-    counts = _drawn(mixture, parts, seed=chosen, shard=shard, draws=draws, out=out)
+    counts = _drawn(mixture, parts, seed=chosen, shard=shard, draws=draws, out=out, overwrite=overwrite)
     budgets = _budgets(
         mixture,
         parts,
@@ -79,7 +83,14 @@ def mixture_command(
 
 
 def _drawn(
-    mixture: FileMixture | None, parts: Sequence[MixturePart], *, seed: int, shard: str, draws: int, out: Path | None
+    mixture: FileMixture | None,
+    parts: Sequence[MixturePart],
+    *,
+    seed: int,
+    shard: str,
+    draws: int,
+    out: Path | None,
+    overwrite: bool,
 ) -> dict[str, int]:
     """Write the draws that are asked for, and return how often each data set is drawn."""
     from betterbench.mixture import MixtureSampler
@@ -89,7 +100,8 @@ def _drawn(
     if out is not None:
         if draws < 1 or mixture is None:
             raise InvalidInputError("--out", "there is nothing to write", "Give a file of a mixture and --draws")
-        _write_draws(out, sampler, mixture, draws, shards)
+        _write_draws(out, sampler, mixture, overwrite=overwrite)
+        say(f"{len(sampler)} draws of {draws} in {shards} shards written to {out}")
     return sampler.counts(draws) if draws else {}
 
 
@@ -115,35 +127,59 @@ def _shard(text: str) -> tuple[int, int]:
     return int(number), int(shards)
 
 
-def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, draws: int, shards: int) -> None:
-    """Write the draws of a shard as lines, after those that are there already, of which each is compared."""
+def _write_draws(out: Path, sampler: MixtureSampler, mixture: FileMixture, *, overwrite: bool) -> None:
+    """Write the draws of a shard as lines, after those that are there already, each of which is compared."""
     from betterbench.recording.durable import on_disk
+    from betterbench.recording.outputs import OutputFile
+    from betterbench.recording.places import open_in_place
 
     planned = len(sampler)
-    if out.exists() and not out.is_file():
-        raise InvalidInputError("--out", f"{out} is no file", "Name a file of JSON lines")
-    whole = out.read_bytes() if out.exists() else b""
-    *lines, begun = whole.split(b"\n")
-
-    def told(index: int) -> bytes:
-        return _line(sampler, mixture, index).removesuffix(b"\n") if index < planned else b""
-
-    ours = len(lines) <= planned and told(len(lines)).startswith(begun)
-    other = next((i for i, line in enumerate(lines) if line != told(i)), None) if ours else 0
-    if other is not None:
-        raise RunConflictError(
-            f"{out}: it holds something else than draws of this mixture, seed and shard (line {other + 1}). Name "
-            "another file."
-        )
-    if begun:
-        say(f"{out}: its last line had lost its end, and is drawn again")
-    with on_disk(out), out.open("ab") as file, progress_bar("draw", planned) as (bar, task):
-        file.truncate(len(whole) - len(begun))
-        for index in range(len(lines), planned):
-            file.write(_line(sampler, mixture, index))
+    lines = (_line(sampler, mixture, index) for index in range(planned))
+    with (
+        OutputFile(out, "mixture", overwrite=overwrite, is_ours=_holds_draws),
+        on_disk(out),
+        os.fdopen(open_in_place(out), "r+b") as file,
+        progress_bar("draw", planned) as (bar, task),
+    ):
+        there = True
+        for index, line in enumerate(lines):
+            if there:
+                at = file.tell()
+                found = file.readline(len(line))
+                if found == line:
+                    continue
+                begun = line.startswith(found) and not file.read(1)
+                if not overwrite and not begun:
+                    raise RunConflictError(
+                        f"{out}: it holds something else than draws of this mixture, seed and shard "
+                        f"(line {index + 1}). Name another file, or give --overwrite."
+                    )
+                if begun and found:
+                    say(f"{out}: its last line had lost its end, and is drawn again")
+                there = False
+                file.seek(at)
+                file.truncate()
+            file.write(line)
             if index % 1000 == 0:
                 bar.update(task, completed=index)
-    say(f"{planned} draws of {draws} in {shards} shards written to {out}")
+        if there and file.read(1):
+            if not overwrite:
+                raise RunConflictError(
+                    f"{out}: it holds more than the {planned} draws. Name another file, or give --overwrite."
+                )
+            file.seek(-1, os.SEEK_CUR)
+            file.truncate()
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _holds_draws(path: Path) -> bool:
+    """Tell whether a file begins as the draws of some mixture do."""
+    from betterbench.json_form import open_ordinary
+
+    with open_ordinary(path) as file:
+        begun = file.read(len(_BEGINNING))
+    return _BEGINNING.startswith(begun)
 
 
 def _line(sampler: MixtureSampler, mixture: FileMixture, index: int) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_lines
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -21,6 +22,7 @@ def premise_command(
     *,
     suites: tuple[str, ...] = (),
     out: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Check every initial state of LIBERO against its sentence, on the engine at hand.
@@ -37,11 +39,13 @@ def premise_command(
         suites: The suites to check; spatial, object, goal and 10 of the world if none is named.
         out: File of JSON lines that keeps the entries; premises-libero.jsonl, or premises-libero_plus.jsonl, if not
             given.
+        overwrite: Replace a file of --out that holds anything else than entries.
         json: Print one JSON document instead of a table.
     """
     from betterbench.recording.durable import write_durably
+    from betterbench.recording.outputs import OutputFile
     from betterbench.worlds import PLUS_SUITES, WorldProcess, suite_named, world_command
-    from betterbench.worlds.premises import check_premises, read_entries
+    from betterbench.worlds.premises import check_premises, is_premise_file, read_entries
 
     chosen = suites or tuple(f"{world}_{name}" for name in ("spatial", "object", "goal", "10"))
     for name in chosen:
@@ -50,10 +54,11 @@ def premise_command(
                 "--suites", f"{name} is not a suite of {world}", "Name the other world, or suites of this one"
             )
     path = out or Path(f"premises-{world}.jsonl")
-    known = read_entries(path)
-    kept: list[PremiseEntry] = list(known)
     found: list[PremiseEntry] = []
-    with WorldProcess(world_command(world)) as process:
+    with OutputFile(path, "premise", overwrite=overwrite, is_ours=is_premise_file), ExitStack() as stack:
+        known = read_entries(path) if not overwrite or is_premise_file(path) else ()
+        kept: list[PremiseEntry] = list(known)
+        process = stack.enter_context(WorldProcess(world_command(world)))
         for name in chosen:
             for entry in check_premises(process, name, known=known):
                 found.append(entry)

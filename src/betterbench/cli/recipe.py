@@ -24,6 +24,7 @@ def recipe_command(
     weights: str | None = None,
     policy: str = "pi05",
     sample_tokens: int = 220,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Write the configuration and commands that train pi0.5, GR00T, Being-H or a LeRobot policy by a recipe.
@@ -43,6 +44,7 @@ def recipe_command(
         weights: Where training starts from; the framework's published weights if not given.
         policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
         sample_tokens: Tokens of one sample, by which Being-H fills its sequences.
+        overwrite: Write to a folder that better recipe did not make, and replace files of the same names there.
         json: Print one JSON document instead of a table.
     """
     from betterbench.recipes import setup_files, trainer_setup, write_setup
@@ -55,7 +57,7 @@ def recipe_command(
     )
     files = setup_files(setup, chosen)
     if out is not None:
-        write_setup(files, out)
+        write_setup(files, out, overwrite=overwrite)
     if json:
         fields = [asdict(setting) for setting in setup.settings]
         print_json({"framework": framework, "fields": fields, "files": sorted(files), "evaluate": setup.evaluation})

@@ -27,6 +27,7 @@ def replay_command(
     out: Path | None = None,
     camera: str = "front",
     size: int | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Simulate the actions of a record again and compare every state, or write a video of it, alone or beside its twin.
@@ -40,6 +41,7 @@ def replay_command(
         out: Video file to write; a file in the folder of the run if not given.
         camera: Camera of the video.
         size: Side of the video in pixels, with --twin of each half; 512 or, with --twin, 384 if not given.
+        overwrite: Replace a file that better replay did not write.
         json: Print the result of --check as one JSON document.
     """
     from betterbench.evaluation import check_record
@@ -47,7 +49,7 @@ def replay_command(
     if check and twin:
         raise InvalidInputError("--twin", "--check writes no video", "Give one of the two")
     if not check:
-        path = (_twin_video if twin else _video)(record, out, camera=camera, size=size)
+        path = (_twin_video if twin else _video)(record, out, camera=camera, size=size, overwrite=overwrite)
         say(f"wrote {path}", whole=True)
         return
     result = check_record(record)
@@ -83,11 +85,13 @@ def run_of(record: Path) -> tuple[RunFolder, RecordMetadata]:
     return run, meta
 
 
-def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
+def _video(record: Path, out: Path | None, *, camera: str, size: int | None, overwrite: bool) -> Path:
     from betterbench.evaluation import write_video
+    from betterbench.recording.outputs import OutputFile
 
     run, meta = run_of(record)
-    with progress_bar("video", 0) as (bar, task):
+    path = out or run.video_path(meta.task, meta.condition, meta.seed, camera=camera)
+    with OutputFile(path, "replay", overwrite=overwrite), progress_bar("video", 0) as (bar, task):
         return write_video(
             run,
             meta.task,
@@ -95,15 +99,16 @@ def _video(record: Path, out: Path | None, *, camera: str, size: int | None) -> 
             meta.seed,
             camera=camera,
             size=size or 512,
-            out=out,
+            out=path,
             on_progress=lambda done, planned: bar.update(task, completed=done, total=planned),
         )
 
 
-def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None) -> Path:
+def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None, overwrite: bool) -> Path:
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.page import panel_of
     from betterbench.evaluation import FilmLook, write_twin_film
+    from betterbench.recording.outputs import OutputFile
     from betterbench.tasks import TrialId
 
     run, meta = run_of(record)
@@ -120,7 +125,7 @@ def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None
         say(f"{trial.key} is shown alone: {why}")
     path = out or run.video_path(meta.task, meta.condition, meta.seed, camera="twin")
     look = FilmLook(camera=camera, size=size or 384, rate_hz=10, longest_s=None, quality="standard")
-    with progress_bar("film", 0) as (bar, task):
+    with OutputFile(path, "replay", overwrite=overwrite), progress_bar("film", 0) as (bar, task):
         return write_twin_film(
             run,
             panels,

@@ -19,6 +19,7 @@ def report_command(
     out: Path | None = None,
     latex: bool = True,
     films: int = 40,
+    overwrite: bool = False,
 ) -> None:
     """Write one self-contained HTML page, with its tables as CSV and LaTeX beside it.
 
@@ -33,13 +34,18 @@ def report_command(
         out: Folder of the report; RUN/report if not given.
         latex: Write LaTeX tables too.
         films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
+        overwrite: Write to a folder that better report did not make, and replace files of the same names there.
     """
     from betterbench.cli.output.page import build_report, print_verdicts
     from betterbench.recording import RunFolder
+    from betterbench.recording.outputs import OutputFolder
+    from betterbench.report.page import is_report
 
     if not run:
         raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
     runs = [RunFolder.open(path) for path in run]
-    page, verdicts = build_report(runs, out or runs[0].report_path, names=name, twins=twins, latex=latex, films=films)
+    place = runs[0].report_path if out is None else out
+    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
+        page, verdicts = build_report(runs, place, names=name, twins=twins, latex=latex, films=films)
     OUT.print(str(page), markup=False, soft_wrap=True)
     print_verdicts(verdicts)

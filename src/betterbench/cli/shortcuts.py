@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -27,6 +28,7 @@ def shortcuts_command(
     seed: int = 0,
     out: Path | None = None,
     sign: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
@@ -54,8 +56,11 @@ def shortcuts_command(
         seed: Seed of the sample that is drawn of more than 5,000 episodes.
         out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
         sign: Private SSH key with which prediction.json is signed.
+        overwrite: Write to a folder that better shortcuts did not make, and replace files of the same names there.
         json: Print the audit as one JSON document.
     """
+    from betterbench.recording.outputs import OutputFolder
+
     if sign is not None and out is None:
         raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
     choices = {
@@ -65,12 +70,20 @@ def shortcuts_command(
         "closed": None if closed == "auto" else closed,
         "seed": seed,
     }
-    facts, audit, prediction = _audited(data, choices)
-    if out is not None:
-        _write(out, audit, prediction, sign)
+    with nullcontext() if out is None else OutputFolder(out, "shortcuts", overwrite=overwrite):
+        facts, audit, prediction = _audited(data, choices)
+        if out is not None:
+            _write(out, audit, prediction, sign)
     if json:
         print_json(audit.to_json())
         return
+    _print(facts, audit, prediction, out)
+
+
+def _print(
+    facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
+) -> None:
+    """Print how the data were read, and what was found."""
     if audit.reading is not None:
         OUT.print(audit.reading.paragraph, markup=False, soft_wrap=not OUT.is_terminal)
     for group in audit.groups:

@@ -26,6 +26,7 @@ def study_command(
     workers: int | None = None,
     device: str = "cpu",
     certificate: Path | None = None,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Train learners on confounded, balanced and covered demonstrations, evaluate them and compare them on one page.
@@ -44,17 +45,21 @@ def study_command(
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        overwrite: Write to a folder that better study did not make, and replace files of the same names there.
         json: Print one JSON document instead of tables.
     """
     chosen = _plan(plan, preset)
     count = sum(1 for _ in chosen.learners())
     say(f"{count} learners: {', '.join(chosen.tasks)}; {', '.join(chosen.arms)}; {len(chosen.seeds)} seeds")
+    from betterbench.recording.outputs import OutputFolder
     from betterbench.study.page import document_of, write_page
+    from betterbench.study.stages import STAGES
     from betterbench.study.work import usual_workshop
 
-    workshop = usual_workshop(workers=workers or os.cpu_count() or 1, device=device)
-    outcome = _run(chosen, out, workshop, certificate)
-    found = write_page(outcome, out)
+    with OutputFolder(out, "study", overwrite=overwrite, is_ours=(out / STAGES).is_dir):
+        workshop = usual_workshop(workers=workers or os.cpu_count() or 1, device=device)
+        outcome = _run(chosen, out, workshop, certificate)
+        found = write_page(outcome, out)
     if json:
         print_json(document_of(outcome, found))
         return

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from betterbench.cli.console import progress_bar, say
-from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from betterbench.recording import Record, RunFolder
@@ -27,6 +27,7 @@ def view_command(
     out: Path | None = None,
     camera: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
     quality: str | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write a recorded trial with film, masks, boxes, contacts and subgoals on one time line.
 
@@ -37,16 +38,19 @@ def view_command(
 
     Args:
         record: File of the record, in the folder of its run.
-        out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given. A file that better view did not write
-            is left alone.
+        out: File to write, .rrd or .html; TASK_CONDITION_SEED.html if not given.
         camera: View to draw, as better materialize takes it; may be given several times. The views of the run's policy
             if none is given.
         quality: Render preset; the one that the policy saw if not given.
+        overwrite: Replace a file that better view did not write.
     """
     from betterbench.cli.replay import run_of
     from betterbench.materialization.folder import Wanted
+    from betterbench.materialization.rerun_file import is_rerun_file
     from betterbench.materialization.run import default_views, seen_quality
     from betterbench.recording.modalities.spec import ViewSpec
+    from betterbench.recording.outputs import OutputFile
+    from betterbench.report.player import is_player
 
     named = tuple(ViewSpec.parse(text) for text in camera)
     Wanted(named or (ViewSpec("front"),), quality=quality)  # refuses unknown names before anything is read
@@ -56,10 +60,14 @@ def view_command(
         raise InvalidInputError(
             "--out", f"{path} ends with {path.suffix!r}", "Name a file that ends with .rrd or .html"
         )
-    _require_free(path)
     views = Wanted(named or default_views(run), quality=quality).views
     whole = run.read_record(meta.task, meta.condition, meta.seed)
-    with terminated_as_interrupted(), progress_bar("rows", len(whole)) as (bar, task):
+    is_ours = is_rerun_file if path.suffix == ".rrd" else is_player
+    with (
+        OutputFile(path, "view", overwrite=overwrite, is_ours=is_ours),
+        terminated_as_interrupted(),
+        progress_bar("rows", len(whole)) as (bar, task),
+    ):
 
         def told(done: int, planned: int) -> None:
             bar.update(task, completed=done, total=planned)
@@ -82,20 +90,6 @@ def terminated_as_interrupted() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def _require_free(path: Path) -> None:
-    """Raise RunConflictError if something stands at a place that better view did not write."""
-    from betterbench.materialization.rerun_file import is_rerun_file
-    from betterbench.report.player import is_player
-
-    if not path.exists():
-        return
-    written = is_rerun_file if path.suffix == ".rrd" else is_player
-    if not path.is_file() or (path.stat().st_size and not written(path)):
-        raise RunConflictError(
-            f"{path}: stands there already, and better view did not write it. Choose another --out, or move it away."
-        )
 
 
 def _write_rerun(

@@ -101,6 +101,7 @@ def vqa_command(
     asked: _Frames = FrameOptions(),
     chat: _Model = ModelOptions(),
     workers: int = 1,
+    overwrite: bool = False,
     json: bool = False,
 ) -> None:
     """Ask about the frames of a run what its records can answer, in a set that cannot be answered blind.
@@ -118,6 +119,7 @@ def vqa_command(
         asked: What is asked about.
         chat: A model that is asked.
         workers: Trials that are looked at at the same time.
+        overwrite: Replace a file of answers or descriptions that better vqa did not write.
         json: Print one JSON document instead of tables.
     """
     from betterbench.cli.output.vqa import print_scores, print_set
@@ -125,8 +127,8 @@ def vqa_command(
     made, folder = _made(source, run, out, asked, workers)
     document: dict[str, object] = {"set": str(made.path), **made.to_json()}
     if chat.describe is not None:
-        document["descriptions"] = _described(folder, made, chat, asked)
-    scores = _scores(made, chat)
+        document["descriptions"] = _described(folder, made, chat, asked, overwrite=overwrite)
+    scores = _scores(made, chat, overwrite=overwrite)
     if json:
         print_json({**document, "scores": None if scores is None else [s.to_json() for s in scores]})
         return
@@ -156,7 +158,7 @@ def _made(
     return (_balanced(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
 
 
-def _scores(made: QuestionSet, chat: ModelOptions) -> list[Score] | None:
+def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
     """Ask a model, or read what one has answered, and return its scores; None if there are no answers."""
     from betterbench.llm import ChatEndpoint
     from betterbench.vqa.asking import ask_set, read_answers, scores_of
@@ -172,6 +174,7 @@ def _scores(made: QuestionSet, chat: ModelOptions) -> list[Score] | None:
             file,
             coordinates=chat.coordinates,
             at_once=chat.at_once,
+            overwrite=overwrite,
             on_progress=lambda done, _: bar.update(task, completed=done),
         )
     say(f"answers: {file}")
@@ -216,7 +219,9 @@ def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
         )
 
 
-def _described(run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions) -> dict[str, object]:
+def _described(
+    run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
+) -> dict[str, object]:
     """Let a model describe images of a set, keep what the state proves, and say how much that was."""
     from betterbench.evaluation.figures.views import ViewRenderer
     from betterbench.llm import ChatEndpoint
@@ -230,7 +235,13 @@ def _described(run: Path | None, made: QuestionSet, model: ModelOptions, asked: 
     photos = ViewRenderer(folder, size=asked.size, quality=asked.quality)
     with progress_bar(f"descriptions by {model.model}", model.images) as (bar, task), photos:
         told = describe_images(
-            folder, made, chat, photos, count=model.images, on_progress=lambda done, _: bar.update(task, completed=done)
+            folder,
+            made,
+            chat,
+            photos,
+            count=model.images,
+            overwrite=overwrite,
+            on_progress=lambda done, _: bar.update(task, completed=done),
         )
     say(told.sentence)
     return told.to_json()

@@ -19,7 +19,7 @@ from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, 
 from betterbench.diagnosis.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
-from betterbench.json_form import form_errors, read_bounded, read_form, strict_form
+from betterbench.json_form import form_errors, open_ordinary, read_bounded, read_form, strict_form
 from betterbench.recording import RunFolder, first_difference
 from betterbench.recording.metadata import dump_json
 from betterbench.tasks import TrialId
@@ -148,6 +148,7 @@ class Submission:
 
 
 _FORM = TypeAdapter(Submission)
+_BEGINNING = b'{\n"format": "betterbench-submission"'
 
 
 def submission_of(
@@ -185,6 +186,12 @@ def submission_of(
         "trials": [asdict(_submitted(run, t, ended=t.key in ended)) for t in even],
     }
     return read_form(_FORM, form, where=str(run.path), cure="Give a short printable --name").sealed()
+
+
+def is_submission(path: Path) -> bool:
+    """Tell whether a file begins as a submission does, of whatever version; raises OSError."""
+    with open_ordinary(path) as file:
+        return file.read(len(_BEGINNING)) == _BEGINNING
 
 
 def read_submission(path: Path) -> Submission:
@@ -262,7 +269,7 @@ def _hash_of(form: object) -> str:
 
 
 def _file_hash(path: Path) -> str:
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -16,14 +16,15 @@ from betterbench.datasets.card import CardFacts, dataset_card
 from betterbench.datasets.numbers import SetNumbers, counts_form
 from betterbench.datasets.pairs import twin_pairs
 from betterbench.datasets.proof import RegimeBounds, proven_facts
-from betterbench.datasets.recipe import SetRecipe, keep_recipe
+from betterbench.datasets.recipe import SetRecipe, holds_recipe, keep_recipe, require_recipe
 from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import SetProgress, amplify, collect, set_hash
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
-from betterbench.recording.durable import on_disk, remove_parts
+from betterbench.recording.durable import on_disk
+from betterbench.recording.outputs import OutputFolder
 from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
 from betterbench.shortcuts.facts import EpisodeFacts
@@ -70,6 +71,7 @@ def make_dataset(
     *,
     workers: int = 1,
     pictures: bool = True,
+    overwrite: bool = False,
     on_progress: OnStage | None = None,
 ) -> MadeDataset:
     """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
@@ -79,6 +81,7 @@ def make_dataset(
         out: Folder of the set.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.
+        overwrite: Replace files of the set that somebody has changed.
         on_progress: Called as each stage goes on.
 
     Raises:
@@ -92,9 +95,15 @@ def make_dataset(
     recipe.check()
     out = out.absolute()
     tell = on_progress or (lambda *_: None)
-    with on_disk(out):
-        keep_recipe(recipe, out)
-        (out / "dataset.json").unlink(missing_ok=True)
+    require_recipe(recipe, out)
+    with on_disk(out), OutputFolder(out, "dataset", overwrite=overwrite, is_ours=lambda: holds_recipe(out)):
+        return _made(recipe, out, workers, tell, pictures=pictures)
+
+
+def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures: bool) -> MadeDataset:
+    """Make the set in a folder that is locked."""
+    keep_recipe(recipe, out)
+    (out / "dataset.json").unlink(missing_ok=True)
     run = _demonstrations(recipe, out, workers, tell)
     trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
     if not trials:
@@ -104,18 +113,16 @@ def make_dataset(
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
     hashed = set_hash(run)
     audit, prediction = _audited(facts, hashed)
-    with on_disk(out):
-        remove_parts(out)
-        sheets = _sheets(run, trials, out, tell) if pictures else {}
-        missing = _missing(recipe, len(trials))
-        made = MadeDataset(
-            out, hashed, recipe.command(hashed), len(trials), numbers.steps, missing, audit, prediction, pairs
-        )
-        split = {
-            "train": [str(trial) for trial in trials if trial.seed not in held_out],
-            "validation": [str(trial) for trial in trials if trial.seed in held_out],
-        }
-        _write(made, recipe, numbers, split, sheets)
+    sheets = _sheets(run, trials, out, tell) if pictures else {}
+    missing = _missing(recipe, len(trials))
+    made = MadeDataset(
+        out, hashed, recipe.command(hashed), len(trials), numbers.steps, missing, audit, prediction, pairs
+    )
+    split = {
+        "train": [str(trial) for trial in trials if trial.seed not in held_out],
+        "validation": [str(trial) for trial in trials if trial.seed in held_out],
+    }
+    _write(made, recipe, numbers, split, sheets)
     return made
 
 

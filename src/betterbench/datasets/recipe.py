@@ -16,7 +16,7 @@ from betterbench.interventions.regimes import Regime
 from betterbench.json_form import read_bounded, read_form, strict_form
 from betterbench.quoting import shell_line
 from betterbench.recording import first_difference, write_durably
-from betterbench.recording.durable import PART_SUFFIX
+from betterbench.recording.outputs import is_bookkeeping
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
@@ -86,8 +86,27 @@ class SetRecipe:
 _FORM = TypeAdapter(SetRecipe)
 
 
+def holds_recipe(out: Path) -> bool:
+    """Tell whether a folder holds the recipe of a dataset."""
+    try:
+        read_recipe(out)
+    except RecordError:
+        return False
+    return True
+
+
 def keep_recipe(recipe: SetRecipe, out: Path) -> None:
-    """Write a recipe into the folder of its dataset, or find the same one there; a larger ``demos`` takes its place.
+    """Write a recipe into the folder of its dataset, where :func:`require_recipe` found no other one.
+
+    Raises what that function raises.
+    """
+    require_recipe(recipe, out)
+    text = json.dumps(asdict(recipe), indent=1) + "\n"
+    write_durably(out / "recipe.json", text.encode())
+
+
+def require_recipe(recipe: SetRecipe, out: Path) -> None:
+    """Refuse a folder that holds another dataset than that of a recipe with fewer ``demos``, or other files.
 
     Raises:
         RunConflictError: If the folder holds the dataset of another recipe.
@@ -104,10 +123,8 @@ def keep_recipe(recipe: SetRecipe, out: Path) -> None:
                 f"{out}: this folder holds another dataset: {where} is {stored} there and {asked} here. Give the same "
                 "arguments to resume it, or choose another folder."
             )
-    elif out.exists() and any(not p.name.endswith(PART_SUFFIX) for p in out.iterdir()):
+    elif out.exists() and any(not is_bookkeeping(p) for p in out.iterdir()):
         raise RunConflictError(f"{out}: the folder holds other files and no dataset. Choose an empty or a new folder.")
-    text = json.dumps(asdict(recipe), indent=1) + "\n"
-    write_durably(path, text.encode())
 
 
 def read_recipe(out: Path) -> SetRecipe:

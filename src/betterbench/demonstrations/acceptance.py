@@ -170,7 +170,7 @@ def write_acceptance(
         films: File of each film, relative to the page, by task and kind of failure; or why there is none.
         pictures: File of each picture of paths, likewise, by task.
     """
-    folder = run.path / FOLDER
+    folder = run.inside(FOLDER)
     text = json.dumps(found.to_json(), indent=1, ensure_ascii=False) + "\n"
     write_durably(folder / "acceptance.json", text.encode())
     write_durably(folder / "index.md", page_of(found, films, pictures).encode())

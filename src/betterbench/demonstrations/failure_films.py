@@ -30,7 +30,7 @@ def film_failures(
     method = method_of(run)
     for done, (task, kind, trial, number) in enumerate(wanted, start=1):
         name = f"films/{task}-{kind.replace(' ', '-')}-{trial.condition}-{trial.seed}-{number}.mp4"
-        path = run.path / FOLDER / name
+        path = run.inside(FOLDER, name)
         try:
             if not path.exists():
                 scene = scene_of(trial, method.quality)

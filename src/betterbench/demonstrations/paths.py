@@ -40,7 +40,7 @@ def draw_paths(run: RunFolder, *, on_progress: Callable[[int, int], None] | None
         trials = [t for t in trials if t.condition == trials[0].condition][:MOST_PATHS]
         name = f"paths-{task}.jpg"
         try:
-            write_durably(run.path / FOLDER / name, _picture(run, trials, leads))
+            write_durably(run.inside(FOLDER, name), _picture(run, trials, leads))
             files[task] = name
         except BetterError as problem:
             files[task] = f"none: {problem}"

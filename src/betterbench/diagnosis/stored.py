@@ -144,10 +144,13 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
 
     Raises:
         OSError: If the folder cannot be written.
+        RunConflictError: If another process is writing to the run.
+        InvalidInputError: If the place is a link that leads out of the folder.
     """
     path = stored_path(run)
     form = json.loads(dump_json(_stored_form(diagnosis)))
-    write_durably(path, json.dumps(form, indent=1, ensure_ascii=False).encode() + b"\n")
+    with run.locked():
+        write_durably(path, json.dumps(form, indent=1, ensure_ascii=False).encode() + b"\n")
     return path
 
 

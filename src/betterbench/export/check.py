@@ -21,7 +21,7 @@ from betterbench.export.part import ImageForm
 from betterbench.export.pictures import Pictures
 from betterbench.export.robomimic import read_origin
 from betterbench.export.robomimic_check import RobomimicCheck
-from betterbench.json_form import SEAL, parse_json
+from betterbench.json_form import SEAL, parse_json, read_ordinary
 from betterbench.recording import Record, RunFolder
 from betterbench.tasks import TrialId
 
@@ -157,7 +157,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
 def _source(path: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     try:
-        source = read_origin(path) if path.is_file() else parse_json((path / SOURCE_FILE).read_bytes())
+        source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]
         named = [layout["adapter"]["name"], layout["observation"]["name"], source["quality"], source["images"]]
         named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]

@@ -29,12 +29,14 @@ from betterbench.export.questions import question_set, questions_of
 from betterbench.export.robomimic import require_h5py, require_same_content, write_robomimic
 from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
-from betterbench.json_form import open_seal, sealed_form
+from betterbench.json_form import open_seal, read_ordinary, sealed_form
 from betterbench.policies.presets import NATIVE
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
-from betterbench.recording.durable import on_disk
+from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.outputs import require_replaceable
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
@@ -64,6 +66,7 @@ class ExportPlan:
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
         questions: Folder of a set of questions for them, or None.
+        overwrite: Whether another data set of ours, or for robomimic any other file, is replaced.
     """
 
     runs: Sequence[RunFolder]
@@ -76,6 +79,7 @@ class ExportPlan:
     validation: float = 0.0
     language: bool = False
     questions: Path | None = None
+    overwrite: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +113,14 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
     staging = out.with_name(f".{out.name}.parts")
     if out.is_symlink() and not out.exists():
         raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
+    if staging.is_symlink():
+        raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
     with on_disk(out):
-        if out.exists():
+        if out.exists() and not _is_replaced(plan, out, identity):
             return _finished(plan, out, identity, staging, quality)
-        with RunLock(staging / ".lock"):
-            if out.exists():
+        with RunLock(staging / LOCK_NAME):
+            remove_parts(staging)
+            if out.exists() and not _is_replaced(plan, out, identity):
                 return _finished(plan, out, identity, staging, quality)
             made = _make_parts(plan, staging, quality, workers, on_progress)
             _assemble(plan, staging, out, identity, quality)
@@ -206,8 +213,17 @@ def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality
         told = _told(plan, out, 0, quality)
         there, digests = source["identity"], dict(source.get("sha256", {}))
     if told is None or there != identity:
-        what = "another data set" if there else "something else"
-        raise RunConflictError(f"{out}: there is {what} already. Choose another place with --out, or move it away.")
+        if there:
+            raise RunConflictError(
+                f"{out}: there is another data set already. Give --overwrite to replace it, or another name."
+            )
+        if out.is_dir():
+            raise RunConflictError(
+                f"{out}: there is something else already, a folder that better export did not write. "
+                "It is never replaced: give another name."
+            )
+        require_replaceable(out, "export", is_ours=lambda _: False)
+        raise RunConflictError(f"{out}: there is an empty file already. Remove it, or give another name.")
     again = "Move the data set away and run the command again"
     if plan.to == "robomimic":
         require_same_content(out, cure=again)
@@ -225,6 +241,16 @@ def _digest(file: Path) -> str | None:
     return file_digest(file) if file.is_file() else None
 
 
+def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
+    """Tell whether what is at the place is to be replaced: with ``overwrite``, but no folder that is not ours."""
+    if not plan.overwrite or out.is_symlink():
+        return False
+    there = None
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        there = _stored_source(plan.to, out)["identity"]
+    return there != identity and (isinstance(there, str) or (plan.to == "robomimic" and out.is_file()))
+
+
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
     """Return what a data set says about its origin."""
     if to == "robomimic":
@@ -238,7 +264,7 @@ def stored_source(folder: Path) -> dict[str, Any]:
     """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
-    return open_seal(file.read_bytes(), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
+    return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
 
 
 def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: Told | None) -> int:
@@ -294,6 +320,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
     whole = staging / "dataset"
     shutil.rmtree(whole, ignore_errors=True)
     whole.mkdir(parents=True)
+    replaced = staging / "replaced"
     if plan.to == "robomimic":
         write_robomimic(whole / out.name, dataset)
         (whole / out.name).replace(out)
@@ -307,6 +334,9 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         whole / SOURCE_FILE,
         json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
     )
+    if out.exists():  # another one that is to be replaced; it goes with the hidden folder
+        shutil.rmtree(replaced, ignore_errors=True)
+        out.rename(replaced)
     whole.replace(out)
 
 

@@ -23,7 +23,7 @@ from betterbench.export.expected import ExpectedDataset
 from betterbench.export.language import EVENTS, PERSISTENT
 from betterbench.export.part import Part
 from betterbench.export.video import read_pictures
-from betterbench.json_form import parse_json
+from betterbench.json_form import parse_json, read_ordinary
 
 _RANGE = re.compile(r"0:([0-9]{1,9})")
 """The episodes for training, as LeRobot writes them."""
@@ -300,6 +300,6 @@ def _parquet(path: Path) -> pa.Table:
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_ordinary(path)
     except OSError as error:
         raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", CURE) from error

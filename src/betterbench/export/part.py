@@ -20,6 +20,7 @@ from betterbench.export.frames import frame_numbers, shown_images
 from betterbench.export.layout import DatasetLayout
 from betterbench.export.numbers import color_counts, sampled_rows
 from betterbench.export.video import VideoWriter
+from betterbench.json_form import open_ordinary, read_ordinary
 from betterbench.recording import Record, write_durably
 from betterbench.recording.metadata import dump_json
 
@@ -99,9 +100,9 @@ def write_part(
 def read_index(folder: Path) -> dict[str, Any] | None:
     """Return what a part says about itself, or None if it is not complete or damaged."""
     try:
-        index: dict[str, Any] = json.loads((folder / _INDEX).read_bytes())
+        index: dict[str, Any] = json.loads(read_ordinary(folder / _INDEX))
         for name, digest in index["files"].items():
-            with (folder / name).open("rb") as file:
+            with open_ordinary(folder / name) as file:
                 if hashlib.file_digest(file, "sha256").hexdigest() != digest:
                     return None
     except (OSError, ValueError, KeyError, TypeError):
@@ -114,7 +115,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
     index = read_index(folder)
     if index is None:
         return None
-    files = {name: (folder / name).read_bytes() for name in index["files"]}
+    files = {name: read_ordinary(folder / name) for name in index["files"]}
     table = pq.read_table(io.BytesIO(files[_NUMBERS]), use_threads=False)
     vectors = {}
     for column in (*layout.states, layout.action):

@@ -23,7 +23,7 @@ from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
 from betterbench.export.part import Part
 from betterbench.installation import missing_extra
-from betterbench.json_form import parse_json, say_unsealed
+from betterbench.json_form import open_ordinary, parse_json, say_unsealed
 
 GYM_TYPE = 2
 """robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
@@ -149,9 +149,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 def is_hdf5(path: Path) -> bool:
     """Return whether a file begins as HDF5 files do, whatever it is called."""
     try:
-        if not path.is_file():  # a pipe would be waited for
-            return False
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE
     except OSError:
         return False
@@ -164,6 +162,7 @@ def require_h5py() -> None:
 
 def read_origin(path: Path) -> dict[str, Any]:
     """Return what a file says about its origin; raise OSError, ValueError or KeyError if it is none of ours."""
+    open_ordinary(path).close()  # HDF5 would wait for a pipe
     with open_hdf5(path, "r") as file:
         form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form

@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import av
 import numpy as np
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import open_ordinary
 
 CODEC, PIXEL_FORMAT = "h264", "yuv420p"
 
@@ -115,7 +117,10 @@ def read_pictures(source: io.BytesIO | str, *, first: int = 0) -> Iterator[tuple
     """
     name = source if isinstance(source, str) else "video"
     try:
-        with av.open(source, "r") as container:
+        with (
+            open_ordinary(Path(source)) if isinstance(source, str) else source as opened,
+            av.open(opened, "r") as container,
+        ):
             stream: Any = container.streams.video[0]
             rate, base = stream.average_rate, stream.time_base
             container.seek(round(first / rate / base), stream=stream)

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.installation import missing_extra
 from betterbench.interface import PolicyInfo, episode_number
-from betterbench.json_form import parse_json
+from betterbench.json_form import open_ordinary, parse_json
 from betterbench.learned.families import learner_family
 from betterbench.state import PrivilegedPolicy
 
@@ -125,7 +125,7 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
     """Return the family that the header of a checkpoint names, without torch; None if it says nothing."""
     del changed_ns  # part of the key
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             length = int.from_bytes(file.read(8), "little")
             if length > min(size, _MOST_HEADER):
                 return None

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from betterbench.assets import categories
 from betterbench.errors import RecordError, RunConflictError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import read_bounded, read_form, read_ordinary, strict_form
 from betterbench.recording import RunFolder, first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX
 from betterbench.recording.metadata import dump_json
@@ -72,13 +72,12 @@ class ModalityFolder:
                 self.wanted = stored
             elif stored != wanted:  # settings alone bind nothing: a command may have ended before it drew anything
                 write_durably(settings, _text(wanted))
-        elif self.path.is_dir() and any(not _is_ours(entry) for entry in self.path.iterdir()):
-            raise RunConflictError(f"{self.path}: holds other files and no modalities. Choose another --out.")
         else:
+            require_free_place(self.path)
             write_durably(settings, _text(wanted))
         ids = {"about": "Semantic id by category; 0 is nothing (the sky).", "ids": semantic_ids(categories())}
         text = json.dumps(ids, indent=1).encode() + b"\n"
-        if not (self.path / SEMANTICS_FILE).exists() or (self.path / SEMANTICS_FILE).read_bytes() != text:
+        if not (self.path / SEMANTICS_FILE).exists() or read_ordinary(self.path / SEMANTICS_FILE) != text:
             write_durably(self.path / SEMANTICS_FILE, text)
 
     def trial(self, trial: TrialId) -> Path:
@@ -102,6 +101,12 @@ class ModalityFolder:
         """Delete what killed processes left unfinished; the caller holds the lock of the folder."""
         for part in self.path.rglob(f".*{PART_SUFFIX}"):
             part.unlink(missing_ok=True)
+
+
+def require_free_place(path: Path) -> None:
+    """Raise RunConflictError if a folder holds other files and no modalities."""
+    if not (path / SETTINGS_FILE).exists() and path.is_dir() and any(not _is_ours(entry) for entry in path.iterdir()):
+        raise RunConflictError(f"{path}: holds other files and no modalities. Choose another --out.")
 
 
 def trial_folder(path: Path, trial: TrialId) -> Path:

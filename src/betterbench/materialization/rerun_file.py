@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,10 +14,12 @@ import numpy as np
 from PIL import Image
 
 from betterbench.installation import missing_extra
+from betterbench.json_form import open_ordinary
 from betterbench.materialization.pictures import LEAST_SEEN, own_colors
 from betterbench.materialization.viewing import Lane, ShownRow, lanes_of, shown_rows
 from betterbench.quoting import markdown_text
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.durable import DurableFile
 from betterbench.recording.modalities.header import instance_of_object, stage_ids
 from betterbench.recording.modalities.spec import ViewSpec
 
@@ -48,11 +51,9 @@ def write_rerun(
     rerun, blueprint = _rerun()
     meta = record.metadata
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
     lanes = lanes_of(record)
-    try:
-        stream.save(str(part), default_blueprint=_layout(blueprint, views))
+    with DurableFile(path) as durable, _disconnected(stream):
+        stream.save(str(durable.part), default_blueprint=_layout(blueprint, views))
         for shown in shown_rows(run, record, views, quality=quality):
             if shown.row == 0:
                 _log_cameras(rerun, stream, views, shown.focal_px)
@@ -70,16 +71,22 @@ def write_rerun(
                 on_progress(shown.row + 1, len(record))
         stream.flush()
         stream.disconnect()
-        part.replace(path)
-    finally:
-        stream.disconnect()  # an interrupted stream would write on, into a new file
-        part.unlink(missing_ok=True)
+        durable.finish()
     return path
+
+
+@contextlib.contextmanager
+def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
+    """End a stream in any case: an interrupted one would write on, into a new file."""
+    try:
+        yield
+    finally:
+        stream.disconnect()
 
 
 def is_rerun_file(path: Path) -> bool:
     """Tell whether a file is one that :func:`write_rerun` wrote: of Rerun, with our name at its beginning."""
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"RRF") and _APPLICATION.encode() in head
 

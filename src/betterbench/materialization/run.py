@@ -15,11 +15,11 @@ from betterbench.errors import RecordError
 from betterbench.interface import observation_spec
 from betterbench.materialization.ahead import ahead
 from betterbench.materialization.expected import ExpectedFile
-from betterbench.materialization.folder import ModalityFolder, Wanted
+from betterbench.materialization.folder import ModalityFolder, Wanted, require_free_place
 from betterbench.materialization.trial_files import TrialFiles, TrialOrigin
 from betterbench.recording import Record, RunFolder, RunLock
 from betterbench.recording.item_threads import in_threads
-from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.modalities.file import ModalityFile, fault_text
 from betterbench.recording.modalities.spec import ViewSpec
 from betterbench.recording.parquet import file_digest
@@ -97,6 +97,7 @@ def materialize_run(
     known: set[TrialId] = set()
     done = 0
     list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
+    require_free_place(out)
     with RunLock(out.absolute() / LOCK_NAME):
         folder = ModalityFolder(out, wanted)
         folder.remove_parts()

@@ -21,7 +21,15 @@ import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import InvalidInputError
-from betterbench.json_form import open_seal, parse_json, read_bounded, read_form, read_object, strict_form
+from betterbench.json_form import (
+    open_ordinary,
+    open_seal,
+    parse_json,
+    read_bounded,
+    read_form,
+    read_object,
+    strict_form,
+)
 from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 
 _MAX_META_BYTES = 1 << 30
@@ -110,7 +118,7 @@ class QuestionSource:
     def item(self, number: int) -> dict[str, Any]:
         """Return a question as it is written; raises InvalidInputError if the line is no JSON object."""
         start, length = self.places[number]
-        with self.path.open("rb") as file:
+        with open_ordinary(self.path) as file:
             file.seek(start)
             line = file.read(length)
         try:
@@ -200,7 +208,8 @@ def _lengths_v3(path: Path) -> list[int]:
     rows: list[tuple[int, int]] = []
     for file in files:
         try:
-            table = pq.read_table(file, columns=["episode_index", "length"])
+            with open_ordinary(file) as opened:
+                table = pq.read_table(opened, columns=["episode_index", "length"])
         except (OSError, KeyError, pa.ArrowException) as error:
             raise InvalidInputError(str(file), f"cannot be read ({error})", "Export the data set again") from error
         rows += zip(table["episode_index"].to_pylist(), table["length"].to_pylist(), strict=True)
@@ -221,7 +230,7 @@ def _questions(path: Path, sha256: str | None) -> QuestionSource:
     if path.stat().st_size > _MAX_QUESTION_BYTES:
         raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
     places, at, whole = [], 0, hashlib.sha256()
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         for line in file:
             if line.strip():
                 places.append((at, len(line)))

@@ -19,7 +19,7 @@ import numpy as np
 
 from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
 from betterbench.installation import missing_extra
-from betterbench.json_form import parse_json
+from betterbench.json_form import open_ordinary, parse_json, read_ordinary
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.lerobot_types import require_type
 
@@ -234,7 +234,7 @@ def _fingerprint(path: str) -> str:
     whole = hashlib.sha256()
     for file in sorted(f for f in folder.iterdir() if f.suffix in _LOADED_FROM):
         whole.update(f"{file.name}\n".encode())
-        with file.open("rb") as opened:
+        with open_ordinary(file) as opened:
             whole.update(hashlib.file_digest(opened, "sha256").digest())
     return whole.hexdigest()
 
@@ -242,7 +242,7 @@ def _fingerprint(path: str) -> str:
 def _told_type(path: str) -> str:
     """Return the type that the configuration in a folder names; an empty text for an id on the hub."""
     file = Path(path) / "config.json"
-    form = parse_json(file.read_bytes()) if file.is_file() else {}
+    form = parse_json(read_ordinary(file)) if file.is_file() else {}
     return str(form.get("type", "")) if isinstance(form, dict) else ""
 
 
@@ -264,7 +264,7 @@ def _located(target: str, where: str) -> str:
 
 def _check_form(file: Path, where: str) -> None:
     try:
-        form = parse_json(file.read_bytes())
+        form = parse_json(read_ordinary(file))
     except (OSError, ValueError) as error:
         raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
     if not isinstance(form, dict) or not isinstance(form.get("type"), str):

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy, PolicyInfo
-from betterbench.json_form import parse_json
+from betterbench.json_form import parse_json, read_ordinary
 
 
 def load_plugin(address: str) -> Policy:
@@ -58,7 +58,7 @@ def source_of(address: str) -> str:
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
-    return f"{Path(path).name}, sha256 {hashlib.sha256(Path(path).read_bytes()).hexdigest()}"
+    return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
 
 
 def _parts(address: str) -> tuple[str, str, dict[str, Any]]:

@@ -9,12 +9,15 @@ from pathlib import Path
 from types import ModuleType
 
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.json_form import read_object, read_ordinary
 from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.recipes import being_h, gr00t, lerobot, openpi
 from betterbench.recipes.recipe import Framework, Recipe, Setting
 from betterbench.recipes.trainer import TrainerSetup, Training, data_of
 from betterbench.recording import write_durably
+from betterbench.recording.outputs import OutputFolder
 
+_MOST_BYTES = 16 << 20
 _ORIGINS = {
     "paper": "the paper",
     "upstream": "the framework",
@@ -91,20 +94,32 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
     }
 
 
-def write_setup(files: Mapping[str, str], out: Path) -> None:
+def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
     """Write the files of a recipe into a folder; the same files are left as they are.
 
     Raises:
-        RunConflictError: If the folder holds other files of these names.
+        RunConflictError: If the folder holds another recipe, or files that are not ours, unless they may be
+            overwritten.
         OSError: If it cannot be written.
     """
-    others = [
-        name for name, text in files.items() if (out / name).exists() and (out / name).read_bytes() != text.encode()
-    ]
-    if others:
-        raise RunConflictError(f"{out}: it holds another {others[0]}. Choose another folder, or move it away.")
-    for name, text in files.items():
-        write_durably(out / name, text.encode())
+    wanted = {name: text.encode() for name, text in files.items()}
+    with OutputFolder(out, "recipe", overwrite=overwrite, is_ours=lambda: _is_recipe(out)):
+        others = [name for name, data in wanted.items() if (out / name).exists() and read_ordinary(out / name) != data]
+        if others and not overwrite:
+            raise RunConflictError(
+                f"{out}: it holds another {others[0]}. Choose another folder, or give --overwrite to replace it."
+            )
+        for name, data in wanted.items():
+            write_durably(out / name, data)
+
+
+def _is_recipe(out: Path) -> bool:
+    """Tell whether a folder holds the fields of a recipe."""
+    try:
+        form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
+    except InvalidInputError:
+        return False
+    return {"framework", "upstream", "recipe", "fields"} == form.keys()
 
 
 def _commands(setup: TrainerSetup) -> str:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import glob
+import hashlib
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,9 +15,14 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.errors import StorageError
+from betterbench.recording.lock import LOCK_NAME, is_locked
+from betterbench.recording.places import claim_of, require_guarded
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; what carries it after a crash can be deleted."""
+
+_PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL)
+"""Names that ``tempfile`` gives."""
 
 
 class DurableFile:
@@ -25,13 +33,21 @@ class DurableFile:
 
     Attributes:
         file: What is written to.
+        part: Where it is until it is finished, for a library that writes to a file of its own.
+
+    Raises:
+        InvalidInputError: If a link leads out of the folder that this process has locked.
+        RunConflictError: If something stands there that the owner of the folder did not write.
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path, self._claim = path, claim_of(path)
+        require_guarded(path)
+        if self._claim is not None:
+            self._claim.require_ours(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
-        self._part, self.file = Path(name), os.fdopen(handle, "wb")
+        self.part, self.file = Path(name), os.fdopen(handle, "wb")
 
     def __enter__(self) -> Self:
         return self
@@ -41,7 +57,7 @@ class DurableFile:
     ) -> None:
         with contextlib.suppress(OSError):  # of a full disk, raised before
             self.file.close()
-        self._part.unlink(missing_ok=True)
+        self.part.unlink(missing_ok=True)
 
     def finish(self) -> None:
         """Force the file to disk and put it at its place."""
@@ -49,7 +65,10 @@ class DurableFile:
         os.fchmod(self.file.fileno(), 0o644)
         os.fsync(self.file.fileno())
         self.file.close()
-        self._part.replace(self._path)
+        if self._claim is not None:
+            with self.part.open("rb") as written:
+                self._claim.note(self._path, hashlib.file_digest(written, "sha256").hexdigest())
+        self.part.replace(self._path)
         sync_folder(self._path.parent)
 
 
@@ -64,10 +83,29 @@ def write_durably(path: Path, data: bytes) -> None:
         written.finish()
 
 
+def is_part(path: Path) -> bool:
+    """Tell whether a file has the name of a :class:`DurableFile` that is still being written."""
+    return _PART.fullmatch(path.name) is not None
+
+
 def remove_parts(folder: Path) -> None:
-    """Delete what killed processes left half-written in a folder and below; the caller holds the lock of the folder."""
-    for part in folder.rglob(f".*{PART_SUFFIX}"):
-        part.unlink(missing_ok=True)
+    """Delete what killed processes left half-written in a folder and below; the caller holds the lock of the folder.
+
+    A folder below whose own lock is held is left alone: somebody is writing there.
+    """
+    for place, folders, files in os.walk(folder):
+        inside = Path(place)
+        folders[:] = [name for name in folders if not is_locked(inside / name / LOCK_NAME)]
+        for name in files:
+            if is_part(inside / name):
+                (inside / name).unlink(missing_ok=True)
+
+
+def remove_parts_of(file: Path) -> None:
+    """Delete what killed processes left half-written of a single file; the caller holds the lock of that file."""
+    for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
+        if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
+            part.unlink(missing_ok=True)
 
 
 _LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})

@@ -17,8 +17,9 @@ from typing import Any, Self
 from betterbench.errors import RecordError
 from betterbench.json_form import form_errors, parse_json, read_bounded, say_unsealed
 from betterbench.recording.durable import sync_folder, write_durably
-from betterbench.recording.lock import RunLock, is_locked
+from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.places import open_in_place
 
 MAX_BYTES = 1 << 30
 """Largest journal that is read; a line takes some 600 bytes."""
@@ -28,9 +29,6 @@ LINK = "link"
 
 logger = logging.getLogger(__name__)
 
-LOCK_NAME = ".lock"
-"""File beside the journal that carries the lock of the folder."""
-
 
 class LineJournal:
     """A file of JSON lines, open for appending by one process at a time.
@@ -38,19 +36,20 @@ class LineJournal:
     Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
     :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
     disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
-    again.
+    again. With ``alone`` the file is locked, and not its folder.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, alone: bool = False) -> None:
         self._path = path = path.absolute()
-        self._lock = RunLock(path.parent / LOCK_NAME)
+        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME)
         self._handle: int | None = None
         try:
             lines, self._length = complete_lines(path)
             self._content = bytearray(b"".join(line + b"\n" for line in lines))
             self._take_in(lines)
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            self._handle = open_in_place(path)
             if os.fstat(self._handle).st_size > self._length:
+                _require_begun(path, os.pread(self._handle, 1, self._length))
                 logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
                 os.ftruncate(self._handle, self._length)
             os.fsync(self._handle)
@@ -106,7 +105,7 @@ class LineJournal:
     def _write_again(self, handle: int) -> None:
         logger.warning("%s was removed or changed by somebody else and is written again", self._path)
         write_durably(self._path, bytes(self._content))
-        self._handle = os.open(self._path, os.O_RDWR | os.O_CLOEXEC)
+        self._handle = open_in_place(self._path)
         os.close(handle)
 
     def close(self) -> None:
@@ -167,6 +166,12 @@ def linked_forms(
         if told != before:
             raise not_following(where, cure)
         yield form, before
+
+
+def _require_begun(path: Path, begun: bytes) -> None:
+    """Refuse to cut off what is not the beginning of a line, or zeros where the machine went down."""
+    if begun not in (b"{", b"\0"):
+        raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
 
 
 def complete_lines(path: Path) -> tuple[list[bytes], int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import time
@@ -11,6 +12,10 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.errors import RunConflictError
+from betterbench.recording.places import guard, is_claimed_here, open_in_place, require_guarded, unguard
+
+LOCK_NAME = ".lock"
+"""File in a folder that carries the lock of the folder."""
 
 _TRIES = 25
 _PAUSE_S = 0.02  # somebody who asks whether a run is going holds the lock for less
@@ -22,7 +27,7 @@ def is_locked(path: Path) -> bool:
     A lock that is held on another machine is seen where the file system shares locks.
     """
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError:
         return False
     try:
@@ -40,31 +45,60 @@ class RunLock:
     """An exclusive lock on a run folder that dies with the process that took it.
 
     The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
-    the lock is held do not keep it alive. Raises RunConflictError if somebody else holds the lock, unless it ``waits``.
+    the lock is held do not keep it alive. While it is held, no file is written below its folder by a link that leads
+    out of it (:mod:`betterbench.recording.places`).
+
+    Raises:
+        RunConflictError: If somebody else holds the lock, unless it ``waits``.
+        InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
     """
 
     def __init__(self, path: Path, *, waits: bool = False) -> None:
+        self._path, self._folder = path, path.parent.absolute()
+        self._handle: int | None = None
+        if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
+            return
+        require_guarded(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._handle: int | None = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        try:
-            if waits:
-                fcntl.flock(self._handle, fcntl.LOCK_EX)
-            else:
-                _lock_exclusively(self._handle)
-        except OSError as error:
-            holder = os.pread(self._handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
-            self._close()
-            if not isinstance(error, BlockingIOError):
-                raise
-            raise RunConflictError(
-                f"{path.parent}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
-            ) from error
+        self._handle = self._taken(waits=waits)
         os.ftruncate(self._handle, 0)
         os.pwrite(self._handle, f"{os.getpid()}\n".encode("ascii"), 0)
         _HELD.add(self)
+        self._guard()
+
+    def _guard(self) -> None:
+        guard(self._folder)
+
+    def _unguard(self) -> None:
+        unguard(self._folder)
+
+    def _taken(self, *, waits: bool) -> int:
+        """Return the descriptor of the file with the lock on it."""
+        handle = open_in_place(self._path)
+        try:
+            if waits:
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            else:
+                _lock_exclusively(handle)
+        except OSError as error:
+            holder = os.pread(handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
+            os.close(handle)
+            if not isinstance(error, BlockingIOError):
+                raise
+            raise RunConflictError(self._conflict(holder)) from error
+        return handle
+
+    def _conflict(self, holder: str) -> str:
+        """Return what is said where a process holds the lock."""
+        return (
+            f"{self._path.parent}: another run (process {holder}) is writing here. Wait for it, or choose another "
+            "folder."
+        )
 
     def release(self) -> None:
         """Give the lock back; harmless when it is not held."""
+        if self._handle is not None:
+            self._unguard()
         self._close()
 
     def _close(self) -> None:
@@ -80,6 +114,42 @@ class RunLock:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.release()
+
+
+class FileLock(RunLock):
+    """An exclusive lock on a single file, beside it (``.NAME.lock``); it is removed when it is released."""
+
+    def __init__(self, file: Path, *, waits: bool = False) -> None:
+        self._file = file
+        super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
+
+    def _guard(self) -> None:
+        """Guard nothing: the folder is the user's choice, and holds files of others."""
+
+    def _unguard(self) -> None:
+        """Undo nothing."""
+
+    def _taken(self, *, waits: bool) -> int:
+        """Return the descriptor of a file with the lock on it that is still at its place."""
+        while True:
+            handle = super()._taken(waits=waits)
+            ours = os.fstat(handle)
+            with contextlib.suppress(FileNotFoundError):
+                there = os.lstat(self._path)
+                if (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino):
+                    return handle
+            os.close(handle)  # whoever held it before has removed it meanwhile
+
+    def _conflict(self, holder: str) -> str:
+        """Return what is said where a process holds the lock."""
+        return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
+
+    def release(self) -> None:
+        """Remove the file, and give the lock back; harmless when it is not held."""
+        if self._handle is not None:
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+        super().release()
 
 
 def _lock_exclusively(handle: int) -> None:
@@ -101,7 +171,7 @@ _HELD: weakref.WeakSet[RunLock] = weakref.WeakSet()
 def _forget_in_child() -> None:
     """Close inherited locks in a forked process; the parent keeps its own."""
     for lock in list(_HELD):
-        lock.release()
+        lock._close()
 
 
 os.register_at_fork(after_in_child=_forget_in_child)

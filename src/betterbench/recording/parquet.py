@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, Field, TypeAdapter
 
 from betterbench.errors import BetterError, InvalidInputError, RecordError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import read_bounded, read_form, read_ordinary, strict_form
 from betterbench.recording.columns import WIDTH_NAMES, arrow_schema, from_table, to_table
 from betterbench.recording.durable import write_durably
 from betterbench.recording.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, dump_json
@@ -189,7 +189,7 @@ def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
 
 def file_digest(path: Path) -> str:
     """Return the SHA-256 of a record's file, as journals hold it."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_ordinary(path)).hexdigest()
 
 
 def _intact(path: Path, digest: str | None) -> bytes:

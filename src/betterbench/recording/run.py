@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import json
 import logging
-import os
 import re
 import time
 from collections.abc import Iterator, Mapping
@@ -19,13 +18,14 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
-from betterbench.json_form import growing_form, read_bounded, read_form, strict_form
+from betterbench.json_form import growing_form, read_bounded, read_form, read_ordinary, strict_form
 from betterbench.recording.durable import PART_SUFFIX, remove_parts, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
-from betterbench.recording.line_journal import LOCK_NAME, say_lost_tail
-from betterbench.recording.lock import RunLock, is_locked
+from betterbench.recording.line_journal import say_lost_tail
+from betterbench.recording.lock import LOCK_NAME, RunLock, is_locked
 from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
 from betterbench.recording.parquet import AGAIN, RecordBrief, file_digest, read_brief, read_record, write_record
+from betterbench.recording.places import require_inside
 from betterbench.recording.record import Record
 from betterbench.recording.scene_archive import read_scene, write_scene
 from betterbench.tasks.trial_id import TrialId
@@ -160,8 +160,8 @@ class RunFolder:
 
     @property
     def report_path(self) -> Path:
-        """The folder of the report."""
-        return self.path / "report"
+        """The folder of the report; raises what :meth:`inside` raises."""
+        return self.inside("report")
 
     @property
     def is_foreign(self) -> bool:
@@ -180,7 +180,7 @@ class RunFolder:
         """
         form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": {**self.context, **changes}}
         form = json.loads(dump_json(form))
-        with RunLock(self.path / LOCK_NAME):
+        with self.locked():
             write_durably(self.path / "run.json", _run_json(form))
         return RunFolder(self.path, form["plan"], form["context"])
 
@@ -189,7 +189,7 @@ class RunFolder:
         form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": dict(self.context)}
         path = self.path / "run.json"
         with contextlib.suppress(OSError, ValueError):
-            if json.loads(path.read_bytes()) == form:
+            if json.loads(read_ordinary(path)) == form:
                 return
         logger.warning("%s was removed or changed by somebody else and is written again", path)
         write_durably(path, _run_json(form))
@@ -201,7 +201,7 @@ class RunFolder:
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
         context = {**self.context, "extended": [*self.context.get("extended", []), step]}
         form = json.loads(dump_json({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": context}))
-        with RunLock(self.path / LOCK_NAME):
+        with self.locked():
             write_durably(self.path / "run.json", _run_json(form))
         return RunFolder(self.path, form["plan"], form["context"])
 
@@ -358,7 +358,7 @@ class RunFolder:
         """
         if not path.exists() and not path.is_symlink():
             return None
-        folder = self.path / "set-aside"
+        folder = self.inside("set-aside")
         folder.mkdir(exist_ok=True)
         name = "-".join(path.relative_to(self.path).parts[1:])
         place = next(p for n in itertools.count() if not (p := folder / f"{n}-{name}").exists())
@@ -381,9 +381,19 @@ class RunFolder:
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
-        if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(self.path)):  # never fails, also on loops
-            raise InvalidInputError(str(path), "leads out of the run folder by a link", "Remove the link")
+        return self.inside(*path.relative_to(self.path).parts)
+
+    def inside(self, *names: str) -> Path:
+        """Return a path below the folder, and raise InvalidInputError if it leads out of it by a link."""
+        path = self.path.joinpath(*names)
+        require_inside(path, self.path)
         return path
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the lock of the folder; raises RunConflictError if another process is writing to it."""
+        with RunLock(self.path / LOCK_NAME):
+            yield
 
 
 _TOLD: set[tuple[Path, int]] = set()
@@ -435,6 +445,7 @@ def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
 
 def keep_copies(path: Path) -> None:
     """Keep a copy of each of the user's files that are loaded, in the folder of what was made with them."""
+    require_inside(path / COPIES, path)
     for file in loaded_files():
         if not (path / COPIES / file.copy_name).exists():
             write_durably(path / COPIES / file.copy_name, file.source.encode())

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from betterbench.errors import printable
 from betterbench.quoting import LONGEST_TEXT
+from betterbench.recording import write_durably
 
 
 def environment() -> Environment:
@@ -43,8 +44,6 @@ def data_uri(data: bytes | str, media_type: str) -> Markup:
 
 
 def write(path: Path, data: bytes | str) -> Path:
-    """Write a file beside its place, rename it and return its path, so that no reader sees half of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f".{path.name}.part")
-    beside.write_bytes(data.encode() if isinstance(data, str) else data)
-    return beside.replace(path)
+    """Write a file durably and return its path, so that no reader sees half of it."""
+    write_durably(path, data.encode() if isinstance(data, str) else data)
+    return path

@@ -13,6 +13,7 @@ from markupsafe import Markup
 
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import open_ordinary
 from betterbench.quoting import script_json
 from betterbench.report.charts import charts_of, twin_figure
 from betterbench.report.drawing import Chart, draw, file_style
@@ -60,6 +61,9 @@ class ShownFilm:
     trial: TrialDiagnosis
 
 
+_HEAD_BYTES, _TITLE = 10_000, " · BeTTER</title>".encode()
+
+
 @dataclass(frozen=True, slots=True)
 class ShownChart:
     """A chart on the page: drawn wide, drawn narrow, and as a file."""
@@ -86,6 +90,16 @@ class Opening:
     frames: tuple[Frame, ...]
     twin_frames: tuple[Frame, ...]
     pair: tuple[tuple[Frame, str], ...] = ()
+
+
+def is_report(out: Path) -> bool:
+    """Tell whether a folder holds a report: a page with our title, and the tables beside it."""
+    try:
+        with open_ordinary(out / "index.html") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+    return head.startswith(b"<!doctype html>") and _TITLE in head and (out / "tables").is_dir()
 
 
 def write_report(

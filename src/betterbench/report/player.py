@@ -12,6 +12,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import open_ordinary
 from betterbench.quoting import script_json
 from betterbench.report.html import asset, environment, write
 
@@ -92,7 +93,7 @@ def write_player(trial: PlayedTrial, path: Path) -> Path:
 
 def is_player(path: Path) -> bool:
     """Tell whether a file is a page that :func:`write_player` wrote, by this version or another one."""
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         head = file.read(_HEAD_BYTES)
     return head.startswith(b"<!doctype html>") and all(mark in head for mark in _MARKS)
 

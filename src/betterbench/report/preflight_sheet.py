@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,6 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.patheffects import withStroke
 from matplotlib.textpath import TextToPath
+
+from betterbench.recording import write_durably
+from betterbench.recording.outputs import mark_of
 
 OUTLINE = "#ff40a0"
 """Color of the arrow and the dots; no object of the suite has it."""
@@ -110,8 +114,9 @@ def write_preflight_sheet(content: _Content, path: Path) -> Path:
     page.y += 10
     page.write(content.latency, _SMALL, _GRAY)
     page.y = max(page.y, top + height)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    page.figure().savefig(path, dpi=_DPI)
+    buffer = io.BytesIO()
+    page.figure().savefig(buffer, format="png", dpi=_DPI, metadata={"Software": mark_of("doctor")})
+    write_durably(path, buffer.getvalue())
     return path
 
 

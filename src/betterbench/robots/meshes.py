@@ -17,6 +17,7 @@ import io
 import logging
 import os
 import tempfile
+import time
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ import numpy as np
 import platformdirs
 
 from betterbench.installation import missing_packages
+from betterbench.json_form import open_ordinary
 from betterbench.robots.decimation import creased, decimated, welded
 from betterbench.robots.spec import Progress
 
@@ -167,7 +169,7 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
     """Return the parts of a cache file, or None if there is none that can be read."""
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as stored:
+        with open_ordinary(path) as stream, np.load(stream, allow_pickle=False) as stored:
             parts = []
             for name in stored["names"].tolist():
                 link, _, paint = str(name).rpartition("_")
@@ -184,6 +186,16 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         return None
 
 
+_LEFTOVER_S = 3600.0
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Delete what killed processes left half-written; one that is an hour old is not being written any more."""
+    for part in folder.glob("tmp*.npz.part"):
+        if time.time() - part.stat().st_mtime > _LEFTOVER_S:
+            part.unlink(missing_ok=True)
+
+
 def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
     """Write the parts beside the target and rename; an unwritable cache is not an error, only slower next time."""
     arrays: dict[str, np.ndarray] = {"names": np.array([p.name for p in parts])}
@@ -192,6 +204,7 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
         arrays[f"{part.name}.f"] = part.faces
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(path.parent)
         handle, beside = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
         try:
             with os.fdopen(handle, "wb") as stream:

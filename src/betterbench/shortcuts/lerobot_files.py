@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import re
 import stat
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +23,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError, one_line
-from betterbench.json_form import parse_json, read_bounded, read_object
+from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_object
 
 CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
@@ -57,11 +56,8 @@ _Ints = npt.NDArray[np.int64]
 def is_pointer(path: Path) -> bool:
     """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is no ordinary file."""
     try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        try:
-            return stat.S_ISREG(os.fstat(handle).st_mode) and os.read(handle, len(POINTER)) == POINTER
-        finally:
-            os.close(handle)
+        with open_ordinary(path) as file:
+            return file.read(len(POINTER)) == POINTER
     except (OSError, ValueError):
         return False
 
@@ -151,7 +147,7 @@ def _one_line(where: Path) -> Iterator[None]:
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
     """Return the columns of ``tasks.parquet`` by name, the index of pandas among them."""
     _require_file(file)
-    with pq.ParquetFile(file) as table:
+    with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
         if table.metadata.num_rows > MOST_TASKS:
             msg = f"it has {table.metadata.num_rows} rows, and at most {MOST_TASKS} are read"
             raise ValueError(msg)
@@ -270,7 +266,7 @@ def column_names(file: Path) -> frozenset[str]:
     """Return the names of the columns of a file of frames; RecordError if it cannot be read."""
     try:
         _require_file(file)
-        with pq.ParquetFile(file) as table:
+        with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
             return frozenset(table.schema_arrow.names)
     except (pa.ArrowException, OSError, ValueError, KeyError) as error:
         raise RecordError(f"{file}: it cannot be read ({one_line(error)}). Fetch the file again.") from error
@@ -283,7 +279,7 @@ def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedA
     """
     try:
         _require_file(file)
-        with pq.ParquetFile(file) as table:
+        with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
             missing = [name for name in widths if name not in table.schema_arrow.names]
             if missing:
                 raise RecordError(f"{file}: it has no column {missing[0]}. {CURE}.")

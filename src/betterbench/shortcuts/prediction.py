@@ -21,7 +21,7 @@ import betterbench
 from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers the failure modes
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import open_ordinary, read_bounded, read_form, read_ordinary, strict_form
 from betterbench.recording.durable import write_durably
 from betterbench.recording.metadata import dump_json
 from betterbench.shortcuts.examine import Finding, ShortcutAudit
@@ -207,7 +207,7 @@ def read_prediction(path: Path) -> Prediction:
 def write_prediction(path: Path, prediction: Prediction) -> None:
     """Write a prediction, and remove a signature beside it that is of another one: it would call this one forged."""
     data = prediction.file_bytes()
-    if not path.exists() or path.read_bytes() != data:
+    if not path.exists() or read_ordinary(path) != data:
         _signature_of(path).unlink(missing_ok=True)
     write_durably(path, data)
 
@@ -224,16 +224,21 @@ def sign(path: Path, key: Path) -> Path:
         InvalidInputError: If the key cannot be used.
     """
     signature = _signature_of(path)
-    signature.unlink(missing_ok=True)
-    command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key), str(path)]
     try:
-        done = subprocess.run(  # noqa: S603 - the user's own key and file
-            command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        open_ordinary(key).close()  # ssh-keygen would wait for a pipe
+    except (OSError, ValueError) as error:
+        problem = f"{key} cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key") from error
+    command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key)]
+    try:
+        done = subprocess.run(  # noqa: S603 - the user's own key; the file goes in, and the signature comes out
+            command, capture_output=True, input=read_ordinary(path), check=False
         )
     except FileNotFoundError as error:
         problem = "ssh-keygen is not installed. Install OpenSSH, or leave out --sign."
         raise MissingDependencyError(problem) from error
-    if done.returncode or not signature.exists():
-        problem = last_line(done.stderr) or f"ssh-keygen ended with {done.returncode}"
+    if done.returncode or not done.stdout:
+        problem = last_line(done.stderr.decode(errors="replace")) or f"ssh-keygen ended with {done.returncode}"
         raise InvalidInputError("--sign", problem, "Give the file of a private SSH key without a passphrase")
+    write_durably(signature, done.stdout)
     return signature

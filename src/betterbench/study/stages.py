@@ -29,8 +29,7 @@ from betterbench.json_form import open_form, open_seal, read_bounded, read_form,
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import write_durably
 from betterbench.recording.durable import on_disk, remove_parts
-from betterbench.recording.line_journal import LOCK_NAME
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import LOCK_NAME, RunLock
 from betterbench.study.learning import OnWork, TrainedPolicy, TrainingJob
 from betterbench.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
 from betterbench.study.plan import PlannedLearner, StudyPlan

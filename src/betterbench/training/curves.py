@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from betterbench.errors import RecordError
+from betterbench.json_form import read_ordinary
 from betterbench.quoting import markup_text
 from betterbench.recording.durable import on_disk, write_durably
 from betterbench.training.questions import AnswerRate
@@ -131,7 +132,7 @@ def _read(path: Path, kind: type[Row], until: int) -> list[Row]:
     """Return the rows of a table up to a step; RecordError if it cannot be read."""
     try:
         readers = [_READERS[str(f.type)] for f in fields(kind)]
-        cells = [*csv.reader(path.read_text(encoding="utf-8").splitlines())][1:]
+        cells = [*csv.reader(read_ordinary(path).decode().splitlines())][1:]
         rows = [kind(*(read(cell) for read, cell in zip(readers, row, strict=True))) for row in cells]
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise RecordError(

@@ -21,15 +21,14 @@ from pydantic import Field, TypeAdapter
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.export.pictures import Pictures
 from betterbench.interface import observation_spec
-from betterbench.json_form import SEAL, parse_json, read_form, seal_of, sealed_form, strict_form
+from betterbench.json_form import SEAL, open_ordinary, parse_json, read_form, seal_of, sealed_form, strict_form
 from betterbench.learned.eyes import looked_at
 from betterbench.learned.recipe import Eyes
 from betterbench.recording import Record, RunFolder, write_durably
 from betterbench.recording.compressed import pack_block, unpack_block
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
-from betterbench.recording.line_journal import LOCK_NAME
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import LOCK_NAME, RunLock
 from betterbench.recording.metadata import dump_json
 from betterbench.training.processes import TrainingProcesses
 
@@ -171,7 +170,7 @@ class _EpisodeFrames:
     def open(cls, path: Path) -> _EpisodeFrames | None:
         """Return the frames of a file; None if it is missing or damaged."""
         try:
-            with path.open("rb") as file:
+            with open_ordinary(path) as file:
                 data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
             length = int.from_bytes(data[:8], "little")
             if length > _MAX_HEADER:

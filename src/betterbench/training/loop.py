@@ -36,8 +36,7 @@ from betterbench.learned.policy import Learner
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.recording import first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.recording.line_journal import LOCK_NAME
-from betterbench.recording.lock import RunLock
+from betterbench.recording.lock import LOCK_NAME, RunLock
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining

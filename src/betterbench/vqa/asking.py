@@ -14,9 +14,12 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
-from betterbench.json_form import SEAL, open_form, read_bounded, read_form, seal_of
+from betterbench.json_form import SEAL, open_form, open_ordinary, read_bounded, read_form, seal_of
 from betterbench.llm import Chat, RefusedError, user_message
+from betterbench.recording import write_durably
 from betterbench.recording.line_journal import MAX_BYTES, LineJournal, say_lost_tail
+from betterbench.recording.metadata import dump_json
+from betterbench.recording.outputs import OutputFile, require_replaceable
 from betterbench.statistics import Rate
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.question import Form, Question
@@ -25,6 +28,9 @@ from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
 logger = logging.getLogger(__name__)
 
 _LONGEST_NAME = 200
+_MOST_HEAD = 10_000
+_BEGINNING = b'{"coordinates":'
+"""How the first line of a file of answers begins."""
 MOST_AT_ONCE = 256
 """Most requests at the same time."""
 
@@ -131,7 +137,7 @@ class _AnswerFile(LineJournal):
 
     def __init__(self, path: Path, head: AnswersHead) -> None:
         self.head, self.known = head, dict[str, ModelAnswer]()
-        super().__init__(path)
+        super().__init__(path, alone=True)
         if self.is_empty:
             self._append_line(_sealed(head, head))
 
@@ -164,6 +170,7 @@ def ask_set(
     *,
     coordinates: Coordinates = "pixels",
     at_once: int = 4,
+    overwrite: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Answers:
     """Ask a model all questions of a set that it has not answered yet, and return all answers.
@@ -172,11 +179,16 @@ def ask_set(
 
     Raises:
         ModelError: If the model cannot be reached; what was answered is kept.
-        RunConflictError: If the file holds answers of another model or set.
+        RunConflictError: If the file holds answers of another model or set, or anything else, unless it may be
+            overwritten; or if another process asks into it.
         InvalidInputError: If the number of requests is out of range.
     """
     require_between("--at-once", at_once, 1, MOST_AT_ONCE)
     head = AnswersHead(chat.name, asked.sha256, coordinates)
+    require_replaceable(file, "vqa", overwrite=overwrite, is_ours=is_answers)
+    if overwrite and not _goes_on(file, head):
+        with OutputFile(file, "vqa", overwrite=True):
+            write_durably(file, b"")
     with _AnswerFile(file, head) as kept:
         todo = [q for q in asked.questions if q.id not in kept.known]
         total, answers = len(asked.questions), dict(kept.known)
@@ -195,6 +207,34 @@ def ask_set(
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
     return Answers(head, answers)
+
+
+def is_answers(file: Path) -> bool:
+    """Tell whether the first line of a file is that of answers; raises OSError unless it is missing.
+
+    A line that a killed process left unfinished is known by its beginning.
+    """
+    line = _first_line(file)
+    if not line.endswith(b"\n"):
+        return line[: len(_BEGINNING)] == _BEGINNING[: len(line)]
+    try:
+        read_form(_HEAD, line, where="", cure="")
+    except InvalidInputError:
+        return False
+    return True
+
+
+def _goes_on(file: Path, head: AnswersHead) -> bool:
+    """Tell whether a file holds answers with a first line, or nothing."""
+    return _first_line(file) in (b"", dump_json(asdict(head)) + b"\n")
+
+
+def _first_line(file: Path) -> bytes:
+    try:
+        with open_ordinary(file) as opened:
+            return opened.readline(_MOST_HEAD)
+    except FileNotFoundError:
+        return b""
 
 
 def _ask(chat: Chat, asked: QuestionSet, question: Question, coordinates: Coordinates) -> ModelAnswer:

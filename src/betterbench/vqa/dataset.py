@@ -22,11 +22,12 @@ from typing import Any, Protocol
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
-from betterbench.json_form import open_seal, read_bounded, read_form, say_unsealed, sealed_form
+from betterbench.json_form import open_seal, read_bounded, read_form, read_ordinary, say_unsealed, sealed_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.places import require_inside
 from betterbench.recording.run import first_difference
 from betterbench.recording.tables import table_bytes
 from betterbench.state import FrameView
@@ -383,7 +384,7 @@ def _shard(out: Path, trial: TrialId) -> Path:
 
 def _read_candidates(file: Path) -> Iterator[Candidate]:
     try:
-        lines = gzip.decompress(file.read_bytes()).splitlines()
+        lines = gzip.decompress(read_ordinary(file)).splitlines()
     except (OSError, EOFError, ValueError) as error:
         raise RecordError(f"{file}: cannot be read ({error}). Delete it and give the same command again.") from error
     for line in lines:
@@ -444,6 +445,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
     rows = [_row(q) for q in questions]
     write_durably(out / "questions.parquet", table_bytes(COLUMNS, rows, {"betterbench": f"vqa {SET_SCHEMA_VERSION}"}))
     wanted = {q.image for q in questions}
+    require_inside(out / "images", out)  # files are deleted there
     for file in sorted((out / "images").rglob("*.jpg")):
         if file.relative_to(out).as_posix() not in wanted:
             file.unlink()

@@ -7,6 +7,7 @@ names nothing and says no word of place or state that its claims do not cover. W
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -17,10 +18,22 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
-from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.json_form import (
+    open_form,
+    open_ordinary,
+    open_seal,
+    parse_json,
+    read_bounded,
+    read_form,
+    sealed_form,
+    strict_form,
+)
 from betterbench.llm import Chat, RefusedError, user_message
-from betterbench.recording import RunFolder, write_durably
+from betterbench.recording import RunFolder, RunLock, write_durably
+from betterbench.recording.durable import remove_parts
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.metadata import dump_json
+from betterbench.recording.outputs import OutputFile
 from betterbench.vqa.dataset import PhotoSource, QuestionSet
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.moment import Moment
@@ -29,6 +42,7 @@ from betterbench.vqa.question import Candidate, FrameSource, hash_number
 from betterbench.vqa.types import candidates_of
 
 _MAX_BYTES = 16 << 20
+_MOST_LINE = 1 << 20
 
 CLAIMS = {
     "is visible": "X can be seen",
@@ -164,6 +178,7 @@ def describe_images(
     photos: PhotoSource,
     *,
     count: int,
+    overwrite: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Described:
     """Let a model describe images of a set and ask about them, and keep what the state proves.
@@ -175,8 +190,33 @@ def describe_images(
         ModelError: If the model cannot be reached.
         RecordError: If a record or scene cannot be read.
         InvalidInputError: If the number of images is out of range.
+        RunConflictError: If the file holds anything else, unless it may be overwritten, or another process writes it.
     """
     require_between("--images", count, 1, MOST_IMAGES)
+    path = described.path / "descriptions.jsonl"
+    with RunLock(described.path / LOCK_NAME), OutputFile(path, "vqa", overwrite=overwrite, is_ours=_is_described):
+        remove_parts(described.path)
+        return _described(run, described, chat, photos, path, count=count, on_progress=on_progress)
+
+
+def _is_described(path: Path) -> bool:
+    """Tell whether the first line of a file is a text about an image."""
+    with contextlib.suppress(ValueError), open_ordinary(path) as file:
+        first = parse_json(file.readline(_MOST_LINE))
+        return isinstance(first, dict) and {"image", "conversations", "claims", "source"} <= first.keys()
+    return False
+
+
+def _described(
+    run: RunFolder,
+    described: QuestionSet,
+    chat: Chat,
+    photos: PhotoSource,
+    path: Path,
+    *,
+    count: int,
+    on_progress: Callable[[int, int], None] | None,
+) -> Described:
     sources = {q.image: q.source for q in described.questions}
     chosen = sorted(sources, key=lambda image: hash_number("described", image))[:count]
     kept: list[dict[str, Any]] = []
@@ -187,7 +227,6 @@ def describe_images(
         dropped.update(found["dropped"])
         if on_progress is not None:
             on_progress(number, len(chosen))
-    path = described.path / "descriptions.jsonl"
     write_durably(path, b"".join(dump_json(line) + b"\n" for line in kept))
     return Described(path, len(chosen), len(kept), dict(dropped))
 

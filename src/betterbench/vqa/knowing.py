@@ -204,9 +204,12 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
     Raises:
         OSError: If the folder cannot be written.
+        RunConflictError: If another process is writing to the run.
+        InvalidInputError: If the place is a link that leads out of the folder.
     """
     form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})
-    write_durably(knowledge_path(run), json.dumps(form, indent=1).encode() + b"\n")
+    with run.locked():
+        write_durably(knowledge_path(run), json.dumps(form, indent=1).encode() + b"\n")
     return knowledge_path(run)
 
 

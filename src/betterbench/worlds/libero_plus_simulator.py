@@ -319,6 +319,8 @@ def initial_states_in(path: Path) -> np.ndarray:
     Raises:
         ValueError: If the file holds anything else.
     """
+    if not path.is_file():  # a pipe would be waited for
+        raise ValueError("it is no ordinary file")
     with zipfile.ZipFile(path) as archive:
         (name,) = (name for name in archive.namelist() if name.endswith("/data.pkl"))
         steps = [(op.name, argument) for op, argument, _ in pickletools.genops(archive.read(name))]

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_form, strict_form
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
 from betterbench.worlds.process import WorldError, WorldProcess
@@ -19,6 +19,9 @@ _MAX_BYTES = 1 << 26
 
 JUMP_M = 0.03
 """Distance sideways from which an object that moves while settling has jumped."""
+
+
+_MOST_LINE = 1 << 20
 
 
 @strict_form
@@ -102,6 +105,17 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
 
 def _where(flags: Any) -> list[int]:  # noqa: ANN401 - a row of flags
     return [int(i) for i in flags.nonzero()[0]]
+
+
+def is_premise_file(path: Path) -> bool:
+    """Tell whether the first line of a file is an entry; raises OSError unless it is missing."""
+    try:
+        with open_ordinary(path) as file:
+            return isinstance(PremiseEntry(**parse_json(file.readline(_MOST_LINE))), PremiseEntry)
+    except FileNotFoundError:
+        return False
+    except (ValueError, TypeError):
+        return False
 
 
 def read_entries(path: Path) -> tuple[PremiseEntry, ...]:

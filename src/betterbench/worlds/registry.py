@@ -15,7 +15,8 @@ from pathlib import Path
 
 import platformdirs
 
-from betterbench.errors import MissingDependencyError, UnknownNameError, last_line
+from betterbench.errors import InvalidInputError, MissingDependencyError, UnknownNameError, last_line
+from betterbench.recording.places import open_in_place
 from betterbench.worlds.environment import python_environment
 
 INSTALL_LIMIT_S = 3600.0
@@ -114,8 +115,8 @@ class ForeignWorld:
         path = self.folder.with_name(f".{self.folder.name}.lock")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-        except OSError as error:
+            handle = open_in_place(path)
+        except (OSError, InvalidInputError) as error:
             raise MissingDependencyError(f"the world {self.name} cannot be installed: {error}") from error
         try:
             try:

@@ -14,6 +14,8 @@ from pydantic import TypeAdapter
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.json_form import open_form, read_form
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.durable import DurableFile
+from betterbench.recording.outputs import mark_of
 from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
 from betterbench.worlds import WorldProcess, world_command
@@ -171,10 +173,9 @@ def film_record(
 
     ``on_progress`` is called with the number of frames done and planned.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
     rows = range(0, len(record), every)
-    with av.open(str(part), "w", format="mp4") as container:
+    with DurableFile(path) as durable, av.open(durable.file, "w", format="mp4") as container:
+        container.metadata["comment"] = mark_of("replay")
         stream = container.add_stream("libx264", rate=round(record.metadata.control_rate_hz / every))
         stream.width = stream.height = view.size
         stream.pix_fmt = "yuv420p"
@@ -184,7 +185,8 @@ def film_record(
             if on_progress is not None:
                 on_progress(done, len(rows))
         container.mux(stream.encode(None))
-    part.replace(path)
+        container.close()
+        durable.finish()
 
 
 def probe_encoder() -> str:

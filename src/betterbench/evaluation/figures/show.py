@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
 
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
@@ -57,6 +59,18 @@ _RIGHT = {
     "stay_still": "right is to stay still",
 }
 """What a right policy does in a test scene."""
+
+
+def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:
+    """Return an image as a file, PNG or else JPEG by the ending of its name, with a remark in its header."""
+    buffer = io.BytesIO()
+    if suffix.lower() == ".png":
+        texts = PngInfo()
+        texts.add_text("Software", remark)
+        image.save(buffer, "PNG", pnginfo=texts)
+    else:
+        image.save(buffer, "JPEG", quality=90, comment=remark.encode())
+    return buffer.getvalue()
 
 
 def show_training(task_id: str, *, seed: int = 0, size: int = 512) -> Image.Image:

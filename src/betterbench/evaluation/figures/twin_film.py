@@ -16,6 +16,8 @@ from PIL import Image, ImageDraw, ImageFont
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import wrap_text
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.durable import DurableFile
+from betterbench.recording.outputs import mark_of
 from betterbench.scenes.limited import LimitedView
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
@@ -160,11 +162,9 @@ def write_twin_film(
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write one film of :func:`render_twin_films` to a file; ``on_progress`` gets the frames done and planned."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.part")
-    with part.open("wb") as target, _views(look, len(panels)) as views:
-        _film(views, run, panels, target, look=look, on_progress=on_progress)
-    part.replace(path)
+    with DurableFile(path) as durable, _views(look, len(panels)) as views:
+        _film(views, run, panels, durable.file, look=look, on_progress=on_progress)
+        durable.finish()
     return path
 
 
@@ -193,6 +193,7 @@ def _film(
     hold = round(_HOLD_S * look.rate_hz)
     still = layout.sheet([side.start for side in sides], "start, with the whole path")
     with av.open(target, "w", format="mp4") as container:
+        container.metadata["comment"] = mark_of("replay")
         stream = container.add_stream("libx264", rate=look.rate_hz, options={"crf": "27", "preset": "veryfast"})
         stream.width, stream.height = still.size
         stream.pix_fmt = "yuv420p"
