@@ -180,7 +180,7 @@ def packaged(package, name):
 KINDS = {
     "journal of a run": Kind(run_journal, read_journal, loses=True),
     "journal of attempts": Kind(attempts, lambda p: attempts_of(p.parent.parent), loses=True),
-    "stage of a study": Kind(stage, lambda p: asdict(_read(p) or _Done("", {}, 0.0))),
+    "stage of a study": Kind(stage, lambda p: asdict(_read(p, "runs") or _Done("", {}, 0.0))),
     "set.json": Kind(of_set("set.json"), asked),
     "summary.json": Kind(of_set("summary.json"), asked),
     "questions.jsonl": Kind(of_set("questions.jsonl"), asked),

@@ -176,7 +176,7 @@ class _EpisodeFrames:
             if length > _MAX_HEADER:
                 return None
             form = parse_json(bytes(data[8 : 8 + length]))
-            if form.pop(SEAL) != seal_of(form):
+            if not isinstance(form, dict) or form.pop(SEAL, None) != seal_of(form):
                 return None
             header = read_form(_HEADER, form, where=str(path), cure="Draw them again")
             payload, shape = data[8 + length :], header.shape
