@@ -80,7 +80,8 @@ def run_journal(folder):
 
 
 def stage(folder):
-    trials = [{"variation": None, "condition": "train1", "seed": i, "success": i < 1} for i in range(4)]
+    known = {"variation": None, "condition": "train1", "label": "success", "intention": True, "target": "near"}
+    trials = [{**known, "seed": i, "success": i < 1} for i in range(4)]
     path = folder / "runs-a.json"
     path.write_bytes(json.dumps(sealed_form(asdict(_Done("ab" * 32, {"trials": trials}, 12.5))), indent=1).encode())
     return path
