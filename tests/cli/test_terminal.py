@@ -207,7 +207,7 @@ def test_a_worker_whose_run_is_gone_ends_without_a_word(monkeypatch):
         free = envs = 1
         busy, problem = False, None
 
-        def __init__(self, _settings):
+        def __init__(self, _settings, **_):
             pass
 
         def __enter__(self):

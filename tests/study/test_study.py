@@ -599,7 +599,7 @@ def test_a_stage_file_cannot_name_another_policy(undisturbed, tmp_path, address)
     (out / "stages" / f"runs-{TASK}-balanced-seed0.json").unlink()
     file = out / "stages" / f"learners-{TASK}-balanced-seed0.json"
     whole = json.loads(file.read_text())
-    file.write_text(json.dumps({**whole, "output": {**whole["output"], "address": address}}))
+    file.write_text(json.dumps(sealed_form({**whole, "output": {**whole["output"], "address": address}})))
     workshop, calls = made_up_workshop()
     with pytest.raises(RecordError, match=r"output\.address"):
         run_study(small(), out, workshop)

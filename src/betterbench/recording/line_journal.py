@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from betterbench.errors import RecordError
-from betterbench.json_form import form_errors, parse_json, read_bounded, say_unsealed
+from betterbench.json_form import form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
 from betterbench.recording.durable import sync_folder, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked
 from betterbench.recording.metadata import dump_json
@@ -193,7 +193,7 @@ def say_lost_tail(path: Path) -> None:
     """Say that the last line of a file has lost its end and does not count, unless a process is writing to it now."""
     if is_locked(path.parent / LOCK_NAME):
         return
-    with path.open("rb") as file:
+    with open_ordinary(path) as file:
         size = file.seek(0, os.SEEK_END)
         lost = size > 0 and (file.seek(size - 1), file.read(1))[1] != b"\n"
     if lost:

@@ -404,8 +404,9 @@ _TOLD: set[tuple[Path, int]] = set()
 def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
     """Return the entries of a journal by trial; size and time of the last change tell whether it is still the same."""
     del size, changed_ns
+    entries = {entry.key: entry for entry in read_journal(path)}
     say_lost_tail(path)
-    return {entry.key: entry for entry in read_journal(path)}
+    return entries
 
 
 def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:

@@ -26,7 +26,7 @@ def print_audit(audit: Audit) -> None:
     for table in sorted(audit.tables, key=lambda t: [-t.count(verdict) for verdict in Verdict][:-1]):
         OUT.print()
         OUT.print(f"[bold]{styled_text(table.table.name)}[/]  {styled_text(table.table.title)}", markup=True)
-        OUT.print(_listing(table))
+        OUT.print(_listing(table), markup=True)
     counts = ", ".join(f"{audit.count(verdict)} {text}" for verdict, text in _SUMMARY.items())
     OUT.print(f"\n{len(audit.findings)} checks: {counts}.", markup=False)
 
