@@ -31,7 +31,7 @@ def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwor
             raise InvalidInputError(where, f"it keeps {name}, which is no tensor", "Keep it as a buffer or an option")
         if isinstance(tensor, UninitializedTensorMixin):
             raise InvalidInputError(where, f"the shape of its {name} is not known", "Use modules that are not lazy")
-        if not tensor.numel() or tensor.is_meta:  # on torch's device "meta" no tensor has a place
+        if not tensor.numel():
             continue
         if (other := first.setdefault(tensor.data_ptr(), name)) != name:
             raise InvalidInputError(where, f"its weights {other} and {name} are the same", "Keep them under one name")
