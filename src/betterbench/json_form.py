@@ -204,18 +204,17 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 
 
 def parse_json(text: str | bytes, *, unique: bool = False) -> Any:  # noqa: ANN401 - a stranger's text holds anything
-    """Return the value of a JSON text; raise ValueError if it is none, or holds what no file of ours holds.
+    """Return the value of a JSON text; raise ValueError if it is none, or nested deeper than 200.
 
-    Refused are values nested deeper than 200 and integers of 20 digits or more: code that goes through them, or reckons
-    with them, would break somewhere else. With ``unique``, InvalidInputError is raised if a key stands twice.
+    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON: whoever
+    reckons with one takes it from a form that bounds it. With ``unique``, InvalidInputError is raised if a key stands
+    twice.
     """
     try:
         found = json.loads(text, object_pairs_hook=unique_keys if unique else None)
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
     data = text.encode("utf-8", "replace") if isinstance(text, str) else text
-    if _HUGE.search(data):
-        raise ValueError("it holds a number of 20 digits or more")
     if data.count(b"[") + data.count(b"{") > _DEEPEST and _is_deep(found):
         raise ValueError("it is nested too deep")
     return found

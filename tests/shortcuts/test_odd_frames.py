@@ -248,7 +248,7 @@ def test_an_episode_without_number_of_task_or_frame_is_left_out(tmp_path_factory
 
 @each("fps, told", [
     (None, "is missing"), (0, "is 0,"), ("10", "is '10',"), (float("nan"), "is nan,"), (True, "is True,"),
-    (-5, "is -5,"),
+    (-5, "is -5,"), (10**400, "is 1000"),
 ], lambda fps, _: repr(fps))  # fmt: skip
 def test_a_rate_that_is_assumed_is_told(tmp_path_factory, fps, told):
     path = make(tmp_path_factory.mktemp("set") / "set", "plain", "word", count=12)

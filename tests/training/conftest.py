@@ -13,5 +13,12 @@ NEEDED = ("torch", "safetensors")
 collect_ignore = (
     []
     if all(map(importlib.util.find_spec, NEEDED))
-    else ["test_acting.py", "test_loop.py", "test_own_learner.py", "test_row_in_torch.py", "test_seals.py"]
+    else [
+        "test_acting.py",
+        "test_claims.py",
+        "test_loop.py",
+        "test_own_learner.py",
+        "test_row_in_torch.py",
+        "test_seals.py",
+    ]
 )

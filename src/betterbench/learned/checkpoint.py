@@ -114,8 +114,7 @@ def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
         problem = f"answers in the action space {trained.action_space!r}"
         raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
     if trained.recipe.built_in:
-        with torch.device("meta"):  # a recipe that claims what its weights do not have is refused before it costs
-            _require_fit(new_network(trained.recipe, trained.vocabulary), weights, str(path))
+        _require_possible(trained, weights, str(path))
     with torch.random.fork_rng(devices=[]):
         network = new_network(trained.recipe, trained.vocabulary)
     load_weights(network, weights, str(path))
@@ -148,6 +147,19 @@ def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: 
     """Put weights into a network; InvalidInputError if they are of another one."""
     _require_fit(network, weights, where)
     network.load_state_dict(dict(weights))
+
+
+def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
+    """Refuse a claim of more weights than there are, before its network is made.
+
+    A layer of a transformer has 12 matrices of its width squared (queries, keys, values, their join and the two maps of
+    four times the width), and each word a row of its width.
+    """
+    size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
+    claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
+    if claimed > there:
+        problem = f"its weights are those of another network ({there:,} numbers, and its recipe needs {claimed:,})"
+        raise InvalidInputError(where, problem, _CURE)
 
 
 def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:

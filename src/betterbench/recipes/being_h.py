@@ -17,12 +17,12 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
     flag_lines,
+    own_file,
 )
 
 UPSTREAM = "BeingBeyond/Being-H@594219eaa16097b86d460b3e1040cca0fc4e4b98"
@@ -97,7 +97,7 @@ def _settings(training: Training) -> tuple[Setting, ...]:
         ("--resume_from", training.weights or "Being-H05-2B", "ours" if training.weights else "upstream", _LIBERO),
         ("--resume_model_only", True, "upstream", _LIBERO),
         ("--layer_module", "Qwen3MoTDecoderLayer", "upstream", _LIBERO),
-        ("--dataset_config_file", beside(f"{recipe.name}.yaml"), "ours", ""),
+        ("--dataset_config_file", own_file(f"{recipe.name}.yaml"), "ours", ""),
         ("--expected_num_tokens", tokens, *_batch_source(training), _TOKENS),
         ("--max_num_tokens", tokens + training.sample_tokens, "ours", "one sample more"),
         (

@@ -16,12 +16,12 @@ from betterbench.recipes.recipe import Setting, given_or
 from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
-    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
     flag_lines,
+    own_file,
 )
 
 UPSTREAM = "NVIDIA/Isaac-GR00T@15ce93d2530e6f31aa7fe1c999a25c5dff7045db"
@@ -99,7 +99,7 @@ def _settings(training: Training, frozen: tuple[str, ...], origin: Any, where: s
     ours = bool(data.preset)
     tag = "NEW_EMBODIMENT" if ours or recipe.benchmark == "calvin" else "LIBERO_PANDA"
     chunk = () if not ours else (given_or("delta_indices of the action", form.chunk, 16, "upstream", _LIBERO),)
-    path, told = (beside("better_modality.py"), "") if ours else (_OWN_FILE, "your file, see above")
+    path, told = (own_file("better_modality.py"), "") if ours else (_OWN_FILE, "your file, see above")
     modality_path = () if tag != "NEW_EMBODIMENT" else (Setting("--modality-config-path", path, "ours", told),)
     top = 0 if "language" in frozen else 4
     told = "N1.6 trains the top 4 layers although tune_llm is False" if not top else "default of N1.6"

@@ -12,11 +12,11 @@ from betterbench.recipes.trainer import (
     TrainerSetup,
     Training,
     TrainingData,
-    beside,
     evaluation_lines,
     export_line,
     exposure,
     filled,
+    own_file,
 )
 
 UPSTREAM = "Physical-Intelligence/openpi@15a9616a00943ada6c20a0f158e3adb39df2ccac"
@@ -48,7 +48,7 @@ def openpi_setup(training: Training) -> TrainerSetup:
     settings = _settings(training, repo_id)
     values = {setting.name: setting.value for setting in settings}
     file = f"{name}.py"
-    run = shell_line(["uv", "run", beside(file)])
+    run = shell_line(["uv", "run", own_file(file)])
     commands = []
     if data.preset:
         commands.append(("Export the demonstrations", export_line(data, "lerobot-v2.1", images="png")))

@@ -253,7 +253,7 @@ def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
     return shell_line([*words, "--out", f"runs/{recipe.name}"])
 
 
-def beside(file: str) -> ShellText:
+def own_file(file: str) -> ShellText:
     """Return the word of the shell for a file of the recipe's own folder; its name is ours."""
     return ShellText(f'"$HERE/{file}"')
 
