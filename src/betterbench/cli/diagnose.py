@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
-from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.errors import BetterError, InvalidInputError, RunConflictError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -93,7 +93,7 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
 
     try:
         stored.store_diagnosis(folder, result)
-    except RunConflictError as error:
+    except BetterError as error:
         say(f"not stored: {error}")
     except OSError as error:
         say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")

@@ -15,7 +15,6 @@ from urllib.parse import unquote
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy, PolicyInfo
-from betterbench.json_form import parse_json, read_ordinary
 
 
 def load_plugin(address: str) -> Policy:
@@ -58,6 +57,9 @@ def source_of(address: str) -> str:
     path = where if where.endswith(".py") else getattr(sys.modules.get(where), "__file__", None)
     if not path or not Path(path).is_file():
         return ""
+    # Imported here, as below, because the process of a policy needs no pydantic.
+    from betterbench.json_form import read_ordinary  # noqa: PLC0415
+
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
 
 
@@ -81,6 +83,8 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
+    from betterbench.json_form import parse_json  # noqa: PLC0415 - as above
+
     try:
         return parse_json(text)
     except ValueError:

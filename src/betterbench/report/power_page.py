@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from betterbench.diagnosis.power_matrix import (
     PowerMatrix,
 )
 from betterbench.errors import UnknownNameError
-from betterbench.quoting import markdown_table, markdown_text
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.report.html import environment, write
 from betterbench.statistics import percent
 from betterbench.statistics.wording import listed, plural
@@ -52,12 +53,24 @@ def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
 
 def power_markdown(matrix: PowerMatrix) -> str:
     """Return sentences and tables of a matrix as Markdown."""
-    lines = [f"- {markdown_text(sentence)}" for sentence in power_sentences(matrix)]
+    lines = [f"- {_markdown(sentence)}" for sentence in power_sentences(matrix)]
     for table in power_tables(matrix):
-        lines += ["", f"### {markdown_text(table.title)}", "", markdown_text(table.caption), ""]
-        head = tuple(map(markdown_text, table.columns))
-        lines += markdown_table(head, (tuple(map(markdown_text, row)) for row in table.rows))
+        lines += ["", f"### {_markdown(table.title)}", "", _markdown(table.caption), ""]
+        head = tuple(map(_markdown, table.columns))
+        lines += markdown_table(head, (tuple(map(_markdown, row)) for row in table.rows))
     return "\n".join(lines) + "\n"
+
+
+def _markdown(text: str) -> str:
+    """Return a text with its names, which stand between backticks, as code, and the rest as it is."""
+    parts = re.split("(`[^`]*`)", text)
+    return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
+
+
+def _escaped(part: str) -> str:
+    """Return a part of a text, with the space at its ends kept."""
+    inner = part.strip()
+    return part.replace(inner, markdown_text(inner), 1) if inner else part
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
