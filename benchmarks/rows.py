@@ -264,14 +264,14 @@ class _PolicyCase:
     latency_s: float
     serve: Callable[[], AbstractContextManager[str]]
     at_once: int
-    trials: int = 36
+    trials: int = 72
     observation: str = "default"
 
 
 def _policy_cases() -> Iterator[_PolicyCase]:
     for s in LATENCIES_S:
         yield _PolicyCase(f"openpi, {1e3 * s:.0f} ms", s, partial(dummy_server, s, concurrency=MANY), MANY)
-        yield _PolicyCase(f"gr00t, {1e3 * s:.0f} ms", s, partial(dummy_gr00t_server, s), MAX_BATCH, 72)
+        yield _PolicyCase(f"gr00t, {1e3 * s:.0f} ms", s, partial(dummy_gr00t_server, s), MAX_BATCH)
     one = partial(dummy_server, LATENCIES_S[1], concurrency=1)
     yield _PolicyCase("openpi, 100 ms, one at a time", LATENCIES_S[1], one, 1, 8, "state_only")
 
