@@ -11,7 +11,6 @@ import importlib.metadata
 import importlib.util
 import os
 import re
-import shlex
 import shutil
 import sys
 import sysconfig
@@ -22,6 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
 from betterbench.json_form import parse_json
+from betterbench.quoting import shell_line, shell_word
 
 _NAME = "betterbench"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
@@ -92,7 +92,7 @@ def extra_command(extra: str) -> str:
         raise UnknownNameError("extra", extra, EXTRAS)
     clone = clone_folder()
     if clone is not None and Path(sys.prefix).resolve() == (clone / ".venv").resolve():
-        there = "" if Path.cwd() == clone else f" -C {shlex.quote(str(clone))}"
+        there = "" if Path.cwd() == clone else f" -C {shell_word(clone)}"
         return f"make{there} setup EXTRAS={extra}"
     if clone is not None:
         return _installing("--editable", f"{clone}[{extra}]")
@@ -106,10 +106,10 @@ def package_command(*requirements: str, python: str | None = None) -> str:
     """Return the shell command that installs packages beside this one, or for another Python."""
     if python is None or Path(python) == Path(sys.executable):
         return _installing(*requirements)
-    words, uv = " ".join(map(shlex.quote, requirements)), _uv()
+    words, uv = shell_line(requirements), _uv()
     if uv is not None:
-        return f"{shlex.quote(uv)} pip install --python {shlex.quote(python)} {words}"
-    return f"{shlex.quote(python)} -m pip install {words}"
+        return f"{shell_word(uv)} pip install --python {shell_word(python)} {words}"
+    return f"{shell_word(python)} -m pip install {words}"
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:
@@ -140,10 +140,10 @@ def better_command() -> str:
     if on_path and script is not None and Path(on_path).resolve() == script.resolve():
         return "better"
     if script is None:
-        return f"{shlex.quote(sys.executable)} -m betterbench.cli"
+        return f"{shell_word(sys.executable)} -m betterbench.cli"
     if script.is_relative_to(Path.cwd()):
-        return shlex.quote(str(script.relative_to(Path.cwd())))
-    return shlex.quote(str(script))
+        return shell_word(script.relative_to(Path.cwd()))
+    return shell_word(script)
 
 
 _ADVISED = re.compile(
@@ -172,13 +172,13 @@ def _script() -> Path | None:
 
 def _installing(*words: str) -> str:
     """Return the command with which the installer of this Python installs packages."""
-    python = shlex.quote(sys.executable)
-    rest = " ".join(map(shlex.quote, words))
+    python = shell_word(sys.executable)
+    rest = shell_line(words)
     if _is_there("pip"):
         return f"{python} -m pip install {rest}"
     uv = _uv()
     if uv is not None:
-        return f"{shlex.quote(uv)} pip install --python {python} {rest}"
+        return f"{shell_word(uv)} pip install --python {python} {rest}"
     if _is_there("ensurepip"):
         return f"{python} -m ensurepip && {python} -m pip install {rest}"
     return f"uv pip install --python {python} {rest} (this Python has no pip; install uv first)"

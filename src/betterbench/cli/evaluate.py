@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shlex
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -16,7 +15,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.quoting import shell_word
+from betterbench.quoting import shell_line, shell_word
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -237,7 +236,7 @@ def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequ
     smaller = make_plan(plan.policy, tasks=(task,), trials=FIRST_TRIALS, seed=chosen.seed)
     if len(smaller.trials) >= len(plan.trials):
         return ""
-    return f"{len(smaller.trials)} trials: better eval{options_for([task])} {shlex.join(words)}"
+    return f"{len(smaller.trials)} trials: better eval{options_for([task])} {shell_line(words)}"
 
 
 def _plan(
@@ -591,7 +590,7 @@ def _print_expert(run: RunFolder) -> None:
     why = first.ground_truth.get("mishap") or "it met no obstacle; look at what moves or falls"
     text = f"{first.task}/{first.condition} seed {first.seed}: {why} (docs/adding-a-task.md, If the expert fails)"
     OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
-    record = shlex.quote(str(run.record_path(first.task, first.condition, first.seed)))
+    record = shell_word(run.record_path(first.task, first.condition, first.seed))
     shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
     OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
 

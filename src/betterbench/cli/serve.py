@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import shlex
 import signal
 import threading
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ import tyro
 
 from betterbench.cli.console import OUT, say
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import shell_word
 
 if TYPE_CHECKING:
     from betterbench.interface import BatchPolicy
@@ -84,7 +84,7 @@ def serve_command(
     with _connections_logged(), stopped_by_signal() as stopped, server:
         OUT.print(
             f"serving {policy} at {server.address}\n"
-            f"evaluate    better eval --policy {shlex.quote(server.address)} --trials 3\n"
+            f"evaluate    better eval --policy {shell_word(server.address)} --trials 3\n"
             f"or call     openpi_client's WebsocketClientPolicy(host={server.client_host!r}, port={server.port})\n"
             "Ctrl-C stops.",
             markup=False,

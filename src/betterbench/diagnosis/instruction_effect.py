@@ -135,8 +135,7 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 
 def effect_words(effect: Metric) -> str:
     """Return the sentence that counts the pairs of an instruction effect."""
-    same = effect.n - (effect.k or 0)
-    return f"In {same} of {effect.n} pairs of trials that differ in the instruction alone the first target is the same."
+    return f"In {_counted(effect)} the first target is the same."
 
 
 def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:
@@ -147,7 +146,10 @@ def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]
             f"instruction effect {100 * (effect.value or 0.0):.0f} %, 95 % interval {100 * (effect.low or 0.0):.0f}"
         )
         yield (
-            f"{where}It does not use the instruction: the first target is the same in {effect.n - (effect.k or 0)} of "
-            f"{effect.n} pairs of trials that differ in the instruction alone ({percent} to "
+            f"{where}It does not use the instruction: the first target is the same in {_counted(effect)} ({percent} to "
             f"{100 * (effect.high or 0.0):.0f}). What decides instead: {decider}."
         )
+
+
+def _counted(effect: Metric) -> str:
+    return f"{effect.n - (effect.k or 0)} of {effect.n} pairs of trials that differ in the instruction alone"

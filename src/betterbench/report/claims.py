@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis
+from betterbench.quoting import shell_line
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate, Verdict, chance_p, paired_power
 from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
@@ -127,7 +127,7 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
         "--variations", *(name for _, name in chosen), "--seed", str(_next_seed(diagnosis)),
         "--trials", str(each or MOST_PAIRS), "--out", "runs/decide",
     ]  # fmt: skip
-    return text, shlex.join(command)
+    return text, shell_line(command)
 
 
 def _next_seed(diagnosis: RunDiagnosis) -> int:
