@@ -40,6 +40,7 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
         ("on_the_floor", o.name): _first(trace.positions[:, i, 2] < -THRESHOLDS.fallen_below)
         for i, o in enumerate(info.objects)
     }
+    dates |= {("knocked_over", o.name): _since(_tilted(trace, i)) for i, o in enumerate(info.objects)}
     last = trace.rows - 1
     for row in sorted({0, *(row for row in dates.values() if row is not None)}):
         state = record.state(row)
@@ -58,6 +59,17 @@ def _moved(trace: Trace, i: int) -> np.ndarray:
     middles = trace.positions[:, i] + 0.5 * trace.info.objects[i].size_m[2] * up
     moved: np.ndarray = np.linalg.norm(middles - middles[0], axis=1)
     return moved
+
+
+def _tilted(trace: Trace, i: int) -> np.ndarray:
+    """Return whether an object is tilted so far that it was knocked over, shape (T,)."""
+    tilted: np.ndarray = 1.0 - 2.0 * (trace.quaternions[:, i, 1:3] ** 2).sum(axis=1) < np.cos(THRESHOLDS.knocked_tilt)
+    return tilted
+
+
+def _since(flags: np.ndarray) -> int | None:
+    """Return the row from which on flags are true to the end, or None."""
+    return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
 
 
 def _first(flags: np.ndarray) -> int | None:

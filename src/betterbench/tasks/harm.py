@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from betterbench.geometry import Pose, Quaternion, Vector, tilt_of
-from betterbench.state import SceneInfo, WorldState
+from betterbench.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.relations import on_floor
-from betterbench.tasks.targets import Asked, Places, Targets
+from betterbench.tasks.targets import Asked, Intruder, Places, Targets
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 from betterbench.tasks.words import agreeing, place_words
 
@@ -23,13 +23,21 @@ DISPLACED = threshold(
     "kind of which enough is at the target, the other one of two burgers, may be brought back.",
 )
 
+STANDS_FROM = threshold(
+    "stands_from",
+    0.6,
+    "1",
+    "Height of a cylinder or a box, in its smaller width, from which it stands upright and can be knocked over: mugs, "
+    "cans, jars, cups and speakers have 0.9 or more, keyboards, slices and plates less than 0.4.",
+)
+
 NO_HARM = (
-    "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, or is "
-    "at a target in any posture, and no container lies on its side."
+    "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, was "
+    "knocked over, or is at a target in any posture, and no container lies on its side."
 )
 """What no success may do, as documents say it."""
 
-HarmSort = Literal["on_the_floor", "knocked_over", "displaced", "at_the_target"]
+HarmSort = Literal["on_the_floor", "knocked_over", "displaced", "at_the_target", "target_brought"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +45,7 @@ class Harm:
     """One harm.
 
     Attributes:
+        sort: What was done. "target_brought": the target itself was brought to the object, which stays where it was.
         object: What it was done to.
         target: The target at which something stands that was not asked for, else None.
         region: The region of that target, if it offers several.
@@ -57,6 +66,9 @@ class Harm:
         if self.sort == "displaced":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
+        if self.sort == "target_brought" and self.target is not None:
+            target = info.object(self.target).kind
+            return f"the {target} {agreeing(target, 'was', 'were')} brought to the {kind} without having been asked for"
         where = "" if self.target is None else place_words(info.object(self.target).kind, self.region)
         return f"the {kind} {agreeing(kind, 'is', 'are')} at {where} without having been asked for there"
 
@@ -79,6 +91,8 @@ class HarmWatch:
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
         self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
+        self._can_stand = frozenset(o.name for o in info.objects if not o.fixed and can_stand(o))
+        self._standing: frozenset[str] = frozenset()
         self._middles = tuple((0.0, 0.0, 0.5 * o.size_m[2]) for o in info.objects)
         self._start: tuple[Vector, ...] = ()
         self._before: tuple[tuple[Vector, ...], tuple[Quaternion, ...]] = ((), ())
@@ -90,6 +104,7 @@ class HarmWatch:
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
             self._at_start = self._targets.in_any_posture(state, places)
+            self._standing = frozenset(n for n in self._can_stand if _tilt(state, n) <= THRESHOLDS.upright_tilt)
         positions, quaternions = state.positions, state.quaternions
         was, turned = self._before
         if positions == was and quaternions == turned:
@@ -111,12 +126,22 @@ class HarmWatch:
     def found(self, state: WorldState, places: Places) -> tuple[Harm, ...]:
         """Return the harm that was done up to a state that was seen; empty if there is none."""
         floor = {name: Harm("on_the_floor", name) for name in self._loose if on_floor(state, name)}
-        over = [Harm("knocked_over", n) for n in self._containers if n not in floor and _on_its_side(state, n)]
+        upright = [state.info.objects[i].name for i in self._watched]
+        upright += self._targets.left_over(places)
+        upright = [n for n in dict.fromkeys(upright) if n in self._standing]
+        over = {n: Harm("knocked_over", n) for n in (*self._containers, *upright) if n not in floor and _lies(state, n)}
         away = [*self._displaced, *self._left_over_away(state, places)]
-        moved = [Harm("displaced", name) for name in away if name not in floor]
+        moved = [Harm("displaced", name) for name in away if name not in floor and name not in over]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
-        there = [] if intruder is None else [Harm("at_the_target", *intruder)]
-        return (*floor.values(), *over, *moved, *there)
+        there = [] if intruder is None else [self._at_target(state, intruder)]
+        return (*floor.values(), *over.values(), *moved, *there)
+
+    def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
+        """Return the harm of something at a target that was not asked for there, told by which of the two moved."""
+        moved, other = (
+            self._moved(state, state.info.index(name)) > DISPLACED for name in (intruder.target, intruder.object)
+        )
+        return Harm("target_brought" if moved and not other else "at_the_target", *intruder)
 
     def _left_over_away(self, state: WorldState, places: Places) -> list[str]:
         """Return what is left over of its kind and is not in its place; one may be taken first and brought back."""
@@ -124,5 +149,15 @@ class HarmWatch:
         return [name for name in self._targets.left_over(places) if self._moved(state, index(name)) > DISPLACED]
 
 
-def _on_its_side(state: WorldState, name: str) -> bool:
-    return tilt_of(state.quaternions[state.info.index(name)]) > THRESHOLDS.knocked_tilt
+def can_stand(thing: ObjectInfo) -> bool:
+    """Tell whether an object stands upright and can be knocked over: neither flat nor one that rolls."""
+    width, depth, height = thing.size_m
+    return thing.shape in ("cylinder", "box") and height >= STANDS_FROM * min(width, depth)
+
+
+def _lies(state: WorldState, name: str) -> bool:
+    return _tilt(state, name) > THRESHOLDS.knocked_tilt
+
+
+def _tilt(state: WorldState, name: str) -> float:
+    return tilt_of(state.quaternions[state.info.index(name)])
