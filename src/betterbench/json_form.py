@@ -152,6 +152,22 @@ def open_seal(
     return found
 
 
+def sealed_lines(lines: bytes) -> bytes:
+    """Return lines of JSON with their seal as the last line: the SHA-256 of those before."""
+    return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
+
+
+def open_sealed_lines(
+    data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
+) -> list[bytes]:
+    """Return the lines of such a file without their seal; an error of that class if it does not fit or is missing."""
+    *lines, _ = data.splitlines(keepends=True) or [b""]
+    if sealed_lines(b"".join(lines)) != data:
+        problem = "was changed after it was written, or an earlier version wrote it: its last line is not its seal"
+        raise _as(raises, InvalidInputError(where, problem, cure))
+    return lines
+
+
 def say_unsealed(where: str) -> None:
     """Say once that a document of an earlier version has no seal."""
     if where not in _SAID:

@@ -25,6 +25,7 @@ from betterbench.evaluation.planning.manifest import (
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.recording import JournalEntry, RunFolder
+from tests.resealing import rewrite
 
 PLAN = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=1, observation="state_only")
 
@@ -187,9 +188,7 @@ DEEP = json.loads("[" * 150 + "]" * 150)
     ids=lambda context: json.dumps(context)[:60],
 )
 def test_a_context_of_foreign_types_is_refused_and_never_taken_for_an_older_version(run, context):
-    form = json.loads((run.path / "run.json").read_bytes())
-    form["context"] |= context
-    (run.path / "run.json").write_text(json.dumps(form))
+    rewrite(run.path / "run.json", lambda form: form["context"].update(context))
     with pytest.raises(RecordError, match=r"run\.json: context\.") as caught:
         RunFolder.open(run.path)
     assert "\n" not in str(caught.value)

@@ -205,10 +205,10 @@ def test_mutated_scenes(run, tmp_path):
     assert attack(lambda draw: mutated_bytes(data, draw), read, seed=13) == []
 
 
-@pytest.mark.parametrize("file", ["run.json", "journal.jsonl"])
-def test_mutated_descriptions_and_journals(run, file, tmp_path):
+@pytest.mark.parametrize("kind", ["run.json", "run.json, sealed again", "journal.jsonl"])
+def test_mutated_descriptions_and_journals(run, kind, tmp_path):
     shutil.copytree(run.path, tmp_path / "run")
-    path = tmp_path / "run" / file
+    path = tmp_path / "run" / kind.partition(",")[0]
     data, known, plan = path.read_bytes(), numbers(diagnose_run(run)), dict(run.plan)
     lines = run.journal_path.read_bytes()
     count = [0]
@@ -226,7 +226,7 @@ def test_mutated_descriptions_and_journals(run, file, tmp_path):
             raise WrongError("other numbers without a note")
         repeated_plan(tmp_path / "run", allow_other_versions=True)
 
-    mutate = mutated_json if file == "run.json" else mutated_lines
+    mutate = {"run.json": mutated_json, "journal.jsonl": mutated_lines}.get(kind, mutated_sealed)
     assert attack(lambda draw: mutate(data, draw), read, seed=14) == []
 
 

@@ -252,7 +252,7 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         assert [f.instruction for f in facts] == [r.metadata.instruction for r in demonstrations.records.values()]
         assert all(f.steps for f in facts)
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
-    with pytest.raises(RecordError, match=r"pairs\.jsonl: line 1.*Make the set again"):
+    with pytest.raises(RecordError, match=r"pairs\.jsonl: was changed.*Give the command that made the set again"):
         read_pairs(run)
 
 
