@@ -9,6 +9,7 @@ import subprocess
 import mujoco
 import numpy as np
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError, RunConflictError
@@ -25,7 +26,6 @@ from betterbench.evaluation.planning.manifest import (
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.recording import JournalEntry, RunFolder
-from tests.resealing import rewrite
 
 PLAN = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=1, observation="state_only")
 

@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
@@ -16,7 +17,6 @@ from betterbench.errors import RecordError
 from betterbench.evaluation import Progress, check_record, evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.recording import RunFolder, read_journal, read_record, write_record
-from tests.resealing import rewrite
 
 pytestmark = pytest.mark.physics
 

@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.errors import RecordError, RunConflictError, UnknownNameError
@@ -13,7 +14,6 @@ from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.evaluation.planning.trust import risks_of
 from betterbench.recording import RunFolder
-from tests.resealing import rewrite
 
 pytestmark = pytest.mark.physics
 

@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.comparison import compare, load_sides
@@ -23,7 +24,6 @@ from betterbench.recording import JournalEntry, RunFolder
 from betterbench.report.page import write_report
 from betterbench.statistics import StoppingRule, Verdict
 from betterbench.tasks import TrialId, all_tasks
-from tests.resealing import rewrite
 
 QUICK = StoppingRule(level=0.3, first=2)
 """A rule that two pairs satisfy; the laws of the statistics are tested elsewhere."""

@@ -286,7 +286,8 @@ def test_a_lost_last_line_break_is_a_lost_tail_and_is_said(name, tmp_path, caplo
 def test_records_that_a_journal_has_lost_are_told(tmp_path, caplog):
     path = run_journal(tmp_path)
     trials = [{"task": "fast_food", "condition": "L1", "variation": "L1", "seed": seed} for seed in range(3)]
-    (tmp_path / "run.json").write_text(json.dumps({"schema_version": 1, "plan": {"trials": trials}, "context": {}}))
+    form = {"schema_version": 2, "plan": {"trials": trials}, "context": {}}
+    (tmp_path / "run.json").write_text(json.dumps(sealed_form(form)))
     run = RunFolder.open(tmp_path)
     for seed in range(3):
         place = run.record_path("fast_food", "L1", seed)

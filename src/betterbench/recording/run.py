@@ -193,7 +193,11 @@ class RunFolder:
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
             stored = json.loads(read_ordinary(path))
-            if stored == json.loads(content) or stored == {"schema_version": 1, "plan": self.plan, "context": self.context}:
+            if stored == json.loads(content) or stored == {
+                "schema_version": 1,
+                "plan": self.plan,
+                "context": self.context,
+            }:
                 return
         logger.warning("%s was removed or changed by somebody else and is written again", path)
         write_durably(path, content)
