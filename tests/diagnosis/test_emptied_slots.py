@@ -43,7 +43,7 @@ def away_from_all(s, slot):
     return np.array([math.cos(best), math.sin(best)])
 
 
-@pytest.mark.parametrize("off", [0.0, 0.03, 0.045, 0.06, 0.075])
+@pytest.mark.parametrize("off", [0.0, 0.03, 0.045, 0.06, 0.08, 0.095])
 def test_a_closing_about_an_empty_slot_is_at_that_slot(stage, off):
     """Learned policies close 4 to 10 cm beside the middle of a slot that they find empty."""
     s = stage("fast_food", "T1")

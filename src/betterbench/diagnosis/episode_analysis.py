@@ -17,7 +17,13 @@ from betterbench.geometry import rotate
 from betterbench.state import WorldState
 from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
-from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps, find_weak_closings
+from betterbench.tasks.attempts import (
+    GraspAttempt,
+    find_closings_on_nothing,
+    find_grasps,
+    find_squeezes,
+    find_weak_closings,
+)
 from betterbench.tasks.harm import DISPLACED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
@@ -35,6 +41,12 @@ BETWEEN = threshold(
     "between", 0.02, "m",
     "Distance by which something else may be farther from a gripper that closed on nothing than what was asked for is, "
     "for the closing to be between the two, so that it cannot be told which was meant; the noise of a closing point.",
+)  # fmt: skip
+
+SQUEEZES = threshold(
+    "squeezes", 3, "1",
+    "Times that fingers close by a little around what is asked for and open again from which they have tried to take "
+    "it; once or twice may be a flicker of the command.",
 )  # fmt: skip
 
 
@@ -519,7 +531,7 @@ def analyze_episode(
     beside: tuple[GraspAttempt, ...] = ()
     if condition.expected is Expected.SUCCEED:
         beside = tuple(s.grasp for s in steps if _beside_slot(trace, condition.instruction, s))
-        tries = _tries(trace, condition.instruction, known, closings)
+        tries = _tries(trace, condition.instruction, known, steps)
         steps = tuple(sorted((*steps, *tries), key=lambda s: s.grasp.start))
     on_nothing = tuple(sorted((*beside, *(g for g in far if g not in fists)), key=_start))
     steps = tuple(s for s in steps if s.grasp not in beside)
@@ -564,22 +576,31 @@ def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
-def _tries(
-    trace: Trace, instruction: Instruction, known: frozenset[str], grasps: tuple[GraspAttempt, ...]
-) -> list[Step]:
-    """Return the closings at what was asked for whose fingers hardly moved: a weak gripper has tried, too."""
-    found = []
-    for closing in find_weak_closings(trace):
-        tool = trace.tool[closing.end]
-        reach, gaps = trace.within_reach(closing.start, tool), trace.box_distances(closing.start, tool)
-        near = [i for i in _needed(trace, instruction, closing) if reach[i]]
-        seen = any(g.start <= closing.release and closing.start <= g.release for g in grasps)
-        if not near or seen:
-            continue
-        i = min(near, key=lambda i: (float(gaps[i]), i))
-        grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
-        found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
-    return found
+def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
+    """Return the closings at what was asked for that are no grasp attempts: a weak gripper has tried, too.
+
+    Its fingers hardly moved although they were told to close for long, or they closed around it and opened again, not
+    once but again and again. Where an object was grasped at besides, that tells enough.
+    """
+    seen = {step.at for step in steps}
+    long: list[Step] = []
+    brief: list[Step] = []
+    for found, closings in ((long, find_weak_closings(trace)), (brief, find_squeezes(trace))):
+        for closing in closings:
+            tool = trace.tool[closing.end]
+            reach, gaps = trace.within_reach(closing.start, tool), trace.box_distances(closing.start, tool)
+            near = [i for i in _needed(trace, instruction, closing) if reach[i] and i not in seen]
+            if not near:
+                continue
+            i = min(near, key=lambda i: (float(gaps[i]), i))
+            top = float(trace.positions[closing.start, i, 2]) + trace.info.objects[i].size_m[2]
+            if found is brief and tool[2] > top:
+                continue  # brought to the width of it from above
+            grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
+            found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
+    told = [(step.grasp.start, step.grasp.release) for step in long]
+    apart = [b for b in brief if not any(first <= b.grasp.release and b.grasp.start <= last for first, last in told)]
+    return [*long, *(apart if len(apart) >= SQUEEZES else [])]
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
@@ -671,11 +692,16 @@ def _step(
     now = due[:1] if instruction.ordered else due
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
+    astride = _astride(trace, grasp, needed) if at is None else None
+    if astride is not None:
+        at = astride[0]
     if at is None:
         at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
     open_now = {i for g in due for i in wanted[g]}
     target = _target_of(trace, at, needed=needed, due=open_now, known=known)
     between = _between(trace, grasp, at, needed) if target is AttemptTarget.ASKED else None
+    if astride is not None:
+        between, grasp = astride[1], replace(grasp, object=None)
     goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
     slots = sorted(
         {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
@@ -689,6 +715,30 @@ def _step(
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
     return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
+
+
+def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
+    """Return what is asked for and what is not, if one finger comes down on each of them, or None.
+
+    What was lifted, or was between both fingers, was attempted alone.
+    """
+    i = grasp.object
+    if i is None or grasp.secured or trace.is_drawer(i):
+        return None
+    rows = slice(
+        max(0, grasp.start - trace.steps(THRESHOLDS.attempt_window)),
+        grasp.end + trace.steps(THRESHOLDS.attempt_window),
+    )
+    left, right = trace.left[rows], trace.right[rows]
+    if (left[:, i] & right[:, i]).any():
+        return None
+    lefts, rights = (set(np.flatnonzero(np.any(side, axis=0)).tolist()) for side in (left, right))
+    items = {k for k in trace.items if not trace.is_drawer(k)}
+    for one, other in ((lefts, rights), (rights, lefts)):
+        asked, unasked = sorted(one & needed & items), sorted((other & items) - needed)
+        if asked and unasked and i in (*asked, *unasked):
+            return asked[0], unasked[0]
+    return None
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:

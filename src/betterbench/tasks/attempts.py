@@ -127,6 +127,30 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
     return tuple(found)
 
 
+def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
+
+    A change of the width by less than ``finger_travel`` is none. They are no grasp attempts by themselves.
+    """
+    found, width = [], motion.width
+    widest = narrowest = 0
+    narrowing = False
+    for row in range(motion.rows):
+        if not narrowing:
+            if width[row] >= width[widest]:
+                widest = row
+            elif width[widest] - width[row] >= THRESHOLDS.finger_travel:
+                narrowing, narrowest = True, row
+        elif width[row] < width[narrowest]:
+            narrowest = row
+        elif width[row] - width[narrowest] >= THRESHOLDS.finger_travel:
+            empty = not (motion.held[widest : row + 1] >= 0).any()
+            if empty and widest < narrowest and _low_and_away(motion, widest, narrowest):
+                found.append(GraspAttempt(widest, narrowest, row, None, None, None, secured=False))
+            narrowing, widest = False, row
+    return tuple(found)
+
+
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
     """Return the first and last row of each closing of an empty gripper that traveled while its fingers did.
 

@@ -25,10 +25,10 @@ from betterbench.tasks.task import Task
 from betterbench.tasks.thresholds import threshold
 
 EMPTY_SLOT_REACH = threshold(
-    "empty_slot_reach", 0.06, "m",
+    "empty_slot_reach", 0.08, "m",
     "Distance beyond the spread of where demonstrations close in a slot up to which a closing on nothing belongs to "
-    "the slot, if nothing stands there and nothing else is nearer. Learned policies close 4 to 10 cm from the middle "
-    "of a slot that they find empty, because nothing that they have learned of corrects their last centimeters.",
+    "the slot, if nothing stands there and nothing else is nearer; with a spread of 2 cm that is 10 cm. Learned "
+    "policies close 4 to 10 cm from the middle of a slot that they find empty: nothing corrects the last of them.",
 )  # fmt: skip
 
 PACKAGED = "closing_points.json"
