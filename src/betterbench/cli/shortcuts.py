@@ -37,8 +37,7 @@ def shortcuts_command(
     dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read. Words, pairs of words and whole
     instructions are tested against where the gripper first closes, where it last opens, how it sets out, and in which
     order it goes. The audit begins with how the data were read; what names do not tell is not guessed, but asked for
-    by --instruction, --gripper, --place and --closed. They name numbers as COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or
-    COLUMN for all of a column. It says what was tested, what could not be, and the smallest rule that it would find.
+    by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
 
     For runs, each rule is held against the variations: those that break it tell a policy that understands from one
     that goes by the rule. From that follows a prediction, which ranks the variations by how likely a learner of this

@@ -27,8 +27,8 @@ that follow each other show the same."""
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
 """Families that are about the same, which count as one kind of question within their type."""
 
-Named = TypeVar("Named", bound=str)
-"""A type or a family of questions."""
+NameT = TypeVar("NameT", bound=str)
+"""A type, a kind or a family of questions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +134,7 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
     return [r for _, _, r in sorted(keyed, key=lambda entry: entry[:2])]
 
 
-def _shares(available: Mapping[Named, int], count: int) -> dict[Named, int]:
+def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
     """Return how many questions of each type or family are wanted: equal parts, and what one lacks for the others."""
     shares = dict.fromkeys(available, 0)
     wanting, left = [k for k in available if available[k]], count
