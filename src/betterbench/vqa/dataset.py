@@ -21,7 +21,14 @@ from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
+from betterbench.errors import (
+    InvalidInputError,
+    RecordError,
+    RunConflictError,
+    UnknownNameError,
+    one_line,
+    require_between,
+)
 from betterbench.json_form import open_seal, read_bounded, read_form, read_ordinary, say_unsealed, sealed_form
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
@@ -51,8 +58,12 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 2
-"""Version of the files of a set; those of version 1 have no seals and are read with a warning."""
+SET_SCHEMA_VERSION = 3
+"""Version of the files of a set and of its questions: the same command in the folder of another version is refused.
+
+Version 3 has other phrasings and balances the kinds of question within each type. Sets of all versions are
+read; those of version 1 have no seals and are read with a warning.
+"""
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
@@ -305,10 +316,15 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
-    """Raise RunConflictError if a folder holds a set with another plan."""
+    """Raise RunConflictError if a folder holds a set with another plan, or of another version."""
     stored = _sealed(file) if file.exists() else plan
-    version = {"schema_version": SET_SCHEMA_VERSION} if stored.get("schema_version") == 1 else {}
-    difference = first_difference({**stored, **version}, plan, "set")
+    version = stored.get("schema_version")
+    if version != SET_SCHEMA_VERSION:
+        raise RunConflictError(
+            f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, and this "
+            f"betterbench makes sets of version {SET_SCHEMA_VERSION} with other questions. Choose another folder."
+        )
+    difference = first_difference(stored, plan, "set")
     if difference is not None:
         where, there, asked = difference
         raise RunConflictError(
