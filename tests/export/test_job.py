@@ -88,9 +88,9 @@ def test_a_damaged_part_is_made_again(demonstrations, whole, tmp_path, monkeypat
     [
         lambda text: text.replace(b'"seed":0', b'"seed":7'),
         lambda text: text.replace(b'"sampled":9', b'"sampled":8'),
-        lambda text: b"[" * 100_000,
-        lambda text: b"{}",
-        lambda text: json.dumps(sealed_form({"files": {"../x": ""}})).encode(),
+        lambda _: b"[" * 100_000,
+        lambda _: b"{}",
+        lambda _: json.dumps(sealed_form({"files": {"../x": ""}})).encode(),
         lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "seal"}).encode(),
     ],
 )

@@ -233,23 +233,21 @@ def test_the_state_of_another_training_is_refused(tmp_path):
 @pytest.mark.parametrize(
     "forge",
     [
-        lambda tensors, about: about.update(step="4"),
-        lambda tensors, about: about.update(step=13),
-        lambda tensors, about: about.update(rows=[[0.5]]),
-        lambda tensors, about: about.pop("rows"),
-        lambda tensors, about: tensors.pop(next(n for n in tensors if n.startswith("first/"))),
-        lambda tensors, about: tensors.pop(next(n for n in tensors if n.startswith("mean/"))),
-        lambda tensors, about: tensors.update(
-            {n: t.reshape(-1) for n, t in tensors.items() if n.startswith("second/")}
-        ),
+        lambda state: state[1].update(step="4"),
+        lambda state: state[1].update(step=13),
+        lambda state: state[1].update(rows=[[0.5]]),
+        lambda state: state[1].pop("rows"),
+        lambda state: state[0].pop(next(n for n in state[0] if n.startswith("first/"))),
+        lambda state: state[0].pop(next(n for n in state[0] if n.startswith("mean/"))),
+        lambda state: state[0].update({n: t.reshape(-1) for n, t in state[0].items() if n.startswith("second/")}),
     ],
 )
 def test_a_state_of_a_stranger_is_refused_in_one_line(tmp_path, forge):
     """It is sealed as it should be, and says it is of this training."""
     train(tiny(), made_up(), tmp_path / "out")
-    tensors, about = read_tensors(tmp_path / "out" / STATE_NAME)
-    forge(tensors, about)
-    write_tensors(tmp_path / "out" / STATE_NAME, tensors, about)
+    state = read_tensors(tmp_path / "out" / STATE_NAME)
+    forge(state)
+    write_tensors(tmp_path / "out" / STATE_NAME, *state)
     with pytest.raises(InvalidInputError, match=STATE_NAME) as caught:
         train(tiny(), made_up(), tmp_path / "out")
     assert len(str(caught.value).splitlines()) == 1

@@ -234,6 +234,10 @@ def _hold_texts(values: Sequence[Any]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
+def _holds_texts(kind: pa.DataType) -> bool:
+    return _is_text(kind.value_type if pa.types.is_list(kind) or pa.types.is_large_list(kind) else kind)
+
+
 def _is_text(kind: pa.DataType) -> bool:
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
@@ -279,8 +283,9 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:
-            leaves = [table.schema.column(i) for i in range(len(table.schema))]
-            texts = [leaf.path for leaf in leaves if leaf.physical_type == "BYTE_ARRAY"]
+            paths = [table.schema.column(i).path for i in range(len(table.schema))]
+            names = tuple(field.name for field in table.schema_arrow if _holds_texts(field.type))
+            texts = [path for path in paths if path in names or path.startswith(tuple(f"{name}." for name in names))]
         with pq.ParquetFile(opened, read_dictionary=texts) as table:
             yield table
 
