@@ -117,9 +117,19 @@ class Candidate:
         return asdict(self)
 
 
+_LONGEST_PLACE = 1000
+"""Most characters of the place of an image within its set."""
+
+
 def _inside(place: str) -> str:
     parts = PurePosixPath(place).parts
-    if not parts or PurePosixPath(place).is_absolute() or ".." in parts or not place.isprintable():
+    if (
+        not 0 < len(place) <= _LONGEST_PLACE
+        or not parts
+        or PurePosixPath(place).is_absolute()
+        or ".." in parts
+        or not place.isprintable()
+    ):
         raise ValueError("it names no file inside the set")
     return place
 
