@@ -51,6 +51,8 @@ EXPORT_VERSION = 1
 
 SOURCE_FILE = "meta/betterbench.json"
 """Where a data set says what it was made of."""
+README = "README.md"
+"""Page of a data set, which its owner may edit."""
 
 Told = Callable[[int, int], None]
 
@@ -326,7 +328,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         (whole / out.name).replace(out)
         return
     stats = (write_v30 if plan.to == "lerobot" else write_v21)(whole, dataset)
-    write_durably(whole / "README.md", card(dataset, stats).encode())
+    write_durably(whole / README, card(dataset, stats).encode())
     written = {str(p.relative_to(whole)): p for p in sorted(whole.rglob("*")) if p.is_file()}
     files = {name: p.stat().st_size for name, p in written.items()}
     digests = {name: file_digest(p) for name, p in written.items()}
@@ -351,8 +353,8 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         index = read_index(folder)
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
-        rates.add(round(index["about"]["control_rate_hz"]))
-        about = {**index["about"], "pairs": pairs.get((d.run, d.trial), [])} if pairs else index["about"]
+        rates.add(round(index.about["control_rate_hz"]))
+        about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
