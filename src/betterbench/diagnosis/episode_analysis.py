@@ -215,8 +215,7 @@ class EpisodeAnalysis:
 
     def wanted(self, row: int) -> tuple[int, ...]:
         """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
-        due = self.open_goals(row)
-        now = due[:1] if self.instruction.ordered else due
+        _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
@@ -571,8 +570,7 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
     """Return what an attempt could rightly be at: what is asked for now, and drawers that have to be moved for it."""
-    due = _open_goals(trace, instruction.subgoals, grasp.start)
-    now = due[:1] if instruction.ordered else due
+    _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
@@ -607,8 +605,7 @@ def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
     """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
     if grasp.object is not None:
         return False
-    due = _open_goals(trace, instruction.subgoals, grasp.start)
-    now = due[:1] if instruction.ordered else due
+    _, now = _due(trace, instruction, grasp.start)
     return bool(now) and all(not relation(instruction.subgoals[g].relation).carried for g in now)
 
 
@@ -622,6 +619,12 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
     """Tell whether a grasp attempt at something else follows a push: the thing was in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
+
+
+def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the subgoals that are open at a row, and those of them that may be served now: of an order, the first."""
+    due = _open_goals(trace, instruction.subgoals, row)
+    return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
@@ -688,8 +691,7 @@ def _step(
 ) -> Step:
     """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
     row = grasp.start
-    due = _open_goals(trace, instruction.subgoals, row)
-    now = due[:1] if instruction.ordered else due
+    due, now = _due(trace, instruction, row)
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
     astride = _astride(trace, grasp, needed) if at is None else None

@@ -192,12 +192,8 @@ class RunFolder:
         """Write ``run.json`` again if somebody else has removed or changed it since the run was opened."""
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
-            stored = json.loads(read_ordinary(path))
-            if stored == json.loads(content) or stored == {
-                "schema_version": 1,
-                "plan": self.plan,
-                "context": self.context,
-            }:
+            unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
+            if json.loads(read_ordinary(path)) in (json.loads(content), unsealed):
                 return
         logger.warning("%s was removed or changed by somebody else and is written again", path)
         write_durably(path, content)

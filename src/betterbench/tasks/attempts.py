@@ -287,9 +287,8 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
         and not _still_closing(motion, limit)
     )
     loose = np.array([i in motion.items and not motion.is_drawer(i) for i in range(near.shape[0])])
-    pressed: Bools = (
-        loose & ~motion.there[start - 1] & _presses(motion, start, limit)
-    )  # a finger is 4 cm from the middle
+    # Not within reach alone: a finger that presses on something is 4 cm from the tool center point.
+    pressed: Bools = loose & ~motion.there[start - 1] & _presses(motion, start, limit)
     one = (left | right) & ((free & (stopped | (near <= 0.0))) | pressed)
     if one.any():
         return _most(one, near, start)
