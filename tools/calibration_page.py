@@ -16,43 +16,43 @@ from betterbench.report.power_page import power_markdown
 
 HEAD = """# Calibration
 
-Calibration measures how often the diagnosis gives the true label. Policies whose fault is known are run, and the
-diagnosis, which reads only the records, has to find the fault. There are two families of such policies, and their
-numbers stay apart.
+Calibration measures how often the diagnosis gives the true label. Policies with a known fault are run, and the
+diagnosis has to find the fault from the records alone. There are two families of such policies, with separate numbers.
 
-- The **independent family** has a controller of its own, and habits in three manners: other speeds, heights,
-  hesitations, feints, pauses, retries, pushes, hovering, missing by depth and by yaw. The true label of each trial is
-  fixed in the code before its first action, and who wrote it had not read the diagnosis. Its first part was used to
-  develop the diagnosis. Each of the other six was written after the diagnosis had been repaired on those before it,
-  by an author who had not read it, and **used once**: its numbers below are those of that one use, and those of the
-  sixth, the last, are what the diagnosis is worth for policies that nobody here wrote. The faults of the diagnosis that
-  one part revealed were repaired before the next part was used. The last column says how many of the same failed
-  trials get their label now, without an honest policy accused; these parts are no longer held out.
+- The **independent family** has a controller of its own, and faulty behaviors in three motion styles: other speeds,
+  heights, hesitations, feints, pauses, retries, pushes, hovering, misses by depth and by yaw. The true label of each
+  trial is fixed in the code before its first action, and its author had not read the diagnosis. The first part was used
+  to develop the diagnosis. Each of the other six was written by an author who had not read the diagnosis, after the
+  diagnosis had been repaired on the parts before, and was **used once**: the numbers below are those of that one use.
+  The numbers of the sixth part, the last, estimate how well the diagnosis judges policies by other authors. The faults
+  of the diagnosis that one part revealed were repaired before the next part was used. The last column gives the share
+  of the same failed trials that get their true label now, with no honest policy accused; for this number the parts are
+  no longer held out.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
   several strengths and with action noise. They were written together with the diagnosis, so they have faults that its
-  authors thought of; their numbers show that the rules of the suite are kept.
+  authors had in mind; their numbers show that the rules of the suite are kept.
 
 ```sh
-better calibrate --family sixth --seed 70    # the habits that were written last, and used once
-better calibrate --family fifth --seed 50    # those before, used once; fourth, third and second likewise
+better calibrate --family sixth --seed 70    # the last part, used once
+better calibrate --family fifth --seed 50    # the part before, used once; fourth, third and second likewise
 better calibrate --family held_out           # the part that was held out first, used once
 better calibrate --family development        # the part that the diagnosis was developed on
 better calibrate                             # the faulty policies
 ```
 
-compute the numbers again and write a page that lists every wrong label with its evidence and a film strip. They can
-be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each policy, so that
-`--seed 70` gives its numbers. The fourth was recorded from seed 40 on and the fifth from seed 50 on, with other numbers
-of trials for some policies: `--seed 40` and `--seed 50` give their numbers but for that. [All wrong
-labels](mistakes.md) of the packaged numbers are listed, with film strips.
+These commands compute the numbers again and write a page that lists every wrong label with its evidence and a film
+strip. They can be interrupted and resumed. The sixth part was recorded from seed 70 on with the usual 4 trials of each
+policy, so that `--seed 70` gives its numbers. The fourth was recorded from seed 40 on and the fifth from seed 50 on,
+with other numbers of trials for some policies: `--seed 40` and `--seed 50` give their numbers except for this
+difference. [All wrong labels](mistakes.md) of the packaged numbers are listed, with film strips.
 
-A trial can fit two labels equally well, and then its true label is a matter of what its author had in mind. Whoever
-goes for the top bun first, whatever burger is asked for, may mistake the order or like the place where it stands. The
-diagnosis then gives the label with the simplest evidence across all trials of the policy: a wrong order, or a skipped
-step, which each trial shows by itself, before a favorite place, which several show together; one rule that explains all
-tasks before two rules; and neither where fewer than three trials show it.
+A trial can fit two labels equally well; its true label then depends on the intention of its author. A policy that
+always goes for the top bun first may mistake the order, or it may prefer the slot of the top bun. The diagnosis then
+gives the label with the simplest evidence across all trials of the policy. A wrong order or a skipped step, which a
+single trial shows, comes before a preferred slot, which only several trials show. One rule that explains all tasks
+comes before two rules. Neither is given where fewer than three trials show it.
 
 """
 
@@ -67,49 +67,48 @@ USES: dict[str, str] = {
 """The parts that were used once, and how many failed trials get their label after what the use showed was repaired."""
 
 REMARKS: dict[str, str] = {
-    "sixth": """**It keeps all four bounds** that were set before: 95 % by label, 97 % by kind, 90 % without a grasp,
-and no honest policy accused. By label it is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if each trial
-counts by itself; the trials of a habit fail or pass together, and over habits it is 93 to 100 %. Its 43 faulty habits
-are faults that learned policies are known for: they lag behind, average two things, act on old chunks, chatter with
-the gripper, close too late, slip off an edge, shy away, freeze.
+    "sixth": """**It meets all four bounds** that were set before: 95 % by label, 97 % by kind, 90 % without a grasp,
+and no honest policy accused. By label it is 97.5 % (509/522), with a 95 % interval of 95.8 to 98.5 % if trials are
+counted as independent. The trials of one behavior fail or pass together; over behaviors the interval is 93 to 100 %.
+The 43 faulty behaviors are known from learned policies: they lag behind, average two objects, act on old chunks, open
+and close the gripper rapidly, close too late, slip off an edge, turn away, freeze.
 
-All 13 mistakes are of two habits. `a-little-farther-each-time` sets out for the right thing, turns back and sets out
-again, a little farther each time, until the time is over: it is called a timeout by its author, and the diagnosis says
-in ten trials that it goes to and fro and in two that it stands still. `farther-for-the-second` does so after a first
-step that is right, and one of its twelve trials is called to and fro. The diagnosis has not been changed since.
+All 13 mistakes are of two behaviors. `a-little-farther-each-time` starts toward the right object, turns back and starts
+again, a little farther each time, until the step limit. Its author calls it a timeout; the diagnosis says in ten trials
+that it goes to and fro, and in two that it stands still. `farther-for-the-second` does the same after a right first
+step, and one of its twelve trials is called to and fro. The diagnosis has not been changed since.
 
-Another sixth part, by another author, was judged once before this one and lost with the computer that it was on,
-before it could be published: 95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The
-two faults of the diagnosis that made most of its mistakes were repaired before this part was written, from the notes
-that were left.
+An earlier sixth part, by another author, was judged once and then lost with its computer before it could be published:
+95.5 % by label (421/441), 95.7 % by kind, 94.5 % without a grasp, 0 of 312 accused. The two faults of the diagnosis
+that caused most of its mistakes were repaired from the remaining notes before this part was written.
 
 """,
     "fifth": """**It misses one of the four bounds** that were set before, 95 % by label, by one point: 94.0 %
-(343/365), with a 95 % interval of 91.0 to 96.0 % if each trial counts by itself. The trials of a habit fail or pass
-together, and over habits it is 86 to 100 %. It keeps the other bounds: 97 % by kind, 90 % without a grasp, and no
-honest policy is accused. Two of its 54 habits make 18 of the 22 mistakes, each in all of its 9 trials.
-`stabs-with-one-finger` comes down on the right thing so that a finger of its open gripper presses on its top, again
-and again, and `fails-at-the-second` does so after a first step that is right: both fail in execution, and the
-diagnosis says that they run out of time over the right thing. Neither is a failure of reasoning, so that the kind
-is right. The other four sweep things that were not meant aside with an open gripper: the diagnosis says of two that
-they go to and fro, and of two that they moved by mistake what they swept on purpose. In 9 of the 22 a right first
-step was grasped; in the other 13 the gripper closes on nothing. The diagnosis has been repaired since: an open
-gripper that runs into the right thing three times, and rises each time, has failed in execution, and a thing that
-an empty gripper comes to and moves three times was gone for. With that 364 of the 365 failed trials get their
-label, but by rules that were written for them; the last is a look-alike that is moved once and then missed. How
-well other policies are judged is said by the numbers below.
+(343/365), with a 95 % interval of 91.0 to 96.0 % if trials are counted as independent. The trials of one behavior fail
+or pass together; over behaviors the interval is 86 to 100 %. It meets the other bounds: 97 % by kind, 90 % without a
+grasp, and no honest policy accused. Two of its 54 behaviors make 18 of the 22 mistakes, each in all of its 9 trials.
+`stabs-with-one-finger` repeatedly comes down on the right object so that one finger of its open gripper presses on its
+top, and `fails-at-the-second` does so after a right first step. Both fail in execution; the diagnosis says that they
+run out of time over the right object. Neither is a failure of reasoning, so the kind is right. The other four trials
+sweep wrong objects aside with an open gripper: the diagnosis says of two that they go to and fro, and of two that they
+moved by accident the object that they swept on purpose. In 9 of the 22 a right first step was grasped; in the other 13
+the gripper closes on nothing. The diagnosis has been repaired since: an open gripper that runs into the right object
+three times, and rises each time, has failed in execution, and an object that an empty gripper approaches and moves
+three times counts as its target. With these rules, 364 of the 365 failed trials get their label, but the rules were
+written for them; the last is a look-alike that is moved once and then missed. The numbers below estimate how well other
+policies are judged.
 
 """,
     "fourth": """**It misses three of the four bounds** that were set before: 95 % by label, 97 % by kind and 90 %
-without a grasp. It keeps the fourth: no honest policy is accused. Two of its 42 habits make 24 of the 30 mistakes,
-each in all of its 12 trials. `zigzags-toward-it` comes nearer to the right thing in wide zigzags until the time is
-over: it is slow, and the diagnosis says that it goes to and fro. `shuts-it-empty` pushes the drawer shut before the
-thing that belongs into it is in, and rests: it skips a step, and the diagnosis says that it halts. The other six
-shove things with shut fingers: the diagnosis says of five that they go to and fro, and of one that it moved by
-mistake what it shoved on purpose. In none of the 30 does the gripper close on anything; where a grasp is attempted,
-every label is right. The diagnosis has been repaired since: a way to and fro comes no nearer to what is asked for
-and pushes nothing, and a drawer that is shut empty is a skipped step. With that all 410 failed trials get their
-label, but by rules that were written for them; how well other policies are judged is said by the numbers below.
+without a grasp. It meets the fourth: no honest policy is accused. Two of its 42 behaviors make 24 of the 30 mistakes,
+each in all of its 12 trials. `zigzags-toward-it` approaches the right object in wide zigzags until the step limit: it
+is slow, and the diagnosis says that it goes to and fro. `shuts-it-empty` closes the drawer before its object is in it,
+and rests: it skips a step, and the diagnosis says that it halts. The other six push objects with closed fingers: the
+diagnosis says of five that they go to and fro, and of one that it moved by accident the object that it pushed on
+purpose. In none of the 30 does the gripper close on anything; where a grasp is attempted, every label is right. The
+diagnosis has been repaired since: motion to and fro comes no nearer to the requested object and pushes nothing, and a
+drawer that is closed empty is a skipped step. With these rules, all 410 failed trials get their label, but the rules
+were written for them; the numbers below estimate how well other policies are judged.
 
 """,
 }
@@ -138,26 +137,28 @@ no strip.
 POWER = """
 ## The power matrix
 
-A success rate proves only what policies without the ability do not reach. The power matrix holds what each of them
-reaches on each variation: every faulty rule at full strength with the expert's motion, probes that get no instruction
-or no images, demonstrations replayed without looking, a random policy and one that never moves. It ships with the
-package; `better diagnose`, `better report` and `better compare` draw its reference lines beside a policy's score.
+A success rate is evidence of an ability only if policies without this ability score lower. The power matrix holds the
+success rate of such policies on each variation: every faulty rule at full strength with the expert's motion, probes
+without instruction or without images, replayed demonstrations, a random policy and a policy that never moves. It ships
+with the package; `better diagnose`, `better report` and `better compare` draw its reference lines beside a policy's
+score.
 
 ```sh
 better calibrate --power --out runs/power
 ```
 
-measures it again and writes a page; it can be interrupted and resumed. Replays play demonstrations, whose seeds begin
-at 1,000,000, and never the trial's own twin. What is blind gets as many trials on each variation as Holm's correction
-over all cells needs to flag one that it always solves: 7 where chance is a quarter, 14 where it is a half.
+This command measures it again and writes a page; it can be interrupted and resumed. Replays play demonstrations, whose
+seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets as many trials on each variation as Holm's
+correction over all cells needs to flag a variation that the probe always solves: 7 where chance is a quarter, 14 where
+it is a half.
 
 A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label if
-some rule fails it by a decision with that label. A **control cell** is failed by no rule but `zoo:halt`, which stops at
-everything new. The **shortcut ceiling** is the best success rate among the rules that a variation claims to expose, the
-blind probes and the replays; the **margin** is a policy's success rate minus the ceiling. Where only one instruction
-makes sense in a scene, a policy that does not hear it reaches 100 %: such a variation leaves no margin over it and
-proves nothing about language, only about what is seen. A rule that passes with a step that nobody needed is not
-claimed to be exposed by the success rate; *success with a needless step* counts it.
+some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails except
+`zoo:halt`, which stops at everything new. The **shortcut ceiling** is the best success rate among the rules that a
+variation claims to expose, the blind probes and the replays; the **margin** is a policy's success rate minus the
+ceiling. Where only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
+variation leaves no margin and is no evidence about language, only about vision. A rule that passes with an unneeded
+step is not claimed to be exposed by the success rate; *success with a needless step* counts it.
 
 """
 NOT_MEASURED = "Not measured yet for this version of the suite.\n"

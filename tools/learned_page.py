@@ -117,9 +117,9 @@ def _doses(study: Mapping[str, Any]) -> list[str]:
         for row in study["doses"]
         if not row["task"]
     ]
-    head = ["demonstrations with the confounds", "training conditions", "variations that break one: failed"]
+    head = ["demonstrations with the confounds", "training conditions", "variations that break a confound: failed"]
     return _table(
-        [*head, "failures of reasoning with the predicted label", "with one that the card names"],
+        [*head, "failures of reasoning with the predicted label", "with a label that the card names"],
         rows,
     )
 

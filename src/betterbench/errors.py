@@ -7,11 +7,12 @@ one line and exits with status 2; anything else is a bug and keeps its traceback
 from __future__ import annotations
 
 import difflib
+import errno
 import os
 import re
 import sysconfig
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
@@ -253,10 +254,22 @@ def system_error_text(problem: OSError) -> str:
     reason = problem.strerror or str(problem) or type(problem).__name__
     line = " ".join(f"{where}{reason}{other}".split())
     shown = line if len(line) <= _MAX_LINE else f"{line[: _MAX_LINE // 2]} ... {line[-_MAX_LINE // 4 :]}"
-    return f"{shown}. Check that the path is right and that you may use it, then run the same command again."
+    cure = STORAGE_CURES.get(problem.errno or 0, _PATH_CURE)
+    return f"{shown}. {cure[:1].upper()}{cure[1:]}."
 
 
 _MAX_LINE = 400
+_PATH_CURE = "check that the path is right and that you may use it, then run the same command again"
+_ROOM_CURE = "make room, then run the same command again"
+
+STORAGE_CURES: Mapping[int, str] = {
+    errno.ENOSPC: _ROOM_CURE,
+    errno.EDQUOT: _ROOM_CURE,
+    errno.EFBIG: _ROOM_CURE,
+    errno.EROFS: "choose a place that can be written to",
+    errno.EIO: "see to the disk, then run the same command again",
+}
+"""What to do about each error of a disk after which whatever is written next fails alike, by its number."""
 
 
 class PlanningError(BetterError):

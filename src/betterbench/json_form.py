@@ -23,7 +23,7 @@ import os
 import re
 import stat
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -152,6 +152,22 @@ def open_seal(
     return found
 
 
+def sealed_lines(lines: bytes) -> bytes:
+    """Return lines of JSON with their seal as the last line: the SHA-256 of those before."""
+    return lines + json.dumps({SEAL: hashlib.sha256(lines).hexdigest()}).encode() + b"\n"
+
+
+def open_sealed_lines(
+    data: bytes, *, where: str, cure: str, raises: type[BetterError] = InvalidInputError
+) -> list[bytes]:
+    """Return the lines of such a file without their seal; an error of that class if it does not fit or is missing."""
+    *lines, _ = data.splitlines(keepends=True) or [b""]
+    if sealed_lines(b"".join(lines)) != data:
+        problem = "was changed after it was written, or an earlier version wrote it: its last line is not its seal"
+        raise _as(raises, InvalidInputError(where, problem, cure))
+    return lines
+
+
 def say_unsealed(where: str) -> None:
     """Say once that a document of an earlier version has no seal."""
     if where not in _SAID:
@@ -203,21 +219,32 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
         raise _as(raises, wrong) from error
 
 
-def parse_json(text: str | bytes, *, unique: bool = False) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Return the value of a JSON text; raise ValueError if it is none, or nested deeper than 200.
 
     Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON: whoever
     reckons with one takes it from a form that bounds it. With ``unique``, InvalidInputError is raised if a key stands
-    twice.
+    twice. With ``number``, numbers are what it makes of their text, and NaN and Infinity are refused.
     """
     try:
-        found = json.loads(text, object_pairs_hook=unique_keys if unique else None)
+        found = json.loads(
+            text,
+            object_pairs_hook=unique_keys if unique else None,
+            parse_int=number,
+            parse_float=number,
+            parse_constant=_refuse if number is not None else None,
+        )
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
     data = text.encode("utf-8", "replace") if isinstance(text, str) else text
     if data.count(b"[") + data.count(b"{") > _DEEPEST and _is_deep(found):
         raise ValueError("it is nested too deep")
     return found
+
+
+def _refuse(constant: str) -> None:
+    msg = f"{constant} is not a number"
+    raise ValueError(msg)
 
 
 _DEEPEST = 200

@@ -21,6 +21,7 @@ from betterbench.demonstrations.sources import demonstrated_source, load_library
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.evaluation import check_record
 from betterbench.experts.planner import Planner
+from betterbench.json_form import sealed_form
 from betterbench.recording import RunFolder
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 
@@ -92,7 +93,7 @@ def test_a_run_with_a_seed_of_tests_is_no_source(sources, tmp_path):
     for line in lines:
         line.pop("link")
     (copy / "journal.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
-    (copy / "run.json").write_text(json.dumps(plan))
+    (copy / "run.json").write_text(json.dumps(sealed_form(plan)))
     with pytest.raises(InvalidInputError, match="seed of a test"):
         amplify(copy, tmp_path / "out", demos=1)
 

@@ -228,3 +228,83 @@ def test_a_wrong_place_counts_although_the_thing_is_taken_up_again_at_once(stage
     s.grasp("mug").lift().over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, 0.002])))
     s.open(0.6).close(0.4).lift().wander(3)
     assert verdict(diagnose_record(s.end())) == MEMORISED
+
+
+# -- at a wrong place, imprecisely ------------------------------------------------------------------------------------
+
+
+def bring_turned(s, thing, place, *, turn=0.8):
+    """Brings a long object to a place and lays it down across the direction that it should have."""
+    s.grasp(thing).lift()
+    s.yaws[thing] += turn
+    return s.carry(place)
+
+
+def topple(s, thing):
+    """Lets an object fall over where it stands."""
+    real = s.state
+
+    def fallen():
+        state = real()
+        quaternions = list(state.quaternions)
+        quaternions[state.info.index(thing)] = (0.7071068, 0.7071068, 0.0, 0.0)
+        return replace(state, quaternions=tuple(quaternions))
+
+    s.state = fallen
+    return s.wait(0.3)
+
+
+LONG_HABITS = [h for h in HABITS if h[2] in ("mouse", "spoon")]
+LONG_STRAY = [h for h in STRAY if h[2] in ("mouse", "spoon")]
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_HABITS)
+def test_a_trained_place_that_is_met_badly_is_a_habit_all_the_same(stage, task, name, kind, place):
+    s = stage(task, name)
+    found = diagnose_record(bring_turned(s, s.of(kind), s.place(*place)).home().wait(4).end())
+    assert verdict(found) == MEMORISED
+    assert found.evidence.objects == (s.of(kind), place[1])
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_STRAY)
+def test_a_stray_place_that_is_met_badly_is_of_another_instruction(stage, task, name, kind, place):
+    s = stage(task, name)
+    assert judged(bring_turned(s, s.of(kind), s.place(*place))) == ELSEWHERE
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), [h for h in HABITS if h[2] in ("mug", "cup", "speaker")])
+def test_what_falls_over_at_a_trained_place_was_brought_there(stage, task, name, kind, place):
+    s = stage(task, name)
+    s.bring(s.of(kind), s.place(*place))
+    assert judged(topple(s, s.of(kind))) == MEMORISED
+
+
+@pytest.mark.parametrize(
+    ("task", "name"), [("desk_meeting", "train1"), ("desk_meeting", "R1"), ("breakfast_table", "R1")]
+)
+def test_the_right_place_that_is_met_badly_is_execution(stage, task, name):
+    s = stage(task, name)
+    goals = s.condition.instruction.subgoals
+    k = next(k for k, g in enumerate(goals) if s.info.object(s.condition.resolve(g.reference)[0]).size_m[0] > 0.1)
+    thing = s.condition.resolve(goals[k].reference)[0]
+    assert judged(bring_turned(s, thing, s.goal(k))) == (Label.EXECUTION_FAILURE, "placed_outside_the_goal")
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_HABITS)
+def test_what_is_dropped_from_high_over_a_wrong_place_was_not_put_there(stage, task, name, kind, place):
+    s = stage(task, name)
+    thing, spot = s.of(kind), s.place(*place)
+    s.grasp(thing).lift()
+    s.yaws[thing] += 0.8
+    s.over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, 0.06]))).open().lift()
+    assert judged(s) == (Label.EXECUTION_FAILURE, "dropped")
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_HABITS)
+def test_what_slips_over_a_wrong_place_was_not_put_there(stage, task, name, kind, place):
+    s = stage(task, name)
+    thing, spot = s.of(kind), s.place(*place)
+    s.grasp(thing).lift()
+    s.yaws[thing] += 0.8
+    s.over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, 0.015]))).lose()
+    assert judged(s)[0] is Label.EXECUTION_FAILURE

@@ -5,6 +5,8 @@ from __future__ import annotations
 import copy
 import json
 
+from betterbench.json_form import sealed_form
+
 
 def deep(levels):
     form = []
@@ -138,6 +140,15 @@ def mutated_json(data, draw):
     if kind < 0.6:
         return json_bytes(mutated_form(json.loads(data), draw))
     return with_key_twice(json.loads(data), draw) if kind < 0.75 else mutated_bytes(data, draw)
+
+
+def mutated_sealed(data, draw):
+    """Returns a sealed JSON document with a mutated value and a seal that fits it."""
+    form = mutated_form(json.loads(data), draw)
+    try:
+        return json_bytes(sealed_form(form))
+    except (TypeError, ValueError, AttributeError):  # it is no JSON object any more
+        return json_bytes(form)
 
 
 def mutated_lines(data, draw):

@@ -9,6 +9,7 @@ import subprocess
 import mujoco
 import numpy as np
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError, RunConflictError
@@ -187,9 +188,7 @@ DEEP = json.loads("[" * 150 + "]" * 150)
     ids=lambda context: json.dumps(context)[:60],
 )
 def test_a_context_of_foreign_types_is_refused_and_never_taken_for_an_older_version(run, context):
-    form = json.loads((run.path / "run.json").read_bytes())
-    form["context"] |= context
-    (run.path / "run.json").write_text(json.dumps(form))
+    rewrite(run.path / "run.json", lambda form: form["context"].update(context))
     with pytest.raises(RecordError, match=r"run\.json: context\.") as caught:
         RunFolder.open(run.path)
     assert "\n" not in str(caught.value)

@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.diagnosis import diagnose_run
@@ -162,18 +163,15 @@ def test_a_record_resealed_in_its_run_is_refused_everywhere(copy, genuine, capsy
 
 
 def test_records_of_another_policy_are_refused_also_with_their_journal(copy, tiny_plan):
-    form = json.loads((copy.path / "run.json").read_bytes())
-    form["plan"]["policy"] = "zoo:lexical"
-    (copy.path / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    rewrite(copy.path / "run.json", lambda form: form["plan"].update(policy="zoo:lexical"))
     with pytest.raises(RecordError, match="its policy is 'random' where the run plans 'zoo:lexical'"):
         diagnose_run(copy.path)
 
 
 @pytest.mark.parametrize("change", ["seed", "variation"])
 def test_a_journal_of_another_plan_is_refused(copy, change):
-    form = json.loads((copy.path / "run.json").read_bytes())
-    form["plan"]["trials"][2][change] = 99 if change == "seed" else "L1"
-    (copy.path / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    other = {change: 99 if change == "seed" else "L1"}
+    rewrite(copy.path / "run.json", lambda form: form["plan"]["trials"][2].update(other))
     run = RunFolder.open(copy.path)
     for attempt in (run.entries, run.journal, lambda: diagnose_run(run)):
         with pytest.raises(RecordError, match="is not planned"):

@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.errors import RecordError, RunConflictError, UnknownNameError
@@ -22,10 +23,9 @@ def changed(uninterrupted, tmp_path):
     """Returns a function that writes a copy of the run's description with a change, and returns the file."""
 
     def write(change):
-        form = json.loads((uninterrupted.path / "run.json").read_bytes())
-        change(form["plan"])
         (tmp_path / "other").mkdir(exist_ok=True)
-        (tmp_path / "other" / "run.json").write_text(json.dumps(form), encoding="utf-8")
+        shutil.copy(uninterrupted.path / "run.json", tmp_path / "other" / "run.json")
+        rewrite(tmp_path / "other" / "run.json", lambda form: change(form["plan"]))
         return tmp_path / "other" / "run.json"
 
     return write
@@ -150,9 +150,8 @@ def test_a_policy_or_a_run_has_to_be_named(capsys, tmp_path, monkeypatch):
 def test_a_policy_that_declares_something_else_is_no_repetition(uninterrupted, tmp_path, capsys):
     source = tmp_path / "source"
     shutil.copytree(uninterrupted.path, source)
-    form = json.loads((source / "run.json").read_bytes())
-    form["context"]["policy"]["metadata"] = {"checkpoint": "before"}
-    (source / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    other = {"checkpoint": "before"}
+    rewrite(source / "run.json", lambda form: form["context"]["policy"].update(metadata=other))
     arguments = ["eval", "--from", str(source), "--out", str(tmp_path / "run"), "--uncertified"]
     assert main(arguments) == 2
     text = capsys.readouterr().err.replace("\n", " ")
@@ -165,9 +164,7 @@ def named(uninterrupted, tmp_path, address):
     """A copy of a run whose run.json names another policy."""
     source = tmp_path / "source"
     shutil.copytree(uninterrupted.path, source)
-    form = json.loads((source / "run.json").read_bytes())
-    form["plan"]["policy"] = address
-    (source / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    rewrite(source / "run.json", lambda form: form["plan"].update(policy=address))
     return source
 
 

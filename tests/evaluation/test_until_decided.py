@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.comparison import compare, load_sides
@@ -94,9 +95,7 @@ def test_a_plan_comes_back_with_its_rule_and_a_broken_rule_is_refused(tmp_path):
     plan = small()
     run = RunFolder.start(tmp_path / "run", plan.to_json())
     assert repeated_plan(run.path) == plan
-    form = json.loads((run.path / "run.json").read_bytes())
-    form["plan"]["until_decided"]["margin"] = 2.0
-    (run.path / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    rewrite(run.path / "run.json", lambda form: form["plan"]["until_decided"].update(margin=2.0))
     with pytest.raises(RecordError, match="margin"):
         repeated_plan(run.path)
 
@@ -318,9 +317,7 @@ def test_the_command_line_repeats_it_and_says_what_is_decided(decided, capsys):
 def test_a_comparison_leaves_out_what_outcomes_have_chosen(tmp_path, decided):
     place = tmp_path / "other"
     shutil.copytree(decided.path, place)
-    form = json.loads((place / "run.json").read_bytes())
-    form["plan"]["until_decided"]["first"] = 1
-    (place / "run.json").write_text(json.dumps(form), encoding="utf-8")
+    rewrite(place / "run.json", lambda form: form["plan"]["until_decided"].update(first=1))
     result = compare(load_sides([decided.path, place]))
     assert [len(side) for side in result.matching.trials] == [2, 2], "one variation and its twin with the first seed"
     (note,) = [note for note in result.notes if "of its first 1 seed are compared" in note]

@@ -11,6 +11,7 @@ import pytest
 
 from betterbench.certification.handling import Handling, Pick
 from betterbench.certification.support import TrainedSupport
+from betterbench.diagnosis.trace import trace_of
 from betterbench.errors import PlanningError, UnknownNameError
 from betterbench.experts import expert_names, make_expert
 from betterbench.experts.motion import delta_action
@@ -19,6 +20,7 @@ from betterbench.geometry import Pose, distance, from_yaw, horizontal_distance
 from betterbench.interventions.resolve import resolve_condition
 from betterbench.scenes import engine_version
 from betterbench.tasks import Axis, Expected, GoalTracker, Support, all_tasks, get_task
+from betterbench.tasks.attempts import find_grasps
 from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.relations import relation
 
@@ -308,3 +310,22 @@ def test_a_closed_expert_holds_no_scene(scene, policy):
         assert held() is None
     finally:
         gc.enable()
+
+
+# ------------------------------------------------------------------------------------------------------ closing points
+
+
+@pytest.mark.parametrize(
+    ("task_id", "name"),
+    [pytest.param(t, n, id=f"{t}/{n}", marks=p.marks) for p in QUICKLY for t, n in [p.values] if n.startswith("train")],
+)
+def test_the_expert_closes_where_the_slots_say_that_demonstrations_do(episode, task_id, name):
+    record = episode("expert", task_id, name)
+    setting = resolve_condition(task_id, name)
+    trace = trace_of(record, setting.condition, step_limit=setting.task.step_limit(setting.condition))
+    closings = [g for g in find_grasps(trace) if g.secured and not trace.is_drawer(g.object)]
+    assert closings
+    for grasp in closings:
+        slot = trace.picked_slot(grasp.slot)
+        assert slot is not None
+        assert slot.beyond(trace.tool[grasp.end].tolist()) <= 0.004

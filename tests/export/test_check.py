@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import shutil
 import sys
@@ -12,10 +13,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 from tests.looping import each
 
 from betterbench.cli.main import main
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export import (
     ExportPlan,
     check,
@@ -388,6 +390,46 @@ def test_an_unreadable_video_is_one_line_that_names_it(demonstrations, sets, tmp
     video.write_bytes(video.read_bytes()[:300])
     with pytest.raises(InvalidInputError, match=r"file-000\.mp4: the video cannot be read \(.*\)\. Export it again"):
         check_export([demonstrations.run], out)
+
+
+@each("name", ["v3", "png", *(["hdf5"] if H5PY else [])])
+def test_bytes_that_no_picture_shows_are_compared_with_their_digest(demonstrations, sets, tmp_path, name):
+    out = copy_of(sets, name, tmp_path)
+    if name == "v3":
+        place = next(out.rglob("*.mp4"))
+        data = bytearray(place.read_bytes())
+        data[data.index(b"isom")] ^= 1  # a brand that no reader asks for
+        place.write_bytes(data)
+    elif name == "png":
+        table(DATA, lambda t: one_picture(t, 5))(out)
+    else:
+        hdf5(lambda f: f["data/demo_0/obs/front"].__setitem__(5, 9))(out)
+    with pytest.raises(BetterError, match="when it was written"):
+        check_export([demonstrations.run], out)
+
+
+def one_picture(there, row, data=None):
+    """Returns a table with another picture in one row, of which a check draws three of each episode."""
+    place = there.column_names.index("observation.images.front")
+    rows = there.column(place).to_pylist()
+    rows[row]["bytes"] = rows[row - 1]["bytes"] if data is None else data
+    return there.set_column(place, there.schema.field(place), pa.array(rows, there.schema.field(place).type))
+
+
+EPS = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n(ran) (w) file closefile showpage\n"
+
+
+@each("data", [EPS, b"GIF89a" + bytes(40), b"\x89PNG\r\n\x1a\n" + bytes(40), b"", None], lambda d: ascii(d)[:16])
+def test_a_picture_is_read_as_png_and_as_nothing_else(demonstrations, sets, tmp_path, data):
+    if data is None:  # 20,000 x 20,000 pixels in 200 kB
+        buffer = io.BytesIO()
+        Image.new("L", (20_000, 20_000)).save(buffer, "PNG")
+        data = buffer.getvalue()
+    out = copy_of(sets, "png", tmp_path)
+    table(DATA, lambda t: one_picture(t, 0, data))(out)
+    with pytest.raises(InvalidInputError, match="is no PNG file") as caught:
+        check_export([demonstrations.run], out)
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_twins_are_compared(demonstrations, tmp_path):

@@ -17,6 +17,7 @@ from rich import filesize
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export import ExportPlan, export_dataset, job, layout_of, part, select_demonstrations
+from betterbench.json_form import sealed_form
 from betterbench.recording import RunFolder
 from betterbench.recording.twins import PAIRS_FILE, pairs_bytes, read_pairs
 from betterbench.shortcuts.lerobot import facts_of_lerobot
@@ -76,6 +77,34 @@ def test_a_damaged_part_is_made_again(demonstrations, whole, tmp_path, monkeypat
         export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
     video = min((tmp_path / ".set.parts").rglob("0.mp4"))
     video.write_bytes(video.read_bytes()[:-9] + b"unreadable")
+    monkeypatch.undo()
+    monkeypatch.setattr(job, "Pictures", PaintedPictures)
+    assert export_dataset(plan_of(demonstrations.run, tmp_path / "set")).made == 1
+    assert content(tmp_path / "set") == whole
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda text: text.replace(b'"seed":0', b'"seed":7'),
+        lambda text: text.replace(b'"sampled":9', b'"sampled":8'),
+        lambda _: b"[" * 100_000,
+        lambda _: b"{}",
+        lambda _: json.dumps(sealed_form({"files": {"../x": ""}})).encode(),
+        lambda text: json.dumps({k: v for k, v in json.loads(text).items() if k != "seal"}).encode(),
+    ],
+)
+def test_what_a_part_says_about_itself_is_under_its_seal(demonstrations, whole, tmp_path, monkeypatch, harm):
+    def stopped(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(job, "_assemble", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        export_dataset(plan_of(demonstrations.run, tmp_path / "set"))
+    index = min((tmp_path / ".set.parts").rglob("part.json"), key=lambda p: b'"seed":0' not in p.read_bytes())
+    before = index.read_bytes()
+    index.write_bytes(harm(before))
+    assert index.read_bytes() != before
     monkeypatch.undo()
     monkeypatch.setattr(job, "Pictures", PaintedPictures)
     assert export_dataset(plan_of(demonstrations.run, tmp_path / "set")).made == 1
@@ -252,7 +281,7 @@ def test_the_ids_of_twins_are_exported_and_the_audit_reads_what_is(demonstration
         assert [f.instruction for f in facts] == [r.metadata.instruction for r in demonstrations.records.values()]
         assert all(f.steps for f in facts)
     (run.path / PAIRS_FILE).write_bytes(pairs_bytes([pair])[:-20])
-    with pytest.raises(RecordError, match=r"pairs\.jsonl: line 1.*Make the set again"):
+    with pytest.raises(RecordError, match=r"pairs\.jsonl: was changed.*Give the command that made the set again"):
         read_pairs(run)
 
 

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, StorageError
 from betterbench.recording import RecordBuilder, parquet, read_record, record_bytes, write_record
 from betterbench.recording.parquet import seal
 from betterbench.state import WorldState
@@ -386,7 +386,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_part(make_record, tmp_path, m
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(StorageError, match=r"r\.parquet: No space left on device.*make room"):
         write_record(new, path)
     assert read_record(path).same_bits(old)
     assert [p.name for p in tmp_path.iterdir()] == ["r.parquet"]

@@ -351,7 +351,9 @@ def test_a_run_being_written_cannot_be_started_again(tmp_path) -> None:
     RunFolder.start(tmp_path / "run", PLAN)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 2}', '{"schema_version": 1, "plan": 3}'])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"schema_version": 2}', '{"schema_version": 3}', '{"schema_version": 1, "plan": 3}']
+)
 def test_a_corrupt_run_json_is_named(tmp_path, text) -> None:
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(RecordError, match=r"run\.json: "):

@@ -29,6 +29,7 @@ from betterbench.recording.modalities import header as headers
 from betterbench.recording.modalities.columns import view_columns
 from betterbench.recording.modalities.file import ModalityFile, ModalityWriter
 from betterbench.recording.modalities.spec import ViewSpec
+from betterbench.recording.twins import PAIRS_FILE, TwinPair, pairs_bytes, read_pairs
 from betterbench.study.stages import _Done, _read
 from betterbench.tasks.demonstrated import read_demonstrations
 from betterbench.training.frames import _EpisodeFrames, frames_bytes
@@ -57,6 +58,26 @@ class Kind:
 
 def outcome(seed):
     return StartOutcome("fruit_lunch", "train1", seed, (AttemptNote(0, "", "", 90 + seed, ("a", "b"), "a"),))
+
+
+def described_run(folder):
+    trials = [{"task": "fast_food", "condition": "L1", "variation": "L1", "seed": seed} for seed in range(3)]
+    plan = {"policy": "random", "trials": trials, "action_space": "ee_delta"}
+    return RunFolder.start(folder / "run", plan, context={"policy": {"name": "random"}}).path / "run.json"
+
+
+def description(path):
+    run = RunFolder.open(path.parent)
+    return run.plan, run.context
+
+
+def pairs(folder):
+    path = described_run(folder).with_name(PAIRS_FILE)
+    said = ("Put the fries into the box.", "Put the drink into the box.")
+    path.write_bytes(
+        pairs_bytes(TwinPair(f"p{i}", "fast_food", i, ("L1", "L2"), said, 20 + i, (90, 91)) for i in range(3))
+    )
+    return path
 
 
 def attempts(folder):
@@ -180,6 +201,8 @@ def packaged(package, name):
 
 KINDS = {
     "journal of a run": Kind(run_journal, read_journal, loses=True),
+    "run.json": Kind(described_run, description),
+    "pairs.jsonl": Kind(pairs, lambda p: read_pairs(RunFolder.open(p.parent))),
     "journal of attempts": Kind(attempts, lambda p: attempts_of(p.parent.parent), loses=True),
     "stage of a study": Kind(stage, lambda p: asdict(_read(p, "runs") or _Done("", {}, 0.0))),
     "set.json": Kind(of_set("set.json"), asked),
@@ -263,7 +286,8 @@ def test_a_lost_last_line_break_is_a_lost_tail_and_is_said(name, tmp_path, caplo
 def test_records_that_a_journal_has_lost_are_told(tmp_path, caplog):
     path = run_journal(tmp_path)
     trials = [{"task": "fast_food", "condition": "L1", "variation": "L1", "seed": seed} for seed in range(3)]
-    (tmp_path / "run.json").write_text(json.dumps({"schema_version": 1, "plan": {"trials": trials}, "context": {}}))
+    form = {"schema_version": 2, "plan": {"trials": trials}, "context": {}}
+    (tmp_path / "run.json").write_text(json.dumps(sealed_form(form)))
     run = RunFolder.open(tmp_path)
     for seed in range(3):
         place = run.record_path("fast_food", "L1", seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -141,3 +142,83 @@ def test_an_unfinished_run_is_no_breakdown_of_the_policy():
     assert headline_of(diagnosis(none)).conclusion.startswith("The run is not finished")
     broken = [replace(t, evidence=without_record("the server went away"), attempts=()) for t in missing]
     assert headline_of(diagnosis(broken)).conclusion.startswith("The policy itself failed to run")
+
+
+# -- conclusions from too little ------------------------------------------------------------------------------------
+
+
+def option(command, name):
+    words = shlex.split(command)
+    return words[words.index(name) + 1]
+
+
+@pytest.mark.parametrize("n", [1, 3, 5])
+def test_a_few_failed_training_trials_are_counted_and_no_more_is_said_of_training(n):
+    """0/1 is not "it fails the training conditions too"; the command runs as many as would show it."""
+    failed = [*varied(range(8), Label.EXECUTION_FAILURE, rule="dropped"), *trained(range(n), Label.TIMEOUT)]
+    headline = headline_of(diagnosis(failed))
+    assert headline.conclusion == f"It solved 0/{n} training trials. It goes for the right things, but drops them."
+    assert "6 in all, if as many are solved" in headline.claim.deciding
+    assert option(headline.claim.command, "--tasks") == "fast_food"
+    assert int(option(headline.claim.command, "--trials")) >= 6
+    assert int(option(headline.claim.command, "--seed")) > 7
+    enough = headline_of(diagnosis([*failed, *trained(range(n, 6), Label.TIMEOUT)]))
+    assert enough.conclusion.startswith("It fails the training conditions too. ")
+    assert enough.claim.deciding == ""
+
+
+@pytest.mark.parametrize(
+    ("labels", "said"),
+    [
+        ([RULE] * 9 + [Label.SUCCESS] * 3, "It maps words to motions"),
+        ([Label.EXECUTION_FAILURE] * 12, "It has not learned the training conditions (0/12 solved)."),
+        ([Label.EARLY_HALT] * 12, "It stops"),
+        ([Label.SUCCESS] * 11 + [RULE], "Nothing to conclude yet: 1 of 12 training trials failed"),
+        ([Label.SUCCESS] * 12, "No failure found in 12 training trials"),
+        ([RULE], "Nothing to conclude yet: 1 of 1 training trial failed"),
+    ],
+)
+def test_what_training_trials_show_is_said_where_no_variation_was_run(labels, said):
+    headline = headline_of(diagnosis([t for s, label in enumerate(labels) for t in trained([s], label)]))
+    assert said in headline.conclusion
+    assert "no variation was run, so nothing is known about what training did not show" in headline.conclusion.lower()
+    assert "nothing is known about its reasoning" not in headline.conclusion
+    assert headline.claim.deciding.startswith("What would show how it reasons")
+    assert option(headline.claim.command, "--tasks") == "fast_food"
+    assert option(headline.claim.command, "--trials") == str(len(labels))
+    failed = sum(label is not Label.SUCCESS for label in labels)
+    surely = failed > 0 and not said.startswith("Nothing")
+    assert headline.claim.supported is (surely or failed == 0)
+    assert f"({failed} of {len(labels)} training trials failed)" in headline.conclusion or not surely
+
+
+def test_a_run_without_any_trial_knows_nothing():
+    assert verdict_line(diagnosis([])).endswith("No variation was run, so nothing is known about its reasoning.")
+
+
+@pytest.mark.parametrize(("elsewhere", "said"), [(5, False), (12, False), (40, True)])
+def test_where_a_policy_fails_is_said_if_a_test_shows_it(elsewhere, said):
+    """Six halts in thirty trials of one axis: none in five of another is no difference."""
+    layout = {"variation": "L1", "axis": "spatial_layout_shift"}
+    halts = [*varied(range(6), Label.EARLY_HALT, attempts=()), *varied(range(6, 30))]
+    text = headline_of(diagnosis([*halts, *varied(range(elsewhere), **layout), *trained(range(40))])).conclusion
+    assert text.startswith("It stops before its first grasp")
+    assert ("where there is more or less to do than in training" in text) is said
+
+
+def test_one_of_many_forms_of_failure_is_said_to_be_one():
+    labels = [RULE] * 4 + [Label.BEHAVIORAL_INERTIA] * 3 + [Label.EARLY_HALT] * 3 + [Label.CAUSAL_CONFUSION] * 2
+    trials = [t for s, label in enumerate(labels) for t in varied([s], label)]
+    text = headline_of(diagnosis([*trials, *trained(range(12))])).conclusion
+    assert text.startswith(
+        "Its failures of reasoning have several forms, none of them in most; the most frequent (4 of 12)"
+    )
+    assert "it maps words to motions" in text
+    most = [t for s, label in enumerate(labels[:7]) for t in varied([s], label)]
+    assert headline_of(diagnosis([*most, *trained(range(12))])).conclusion.startswith("It maps words to motions")
+
+
+def test_who_has_not_come_to_a_first_grasp_is_not_said_to_do_the_right_things():
+    trials = varied(range(8), Label.TIMEOUT, attempts=())
+    assert headline_of(diagnosis(trials)).conclusion == "It runs out of time before its first grasp."
+    assert headline_of(diagnosis(varied(range(8), Label.TIMEOUT))).conclusion.startswith("It does the right things")

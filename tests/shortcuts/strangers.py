@@ -6,6 +6,12 @@ instruction says of it (color, noun, verb, target) is drawn, and so is each plac
 - ``clean``: nothing goes with anything.
 - ``word``: the color decides whether the first place is on the left or on the right.
 - ``pair``: color and noun together decide it (red mug and blue bowl on the left), and neither does alone.
+- ``and``: the blue bowl is taken from the right, everything else from the left.
+- ``three``: color, noun and verb together decide it, and no two of them do.
+- ``order``: something is taken from both sides, and color and noun together decide which side comes first.
+- ``clean order``: something is taken from both sides, in any order.
+
+In a share of the episodes (``noise``) chance decides in place of the rule.
 
 Run this file to write all of them: ``python tests/shortcuts/strangers.py FOLDER``.
 """
@@ -26,6 +32,7 @@ import pyarrow.parquet as pq
 STEPS = 40
 FPS = 10
 PLANTED = ("clean", "word", "pair")
+TOGETHER = ("pair", "and", "three", "order")
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0" * 64 + b"\nsize 12345\n"
 
 ENGLISH = {
@@ -101,13 +108,19 @@ def happen(
     count: int = 120,
     words: Sequence[Mapping[str, Any]] = (ENGLISH,),
     arms: Sequence[str] = ("",),
+    *,
+    noise: float = 0.0,
 ) -> list[Episode]:
     """Return what happens in the episodes of a dataset; what is planted concerns the first arm."""
     draw, found = np.random.default_rng(seed), []
     for _ in range(count):
         said = words[int(draw.integers(len(words)))]
         color, noun, verb, target = (int(draw.integers(2)) for _ in range(4))
-        side = {"clean": int(draw.integers(2)), "word": color, "pair": color ^ noun}[planted]
+        chance = int(draw.integers(2))
+        rules = {"word": color, "pair": color ^ noun, "and": color & noun, "three": color ^ noun ^ verb}
+        side = {**rules, "order": color ^ noun}.get(planted, chance)
+        if noise and draw.random() < noise:
+            side = int(draw.integers(2))
         text = said["form"].format(
             color=said["colors"][color],
             noun=said["nouns"][noun],
@@ -118,6 +131,8 @@ def happen(
         for i, arm in enumerate(arms):
             here = side if i == 0 else int(draw.integers(2))
             ways[arm], closed[arm] = _way(draw, here, start=16 + 4 * i if i == 0 else 8)
+            if planted.endswith("order"):
+                ways[arm], closed[arm] = _two_ways(draw, here)
         found.append(Episode([text] * STEPS, ways, closed))
     return found
 
@@ -135,6 +150,20 @@ def _way(draw: np.random.Generator, side: int, *, start: int) -> tuple[np.ndarra
     closed = np.zeros(STEPS)
     closed[start:stop] = 1.0
     return way, closed
+
+
+def _two_ways(draw: np.random.Generator, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a way (T, 3) of picking on a side and then on the other one, and where the gripper is closed (T,)."""
+    at, legs, closed = np.array([0.5, 0.0, 0.3]) + draw.normal(0, 0.005, 3), [], []
+    for here in (side, 1 - side):
+        pick = np.array([0.4, -0.2 if here else 0.2, 0.1]) + draw.normal(0, 0.01, 3)
+        drop = np.array([0.6, draw.choice([-0.3, 0.3]), 0.12]) + draw.normal(0, 0.01, 3)
+        turn = draw.uniform(0, 2 * np.pi)
+        about = at + 0.1 * np.array([np.cos(turn), np.sin(turn), 0.0])
+        legs += [(at, about, 4), (about, pick, 6), (pick, drop, 8), (drop, drop, 2)]
+        closed += [np.zeros(10), np.ones(8), np.zeros(2)]
+        at = drop
+    return np.concatenate([np.linspace(a, b, n, endpoint=False) for a, b, n in legs]), np.concatenate(closed)
 
 
 def joints_of(seed: int, count: int = 6) -> Callable[[np.ndarray], np.ndarray]:
@@ -510,11 +539,18 @@ LAYOUTS = {
 
 
 def make(
-    path: Path, name: str, planted: str, *, seed: int = 0, count: int = 160, change: Mapping[str, Any] | None = None
+    path: Path,
+    name: str,
+    planted: str,
+    *,
+    seed: int = 0,
+    count: int = 160,
+    noise: float = 0.0,
+    change: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write a dataset of a layout, and return its folder."""
     layout = LAYOUTS[name]
-    episodes = happen(planted, seed, count, layout.words, layout.arms)
+    episodes = happen(planted, seed, count, layout.words, layout.arms, noise=noise)
     made = Stranger(episodes, np.random.default_rng(seed + 1))
     layout.make(made)
     return write(path, replace(made, **(change or {})))

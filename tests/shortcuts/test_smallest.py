@@ -111,7 +111,7 @@ def test_variations_without_risk_are_not_called_safe_by_a_small_set():
         audit = audit_dataset("few", facts_of("training", ["desk_meeting"], demos))
         said = doubt(audit, predict(audit))
         assert bool(said) is unsure, said
-        assert not unsure or "may still be at risk: for 3 of 8 questions" in said
+        assert not unsure or "may still be at risk: for 7 of 14 questions" in said
 
 
 def test_every_size_has_its_words():

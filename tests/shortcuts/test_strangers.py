@@ -300,7 +300,7 @@ def test_so_few_demonstrations_say_what_they_could_have_shown(episodes):
     ]
     (group,) = audit_dataset("few", facts).groups
     shares = {rule.question: rule.least_share for rule in group.smallest}
-    assert set(shares) == {"words_first_place", "words_first_place_together"}
+    assert set(shares) == {"words_first_place", "words_first_place_together", "words_first_place_whole"}
     assert (shares["words_first_place_together"] is None) == (episodes < 40)
     assert shares["words_first_place"] == {12: 1.0, 24: 1.0, 40: 0.85, 100: 0.85}[episodes]
     assert bool(group.not_shown) == (episodes < 40)

@@ -18,7 +18,7 @@ from small_recipes import PIXELS, tiny
 from torch.nn import functional
 
 from betterbench.errors import BetterError, InvalidInputError, RunConflictError, StorageError, TrainingError
-from betterbench.learned.checkpoint import Trained, read_checkpoint, write_checkpoint
+from betterbench.learned.checkpoint import Trained, read_checkpoint, read_tensors, write_checkpoint, write_tensors
 from betterbench.learned.network import ObjectsNetwork
 from betterbench.learned.networks import new_network
 from betterbench.learned.pixels import channels_of, key_points
@@ -228,6 +228,39 @@ def test_the_state_of_another_training_is_refused(tmp_path):
     (tmp_path / "0" / STATE_NAME).write_bytes(before[STATE_NAME])
     train(tiny(), made_up(), tmp_path / "0")
     assert contents(tmp_path / "0") == before
+
+
+@pytest.mark.parametrize(
+    "forge",
+    [
+        lambda state: state[1].update(step="4"),
+        lambda state: state[1].update(step=13),
+        lambda state: state[1].update(rows=[[0.5]]),
+        lambda state: state[1].pop("rows"),
+        lambda state: state[0].pop(next(n for n in state[0] if n.startswith("first/"))),
+        lambda state: state[0].pop(next(n for n in state[0] if n.startswith("mean/"))),
+        lambda state: state[0].update({n: t.reshape(-1) for n, t in state[0].items() if n.startswith("second/")}),
+    ],
+)
+def test_a_state_of_a_stranger_is_refused_in_one_line(tmp_path, forge):
+    """It is sealed as it should be, and says it is of this training."""
+    train(tiny(), made_up(), tmp_path / "out")
+    state = read_tensors(tmp_path / "out" / STATE_NAME)
+    forge(state)
+    write_tensors(tmp_path / "out" / STATE_NAME, *state)
+    with pytest.raises(InvalidInputError, match=STATE_NAME) as caught:
+        train(tiny(), made_up(), tmp_path / "out")
+    assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("name", ["loss.csv", "validation.csv"])
+def test_a_table_is_what_was_written_with_the_state(tmp_path, name):
+    train(tiny(), made_up(), tmp_path / "out")
+    table = tmp_path / "out" / name
+    head, first, *rest = table.read_text().splitlines()
+    table.write_text("\n".join([head, first.replace(".", ".1", 1), *rest]) + "\n")
+    with pytest.raises(InvalidInputError, match="its tables are not those that were written"):
+        train(tiny(), made_up(), tmp_path / "out")
 
 
 @pytest.mark.parametrize("harm", ["missing", "text", "long"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from collections import Counter
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -136,6 +137,23 @@ def test_the_blind_classifier_finds_what_words_give_away_and_nothing_else(leak):
     (found,) = baselines(asked, [c.turn for c in chosen])
     assert found.chance == 0.5
     assert (found.blind / found.n > 0.95) if leak else found.is_balanced
+
+
+@pytest.mark.parametrize("count", [0, 60])
+def test_no_kind_of_question_outweighs_the_others_of_its_type(count):
+    """A run has many questions about what is held, and few about drawers and fingers."""
+    few = [
+        replace(c, family=family, group=(family,))
+        for family in ("gripper open", "is it open")
+        for c in candidates(12, leak=False)
+    ]
+    held = candidates(300, leak=False)
+    held += [replace(c, family="what is held") for c in candidates(300, leak=False)]
+    taken = Counter(c.candidate.family for c in choose_balanced([*held, *few], count=count, seed=0))
+    holding = taken["is it held"] + taken["what is held"]
+    assert taken["gripper open"] == taken["is it open"] == 12
+    assert holding <= 26, taken
+    assert abs(taken["is it held"] - taken["what is held"]) <= 2
 
 
 def test_balance_takes_equally_many_of_each_answer_and_drops_what_has_only_one():

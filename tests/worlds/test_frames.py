@@ -87,6 +87,8 @@ def _frame(document, forms=b"{}", body=b"", lengths=None):
         _frame({}, {"a": ["<f8", [1]]}, b"1234567890"),
         _frame({}, {"a": ["<f8", [True]]}, b"12345678"),
         _frame({}, {"a": ["<f8", 1]}, b"12345678"),
+        _frame({}, {"a": ["<f8", [0, 1 << 70]]}),
+        _frame({}, {"a": ["<f8", [1 << 40, 0, 1 << 40]]}),
         _frame({}, lengths=(1 << 30, 0, 0)),
         _frame({}, lengths=(0, 0, 1 << 40)),
         _frame({"step": 1}) + b"and more",

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from betterbench.errors import InvalidInputError
+from betterbench.json_form import sealed_lines
 from betterbench.worlds import ForeignWorld, WorldError, WorldProcess
-from betterbench.worlds.premises import check_premises, read_entries
+from betterbench.worlds.premises import PremiseEntry, check_premises, entries_bytes, read_entries
 
 
 def test_broken_states_and_jumps_are_named(fake_command):
@@ -62,7 +63,7 @@ ENTRY = {
 def test_a_damaged_file_is_refused_with_a_cure(tmp_path, field, value):
     file = tmp_path / "p.jsonl"
     entry = {k: v for k, v in ENTRY.items() if k != field} if value is ... else {**ENTRY, field: value}
-    file.write_text(json.dumps(ENTRY) + "\n" + json.dumps(entry) + "\n")
+    file.write_bytes(sealed_lines(f"{json.dumps(ENTRY)}\n{json.dumps(entry)}\n".encode()))
     if (field, value) in (("suite", "x"), ("instruction", "x"), ("bddl_sha256", "x")):
         assert len(read_entries(file)) == 2
         return
@@ -73,6 +74,19 @@ def test_a_damaged_file_is_refused_with_a_cure(tmp_path, field, value):
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "{", "\0", "5", "[]", '{"suite": 1}', '{"suite": "a", "suite": "b"}'])
 def test_a_file_that_is_no_table_of_premises_is_refused(tmp_path, text):
-    (tmp_path / "p.jsonl").write_text(text + "\n")
+    (tmp_path / "p.jsonl").write_bytes(sealed_lines(f"{text}\n".encode()))
     with pytest.raises(InvalidInputError, match=r"line 1.*--out"):
         read_entries(tmp_path / "p.jsonl")
+
+
+def test_a_changed_table_is_refused_and_one_of_an_earlier_version_too(tmp_path):
+    file = tmp_path / "p.jsonl"
+    entries = [PremiseEntry(**{**ENTRY, "task": number}) for number in range(3)]
+    file.write_bytes(entries_bytes(entries))
+    assert read_entries(file) == tuple(entries)
+    whole = file.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    for changed in (whole.replace(b'"task": 1', b'"task": 9'), b"".join(lines[1:]), b"".join(lines[:-1]), whole[:-1]):
+        file.write_bytes(changed)
+        with pytest.raises(InvalidInputError, match=r"its last line is not its seal. Name another file with --out"):
+            read_entries(file)

@@ -1,7 +1,6 @@
 """The diagnosis in a foreign world: policies with known faults get their labels, from the records alone."""
 
 import html
-import json
 import re
 import sys
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.calibration.truth import true_label
 from betterbench.cli.output.page import build_report
@@ -180,10 +180,7 @@ def test_the_regime_of_a_suite_says_which_word_stood_where(plan_of):
 
 def test_a_plan_that_lost_its_regime_is_refused_with_a_cure(run_of, tmp_path):
     run_of("noop", trials=1, tasks=["0"])
-    file = tmp_path / "run" / "run.json"
-    form = json.loads(file.read_text())
-    del form["plan"]["world"]["regime"]
-    file.write_text(json.dumps(form))
+    rewrite(tmp_path / "run" / "run.json", lambda form: form["plan"]["world"].pop("regime"))
     with pytest.raises(RecordError, match=r"plan\.world.*regime.*Restore the file"):
         diagnose_run(tmp_path / "run")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal
@@ -23,7 +22,7 @@ from betterbench.audit.shape import Falling, Measured, Shares
 from betterbench.audit.sums import Delta, Mean, Sum, Total
 from betterbench.audit.table import AuditedTable, AuditRule
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.json_form import form_errors, read_bounded
+from betterbench.json_form import form_errors, parse_json, read_bounded
 
 RULES: Mapping[str, type[AuditRule]] = {
     "grid": Grid,
@@ -118,30 +117,12 @@ def read_source(text: str, where: str) -> PaperSource:
 
     Raises InvalidInputError if it is not JSON or a field is wrong, UnknownNameError if a rule is unknown.
     """
-    try:
-        # Decimals keep the digits as printed, which pydantic's own reader of JSON does not.
-        document = json.loads(
-            text, parse_float=Decimal, parse_int=Decimal, parse_constant=_refuse, object_pairs_hook=_once
-        )
-    except (ValueError, RecursionError, ArithmeticError) as error:
-        raise InvalidInputError(where, f"is not JSON ({error})", _CURE) from error
     with form_errors(where, _CURE):
-        source = _SOURCE.validate_python(document)
+        # Decimals keep the digits as printed, which pydantic's own reader of JSON does not.
+        source = _SOURCE.validate_python(parse_json(text, unique=True, number=Decimal))
     return PaperSource(
         source.source, tuple(_table(form, f"{where}: tables[{i}]") for i, form in enumerate(source.tables))
     )
-
-
-def _refuse(constant: str) -> Decimal:
-    raise ValueError(f"{constant} is not a number")
-
-
-def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    fields = dict(pairs)
-    if len(fields) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"{next(n for n in names if names.count(n) > 1)!r} is there twice in one object")
-    return fields
 
 
 def _table(form: _TableForm, where: str) -> tuple[AuditedTable, tuple[AuditRule, ...]]:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
-from betterbench.errors import RecordError, RunConflictError
+from betterbench.errors import RecordError, RunConflictError, one_line
 from betterbench.json_form import open_ordinary, read_form, strict_form
 from betterbench.recording import LineJournal
 from betterbench.recording.line_journal import LINK, link_after, linked_forms
@@ -104,7 +104,9 @@ class VersionedJournal(LineJournal):
         self._link = link_after("", asdict(found))
         for name, value in asdict(replace(self._header, version=found.version)).items():
             if (there := getattr(found, name)) != value:
-                raise RunConflictError(f"{self._path}: begun with {name} {there}, this is {value}. {cure}.")
+                raise RunConflictError(
+                    f"{self._path}: begun with {name} {one_line(there, most=80)}, this is {value}. {cure}."
+                )
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:

@@ -1,6 +1,23 @@
 """The command line."""
 
+import signal
 import sys
+from types import FrameType
+
+EXIT_INTERRUPTED = 130
+"""Exit status after Ctrl-C, that of a program which ended by it."""
+
+_interrupts: list[int] = []
+
+
+def was_interrupted() -> bool:
+    """Tell whether Ctrl-C was pressed: what waits in native code may make another error of it."""
+    return bool(_interrupts)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _interrupts.append(number)
+    signal.default_int_handler(number, frame)
 
 
 def main() -> None:
@@ -10,6 +27,15 @@ def main() -> None:
 
         sys.stdout.write(f"betterbench {__version__}\n")
         return
-    from betterbench.cli.main import main as run  # imports tyro, which --version does not need
+    try:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # and not ignored, as in the background
+            signal.signal(signal.SIGINT, _interrupt)
+        from betterbench.cli.main import main as run  # imports tyro, which --version does not need
 
-    sys.exit(run())
+        status = run()
+        if was_interrupted():  # nothing more is to be said, whatever comes while the process ends
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+    except KeyboardInterrupt:  # while modules are imported; from then on run() says how to go on
+        sys.stderr.write("interrupted\n")
+        status = EXIT_INTERRUPTED
+    sys.exit(status)

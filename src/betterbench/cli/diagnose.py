@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
-from betterbench.errors import BetterError, InvalidInputError, RunConflictError
+from betterbench.errors import BetterError, InvalidInputError, RunConflictError, StorageError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -141,7 +141,7 @@ def _knowledge(
     elif not keep:
         try:
             store_knowledge(folder, known)
-        except RunConflictError as error:
+        except (RunConflictError, StorageError) as error:
             say(f"the report will not show it: {error}")
         except OSError as error:
             say(f"the report will not show it: {folder.path} cannot be written ({error.strerror})")

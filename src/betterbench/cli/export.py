@@ -227,7 +227,7 @@ def _export_outcomes(
     if to != "submission":
         place = out or folder.inside(to)
         with FileLock(place):  # beside it, for a tracker reads what is in the folder
-            write_metrics(diagnosed(folder), to, place, name=name, project=project)
+            write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
         _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
         return
     if out is not None:  # before the records are read

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_type_hints
 
 import tyro
 
+from betterbench.cli import EXIT_INTERRUPTED, was_interrupted
 from betterbench.cli.border import guarded
 from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
@@ -109,7 +110,6 @@ RESUMING = frozenset(
 """Verbs whose command, given again, goes on where it was interrupted."""
 
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -129,12 +129,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             words = verb.words(given[1:])
             tyro.cli(function, prog=f"better {given[0]}", description=description_of(function), args=words)
         elif given and not given[0].startswith("-"):
-            raise UnknownNameError("verb", given[0], VERBS)
+            raise UnknownNameError("verb", given[0], VERBS)  # noqa: TRY301
         else:
             _show_overview(given)
     except BetterError as error:
         if telling.traceback:
             traceback.print_exc()
+        if was_interrupted():  # which ended what this process was waiting for
+            return _interrupted(given)
         complain(str(error))
         return EXIT_BAD_INPUT
     except OSError as problem:
@@ -145,10 +147,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         complain(system_error_text(problem))
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
-        more = "; run the same command again to continue where it stopped"
-        say(f"interrupted{more if given and given[0] in RESUMING else ''}")
-        return EXIT_INTERRUPTED
+        return _interrupted(given)
+    except Exception:
+        if not was_interrupted():
+            raise
+        return _interrupted(given)  # native code that was waiting made another error of it
     return 0
+
+
+def _interrupted(given: Sequence[str]) -> int:
+    """Say that Ctrl-C was pressed and how to go on, and return the exit status."""
+    more = "; run the same command again to continue where it stopped"
+    say(f"interrupted{more if given and given[0] in RESUMING else ''}")
+    return EXIT_INTERRUPTED
 
 
 def _log_handler() -> logging.Handler:

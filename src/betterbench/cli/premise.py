@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_lines
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -45,7 +44,7 @@ def premise_command(
     from betterbench.recording.durable import write_durably
     from betterbench.recording.outputs import OutputFile
     from betterbench.worlds import PLUS_SUITES, WorldProcess, suite_named, world_command
-    from betterbench.worlds.premises import check_premises, is_premise_file, read_entries
+    from betterbench.worlds.premises import check_premises, entries_bytes, is_premise_file, read_entries
 
     chosen = suites or tuple(f"{world}_{name}" for name in ("spatial", "object", "goal", "10"))
     for name in chosen:
@@ -64,7 +63,7 @@ def premise_command(
                 found.append(entry)
                 if entry not in known:
                     kept.append(entry)
-                    write_durably(path, "".join(json_lines.dumps(e.to_json()) + "\n" for e in kept).encode())
+                    write_durably(path, entries_bytes(kept))
                 say(f"{entry.suite} {_task(entry)}: {len(entry.broken_states)} of {entry.states} states broken")
     if json:
         print_json([entry.to_json() for entry in found])

@@ -12,7 +12,7 @@ from betterbench.cli.console import OUT, print_json, print_table, progress_bar, 
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from betterbench.shortcuts.examine import ShortcutAudit
+    from betterbench.shortcuts.examine import GroupAudit, ShortcutAudit
     from betterbench.shortcuts.facts import EpisodeFacts
     from betterbench.shortcuts.prediction import Prediction
     from betterbench.shortcuts.reading import DataReading
@@ -34,14 +34,14 @@ def shortcuts_command(
     """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
 
     Of a run, each record is told by its states: what stood where, what was taken and where it was put. Of a LeRobot
-    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read: which words, and which pairs of
-    words, go with where the gripper first closes, where it last opens, and how it sets out. The audit begins with how
-    the data were read; what names do not tell is not guessed, but asked for by --instruction, --gripper, --place and
-    --closed. They name numbers as COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of a column.
+    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read. Words, pairs of words and whole
+    instructions are tested against where the gripper first closes, where it last opens, how it sets out, and in which
+    order it goes. The audit begins with how the data were read; what names do not tell is not guessed, but asked for
+    by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
 
-    For runs, each rule is held against the
-    variations: those that break it tell a policy that understands from one that goes by the rule. From that follows a
-    prediction, which ranks the variations by how likely a learner of this dataset fails them, and by which label.
+    For runs, each rule is held against the variations: those that break it tell a policy that understands from one
+    that goes by the rule. From that follows a prediction, which ranks the variations by how likely a learner of this
+    dataset fails them, and by which label.
 
     Example: better shortcuts runs/demonstrations --out audit
 
@@ -156,6 +156,18 @@ def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: 
     write_durably(out / "shortcuts.md", ("\n".join(lines).rstrip() + "\n").encode())
 
 
+def _tell_asked(group: GroupAudit) -> None:
+    """Print which questions were tested, which were not, and which rules are the meaning of words."""
+    from betterbench.shortcuts.asked import tested_text, untested_text
+
+    lines = [f"tested in {group.group}: {tested_text(group.asked)}"]
+    if untested := untested_text(group.asked):
+        lines.append(f"not tested in {group.group}: {untested}")
+    lines += [f"no shortcut, because {f.meaning}: {'; '.join(f.rules)}" for f in group.findings if f.meaning]
+    for line in lines:
+        OUT.print(line, markup=False, soft_wrap=not OUT.is_terminal)
+
+
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     from betterbench.shortcuts.page import doubt
     from betterbench.shortcuts.smallest import shares_line
@@ -172,6 +184,8 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
     count = sum(group.episodes for group in audit.groups)
     groups = plural(len(audit.groups), "group")
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
+    for group in audit.groups:
+        _tell_asked(group)
     OUT.print("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -10,6 +11,11 @@ from typing import Literal
 from betterbench.diagnosis import RunDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
+from betterbench.recording import write_durably
+from betterbench.recording.outputs import mark_of, require_replaceable
+
+EVENTS_NAME = "events.out.tfevents.0.betterbench"
+"""The one file of a run for TensorBoard, which reads whatever has "tfevents" in its name."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
@@ -27,7 +33,13 @@ def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
 
 
 def write_metrics(
-    diagnosis: RunDiagnosis, to: Literal["tensorboard", "wandb"], out: Path, *, name: str | None, project: str
+    diagnosis: RunDiagnosis,
+    to: Literal["tensorboard", "wandb"],
+    out: Path,
+    *,
+    name: str | None,
+    project: str,
+    overwrite: bool = False,
 ) -> Path:
     """Hand the numbers of a run to a tracker, and return the folder that it wrote to.
 
@@ -37,16 +49,20 @@ def write_metrics(
         out: Folder for its files; made if missing.
         name: What the run is called there; the policy if None.
         project: Project of Weights & Biases.
+        overwrite: Whether a file of somebody else is replaced that has the name of TensorBoard's file.
 
     Raises:
         MissingDependencyError: If its package is not installed.
         InvalidInputError: If the folder cannot be written.
+        RunConflictError: If there is such a file of somebody else.
+        StorageError: If the disk is full.
     """
     numbers = tracked_numbers(diagnosis)
     try:
         out.mkdir(parents=True, exist_ok=True)
         if to == "tensorboard":
-            _to_tensorboard(numbers, out)
+            require_replaceable(out / EVENTS_NAME, "export", overwrite=overwrite)
+            _to_tensorboard(numbers, out / EVENTS_NAME)
         else:
             _to_wandb(diagnosis, numbers, out, name or diagnosis.policy, project)
     except ImportError as error:
@@ -56,14 +72,21 @@ def write_metrics(
     return out
 
 
-def _to_tensorboard(numbers: dict[str, float], out: Path) -> None:
+def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
+    """Write one file of events, in place of that of an earlier export of the run, which would be shown beside it.
+
+    It is made elsewhere: on a full disk, the thread that writes it would end, and what waits for the thread hang.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of protobuf, at import
         from tensorboardX import SummaryWriter
 
-    with SummaryWriter(str(out)) as writer:
-        for key, value in numbers.items():
-            writer.add_scalar(key, value, 0)
+    with tempfile.TemporaryDirectory(prefix="betterbench-") as apart:
+        with SummaryWriter(apart) as writer:
+            writer.add_text("about", mark_of("export"), 0)
+            for key, value in numbers.items():
+                writer.add_scalar(key, value, 0)
+        write_durably(file, next(Path(apart).iterdir()).read_bytes())
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:

@@ -20,7 +20,7 @@ from betterbench.datasets.recipe import SetRecipe, holds_recipe, keep_recipe, re
 from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import SetProgress, amplify, collect, set_hash
-from betterbench.errors import BetterError, InvalidInputError
+from betterbench.errors import BetterError, InvalidInputError, StorageError
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.durable import on_disk
@@ -201,6 +201,8 @@ def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> 
             if not (out / name).exists():
                 draw_sheet(run, sorted(firsts.values(), key=lambda t: (len(t.condition), t.condition)), out / name)
             found[task] = name
+        except StorageError:
+            raise
         except BetterError as problem:
             found[task] = f"none: {problem}"
         tell("draw", count, len(tasks), task)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from betterbench.demonstrations.acceptance import FOLDER, Acceptance
 from betterbench.demonstrations.production import attempt_at, method_of, scene_of
-from betterbench.errors import BetterError
+from betterbench.errors import BetterError, StorageError
 from betterbench.evaluation.figures.films import film_record
 from betterbench.recording import RunFolder
 from betterbench.scenes.limited import LimitedView
@@ -39,6 +39,8 @@ def film_failures(
                     view.open(scene.files())
                     film_record(view, record, path, every=EVERY)
             films[task, kind] = name
+        except StorageError:
+            raise
         except BetterError as problem:
             films[task, kind] = f"none: {problem}"
         if on_progress is not None:

@@ -10,7 +10,7 @@ from PIL import Image, ImageDraw
 
 from betterbench.demonstrations.acceptance import FOLDER
 from betterbench.demonstrations.production import attempts_of
-from betterbench.errors import BetterError
+from betterbench.errors import BetterError, StorageError
 from betterbench.recording import Record, RunFolder, write_durably
 from betterbench.scenes.image_files import jpeg_bytes
 from betterbench.scenes.limited import LimitedView
@@ -42,6 +42,8 @@ def draw_paths(run: RunFolder, *, on_progress: Callable[[int, int], None] | None
         try:
             write_durably(run.inside(FOLDER, name), _picture(run, trials, leads))
             files[task] = name
+        except StorageError:
+            raise
         except BetterError as problem:
             files[task] = f"none: {problem}"
     return files

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -11,11 +11,19 @@ import numpy as np
 
 from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves
 from betterbench.diagnosis.harm import DatedHarm
-from betterbench.diagnosis.trace import Trace, Whereabout
+from betterbench.diagnosis.trace import Trace, Whereabout, place_middle
 from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.geometry import rotate
+from betterbench.state import WorldState
 from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
-from betterbench.tasks.attempts import GraspAttempt, find_closings_on_nothing, find_grasps
+from betterbench.tasks.attempts import (
+    GraspAttempt,
+    find_closings_on_nothing,
+    find_grasps,
+    find_squeezes,
+    find_weak_closings,
+)
 from betterbench.tasks.harm import DISPLACED
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
@@ -27,6 +35,18 @@ DOUBT = threshold(
     "doubt", 0.03, "m",
     "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else is, "
     "for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
+)  # fmt: skip
+
+BETWEEN = threshold(
+    "between", 0.02, "m",
+    "Distance by which something else may be farther from a gripper that closed on nothing than what was asked for is, "
+    "for the closing to be between the two, so that it cannot be told which was meant; the noise of a closing point.",
+)  # fmt: skip
+
+SQUEEZES = threshold(
+    "squeezes", 3, "1",
+    "Times that fingers close by a little around what is asked for and open again from which they have tried to take "
+    "it; once or twice may be a flicker of the command.",
 )  # fmt: skip
 
 
@@ -56,6 +76,15 @@ class Means(StrEnum):
     """The empty gripper pushes it over a distance."""
     STAY = "stay"
     """The open gripper stays over it, and nothing is grasped afterward."""
+    TRY = "try"
+    """The gripper is told to close at it, and its fingers hardly move."""
+
+
+_MEANS_WORDS = {
+    Means.PUSH: " (pushed)",
+    Means.STAY: " (the open gripper stays over it)",
+    Means.TRY: " (its fingers hardly move)",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +96,8 @@ class Step:
         at: Index of the object that it was at or that it missed, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots in which the objects stand that were asked for.
+        between: Index of another object that a gripper which closed on nothing was as near to as to what was asked for,
+            so that it cannot be told which of the two was meant; else None.
     """
 
     grasp: GraspAttempt
@@ -76,6 +107,7 @@ class Step:
     goal: int | None
     asked_slots: tuple[str, ...]
     means: Means = Means.GRASP
+    between: int | None = None
 
     @property
     def missed(self) -> bool:
@@ -94,6 +126,7 @@ class EpisodeAnalysis:
         others: What was gone for without closing the gripper, in time.
         on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
+        state: Returns the state at a row; None where only what was recorded of places is known.
     """
 
     trace: Trace
@@ -105,6 +138,7 @@ class EpisodeAnalysis:
     others: tuple[Step, ...] = ()
     on_nothing: tuple[GraspAttempt, ...] = ()
     fists: tuple[GraspAttempt, ...] = ()
+    state: Callable[[int], WorldState] | None = None
 
     @property
     def decisions(self) -> tuple[Step, ...]:
@@ -181,8 +215,7 @@ class EpisodeAnalysis:
 
     def wanted(self, row: int) -> tuple[int, ...]:
         """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
-        due = self.open_goals(row)
-        now = due[:1] if self.instruction.ordered else due
+        _, now = _due(self.trace, self.instruction, row)
         return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
 
     def completed_after(self, goal: int | None, row: int) -> bool:
@@ -227,15 +260,65 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
-        """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None."""
+        """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None.
+
+        What was let go on purpose at a place is there in any posture: the place was chosen, however badly it was met.
+        """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
             return None
         gone, rest = rows
-        place = self.trace.placed(rest, i)
-        if place is None or self.trace.serves[rest, :, i].any() or self.slipped(step):
+        if self.trace.serves[rest, :, i].any() or self.slipped(step):
             return None
-        return gone, rest, place
+        place = self.trace.placed(rest, i) or self._loosely_placed(step, i, rows)
+        return None if place is None else (gone, rest, place)
+
+    def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
+        """Return the place at which an object was let go on purpose in any posture, or None.
+
+        An object that is at a place where it is asked for, or about as near to one, was meant for that.
+        """
+        gone, rest = rows
+        if self.state is None or gone < step.grasp.release:
+            return None
+        fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        name, objects = self.name(i), self.trace.info.objects
+        found: Whereabout | None = None
+        for row in (gone, rest):
+            state = self.state(row)
+            for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
+                wanted = relation(kind)
+                region = None if wanted.counted else wanted.anyhow(state, name, objects[t].name)
+                if region is None:
+                    continue
+                if self._is_asked_at(i, kind, t, region):
+                    return None
+                if found is None and (wanted.falls or fall <= THRESHOLDS.fall_height):
+                    found = Whereabout(i, kind, t, region, np.zeros(self.trace.rows, dtype=np.bool_))
+        if found is None:
+            return None
+        away = self._distance_to(i, rest, found.relation, found.target, found.region)
+        asked = (
+            self._distance_to(i, rest, goal.relation, t, goal.region)
+            for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
+            if i in names and relation(goal.relation).carried
+        )
+        return None if any(gap <= away + DOUBT for gap in asked) else found
+
+    def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
+        """Tell whether a subgoal wants an object at a place."""
+        return any(
+            i in names and (goal.relation, t, goal.region) == (kind, target, region)
+            for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
+        )
+
+    def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
+        """Return the horizontal distance of an object from the middle of a place of a target [m]."""
+        trace = self.trace
+        middle = place_middle(trace.info.objects[target], kind, region)
+        w, x, y, z = trace.quaternions[row, target].tolist()
+        place = trace.positions[row, target] + np.array(rotate((w, x, y, z), middle))
+        return math.dist(trace.positions[row, i, :2], place[:2])
 
     def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
         """Return where a right object was put that was not asked for, with the rows of release and of rest.
@@ -335,7 +418,7 @@ class EpisodeAnalysis:
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
-        how = {Means.PUSH: " (pushed)", Means.STAY: " (the open gripper stays over it)"}.get(step.means, "")
+        how = _MEANS_WORDS.get(step.means, "")
         return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
 
     def where(self, target: int, region: str) -> str:
@@ -381,14 +464,22 @@ class EpisodeAnalysis:
             chosen += sorted(wanted, key=lambda i: (trace.info.objects[i].slot or "", *trace.positions[0, i].tolist()))
         return tuple(dict.fromkeys(chosen))
 
-    def intention_correct(self) -> bool:
-        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4)."""
+    def intention_correct(self) -> bool | None:
+        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4).
+
+        Returns:
+            None where it cannot be told: the first closing was on nothing between two objects, or every closing was far
+            from everything.
+        """
         expected = self.condition.expected
         if expected is Expected.STAY_STILL:
             return not self.steps
         if expected is Expected.REFUSE:
             return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
-        return self.first_attempt is not None and self.first_attempt.target is AttemptTarget.ASKED
+        first = self.first_attempt
+        if first is None:
+            return None if self.on_nothing else False
+        return None if first.between is not None else first.target is AttemptTarget.ASKED
 
     def progress(self) -> float:
         """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
@@ -413,9 +504,22 @@ class EpisodeAnalysis:
 
 
 def analyze_episode(
-    trace: Trace, condition: Condition, trained: TrainingDistribution, *, harm: tuple[DatedHarm, ...] = ()
+    trace: Trace,
+    condition: Condition,
+    trained: TrainingDistribution,
+    *,
+    harm: tuple[DatedHarm, ...] = (),
+    state: Callable[[int], WorldState] | None = None,
 ) -> EpisodeAnalysis:
-    """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning."""
+    """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning.
+
+    Args:
+        trace: The episode.
+        condition: What was asked for.
+        trained: What training showed.
+        harm: What was done to things that were not asked for.
+        state: Returns the state at a row; without it, places count strictly alone.
+    """
     info = trace.info
     asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
     known = frozenset(trained.kind_slots) | asked_kinds
@@ -423,10 +527,16 @@ def analyze_episode(
     fists = tuple(sorted((g for g in (*closings, *far) if _fist(trace, condition.instruction, g)), key=_start))
     grasps = tuple(g for g in closings if g not in fists)
     steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
-    beside = tuple(s.grasp for s in steps if condition.expected is Expected.SUCCEED and _beside_slot(trace, s))
+    beside: tuple[GraspAttempt, ...] = ()
+    if condition.expected is Expected.SUCCEED:
+        beside = tuple(s.grasp for s in steps if _beside_slot(trace, condition.instruction, s))
+        tries = _tries(trace, condition.instruction, known, steps)
+        steps = tuple(sorted((*steps, *tries), key=lambda s: s.grasp.start))
     on_nothing = tuple(sorted((*beside, *(g for g in far if g not in fists)), key=_start))
     steps = tuple(s for s in steps if s.grasp not in beside)
-    episode = EpisodeAnalysis(trace, condition, trained, trace.meant, steps, harm, on_nothing=on_nothing, fists=fists)
+    episode = EpisodeAnalysis(
+        trace, condition, trained, trace.meant, steps, harm, on_nothing=on_nothing, fists=fists, state=state
+    )
     if trace.done.shape[1] and trace.done[-1].all():
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
@@ -441,21 +551,61 @@ def _start(grasp: GraspAttempt) -> int:
     return grasp.start
 
 
-def _beside_slot(trace: Trace, step: Step) -> bool:
-    """Tell whether the gripper closed on nothing near an empty slot, and not in it: something was missed by far."""
+def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
+    """Tell whether the gripper closed on nothing so far from an empty slot that it may have missed something else.
+
+    That is where what is asked for now is about as near as where demonstrations close in the slot. A slot in which
+    training picked nothing, or something stands, has to be met at its middle.
+    """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
         return False
-    x, y, _ = trace.info.slot(slot).position
-    return math.dist(trace.tool[step.grasp.end, :2], (x, y)) > THRESHOLDS.same_place
+    tool, picked = trace.tool[step.grasp.end], trace.picked_slot(slot)
+    if picked is None or trace.emptied_slot(step.grasp.start, tool) != slot:
+        return math.dist(tool[:2], trace.info.slot(slot).position[:2]) > THRESHOLDS.same_place
+    beyond = picked.beyond(tool.tolist())
+    gaps = trace.box_distances(step.grasp.start, tool)
+    return any(gaps[i] <= beyond + DOUBT for i in _needed(trace, instruction, step.grasp))
+
+
+def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
+    """Return what an attempt could rightly be at: what is asked for now, and drawers that have to be moved for it."""
+    _, now = _due(trace, instruction, grasp.start)
+    return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
+
+
+def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
+    """Return the closings at what was asked for that are no grasp attempts: a weak gripper has tried, too.
+
+    Its fingers hardly moved although they were told to close for long, or they closed around it and opened again, not
+    once but again and again. Where an object was grasped at besides, that tells enough.
+    """
+    seen = {step.at for step in steps}
+    long: list[Step] = []
+    brief: list[Step] = []
+    for found, closings in ((long, find_weak_closings(trace)), (brief, find_squeezes(trace))):
+        for closing in closings:
+            tool = trace.tool[closing.end]
+            reach, gaps = trace.within_reach(closing.start, tool), trace.box_distances(closing.start, tool)
+            near = [i for i in _needed(trace, instruction, closing) if reach[i] and i not in seen]
+            if not near:
+                continue
+            i = min(near, key=lambda i: (float(gaps[i]), i))
+            top = float(trace.positions[closing.start, i, 2]) + trace.info.objects[i].size_m[2]
+            if found is brief and tool[2] > top:
+                continue  # brought to the width of it from above
+            grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
+            found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
+    told = [(step.grasp.start, step.grasp.release) for step in long]
+    apart = [b for b in brief if not any(first <= b.grasp.release and b.grasp.start <= last for first, last in told)]
+    return [*long, *(apart if len(apart) >= SQUEEZES else [])]
 
 
 def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
     """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
     if grasp.object is not None:
         return False
-    due = _open_goals(trace, instruction.subgoals, grasp.start)
-    now = due[:1] if instruction.ordered else due
+    _, now = _due(trace, instruction, grasp.start)
     return bool(now) and all(not relation(instruction.subgoals[g].relation).carried for g in now)
 
 
@@ -469,6 +619,12 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
     """Tell whether a grasp attempt at something else follows a push: the thing was in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
+
+
+def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the subgoals that are open at a row, and those of them that may be served now: of an order, the first."""
+    due = _open_goals(trace, instruction.subgoals, row)
+    return due, due[:1] if instruction.ordered else due
 
 
 def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
@@ -535,28 +691,71 @@ def _step(
 ) -> Step:
     """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
     row = grasp.start
-    due = _open_goals(trace, instruction.subgoals, row)
-    now = due[:1] if instruction.ordered else due
+    due, now = _due(trace, instruction, row)
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
     needed = {i for g in now for i in wanted[g]}
+    astride = _astride(trace, grasp, needed) if at is None else None
+    if astride is not None:
+        at = astride[0]
     if at is None:
         at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
     open_now = {i for g in due for i in wanted[g]}
     target = _target_of(trace, at, needed=needed, due=open_now, known=known)
+    between = _between(trace, grasp, at, needed) if target is AttemptTarget.ASKED else None
+    if astride is not None:
+        between, grasp = astride[1], replace(grasp, object=None)
     goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
     slots = sorted(
         {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
     )
     name = None if grasp.object is None else trace.info.objects[grasp.object].name
     result = "null" if grasp.object is None else "target" if target is AttemptTarget.ASKED else "distractor"
-    attempt = Attempt(
-        float(trace.time[grasp.start]), float(trace.time[grasp.end]), name, grasp.slot, result, grasp.secured
-    )
+    slot = grasp.slot if between is None else None
+    attempt = Attempt(float(trace.time[row]), float(trace.time[grasp.end]), name, slot, result, grasp.secured)
     moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
     if at is None and grasp.slot is not None and moved:  # the slot is empty because what was asked for was moved away
         at, target = moved[0], AttemptTarget.ASKED
         goal = next(g for g in now if at in wanted[g])
-    return Step(grasp, attempt, at, target, goal, tuple(slots))
+    return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
+
+
+def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
+    """Return what is asked for and what is not, if one finger comes down on each of them, or None.
+
+    What was lifted, or was between both fingers, was attempted alone.
+    """
+    i = grasp.object
+    if i is None or grasp.secured or trace.is_drawer(i):
+        return None
+    rows = slice(
+        max(0, grasp.start - trace.steps(THRESHOLDS.attempt_window)),
+        grasp.end + trace.steps(THRESHOLDS.attempt_window),
+    )
+    left, right = trace.left[rows], trace.right[rows]
+    if (left[:, i] & right[:, i]).any():
+        return None
+    lefts, rights = (set(np.flatnonzero(np.any(side, axis=0)).tolist()) for side in (left, right))
+    items = {k for k in trace.items if not trace.is_drawer(k)}
+    for one, other in ((lefts, rights), (rights, lefts)):
+        asked, unasked = sorted(one & needed & items), sorted((other & items) - needed)
+        if asked and unasked and i in (*asked, *unasked):
+            return asked[0], unasked[0]
+    return None
+
+
+def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
+    """Return what else was as near to a gripper that closed on nothing as what was asked for was, or None."""
+    if grasp.object is not None or at is None:
+        return None
+    row = grasp.start
+    gaps = trace.box_distances(row, trace.tool[grasp.end])
+    others = (i for i in trace.items if i not in needed and not trace.is_drawer(i))
+    near = [
+        (float(gaps[i]), i)
+        for i in others
+        if gaps[i] <= gaps[at] + BETWEEN and trace.on_table(row, i) and not trace.there[row, i]
+    ]
+    return min(near)[1] if near else None
 
 
 def _target_of(

@@ -15,7 +15,7 @@ import numpy as np
 from betterbench.diagnosis.episode_analysis import analyze_episode
 from betterbench.diagnosis.labels import decide, gather
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
-from betterbench.diagnosis.trace import Trace, Whereabout, touches
+from betterbench.diagnosis.trace import Trace, Whereabout, finger_forces, touches
 from betterbench.diagnosis.trial import Reading, choice_of, trial_diagnosis
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
@@ -36,6 +36,7 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.labels import Label
 from betterbench.tasks.motion import closing_of, graspable
+from betterbench.tasks.picked_slots import PickedSlot
 from betterbench.worlds.libero import SUITES
 from betterbench.worlds.libero_plus import axis_of
 from betterbench.worlds.regime import CARRIED, TrainedTask, trained_in, word_of_sentence
@@ -93,8 +94,9 @@ class ForeignRun:
         if goals is None:
             return Reading(_by_outcome(here, path), (), None)
         condition = _condition(here.metadata, goals)
-        trace = _trace(here, condition)
-        episode = analyze_episode(trace, condition, _known_here(self.trained, here.metadata.scene))
+        trained = _known_here(self.trained, here.metadata.scene)
+        trace = _trace(here, condition, trained)
+        episode = analyze_episode(trace, condition, trained)
         findings = gather(here, episode)
         label, evidence = decide(findings)
         diagnosis = trial_diagnosis(
@@ -207,7 +209,7 @@ def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistr
     )
 
 
-def _trace(record: Record, condition: Condition) -> Trace:
+def _trace(record: Record, condition: Condition, trained: TrainingDistribution) -> Trace:
     """Return the arrays of a record, with LIBERO's own verdict on what was asked for."""
     info, rows = record.metadata.scene, len(record)
     goals = condition.instruction.subgoals
@@ -228,9 +230,17 @@ def _trace(record: Record, condition: Condition) -> Trace:
         by_arm=arm, tool=record.ee_position, width=width,
         closing=closing_of(record.gripper_command, width, (left | right).any(axis=1), rate_hz=rate_hz),
         positions=record.object_positions, quaternions=record.object_quaternions, left=left, right=right,
-        held=record.held, whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals, meant=meant,
-        targets=targets, drawers=(),
+        held=record.held, force=finger_forces(record, rows), whereabouts=whereabouts, there=there,
+        picked=_picked_slots(info, trained), serves=serves, done=record.subgoals, meant=meant, targets=targets,
+        drawers=(),
     )  # fmt: skip
+
+
+def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[PickedSlot, ...]:
+    """Return the places at which the base suite picked something; where its demonstrations close is not known."""
+    names = {slot for slots in trained.kind_slots.values() for slot in slots}
+    at = {slot.name: (slot.position[0], slot.position[1]) for slot in info.slots if slot.name in names}
+    return tuple(PickedSlot(name, (x, y), ((x, y, 0.0),)) for name, (x, y) in at.items())
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:

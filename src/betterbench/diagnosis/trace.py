@@ -10,9 +10,10 @@ import numpy as np
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose, Vector, distance
 from betterbench.recording import Record
-from betterbench.state import SceneInfo
+from betterbench.state import ObjectInfo, SceneInfo
 from betterbench.tasks import Condition
 from betterbench.tasks.motion import Bools, Floats, Motion, closing_of, graspable
+from betterbench.tasks.picked_slots import picked_slots
 from betterbench.tasks.relations import RELATIONS, relation
 
 
@@ -72,6 +73,12 @@ class Trace(Motion):
         return 0.0
 
 
+def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
+    """Return where the middle of a place of a target is in its frame [m]: of its region of that name, if it has one."""
+    named = next((r.position for r in target.regions if r.name == region), None)
+    return relation(kind).middle(target, region) if named is None else named
+
+
 def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
     """Return the arrays of a record that the detectors read.
 
@@ -119,8 +126,9 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
         touched=left | right | hand, by_arm=arm, tool=record.ee_position[:rows],
         width=width, closing=closing_of(command, width, (left | right).any(axis=1), rate_hz=rate_hz),
         positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
-        held=record.held[:rows], whereabouts=whereabouts, there=there, serves=serves, done=record.subgoals[:rows],
-        meant=meant, targets=targets, drawers=_drawers(info, condition),
+        held=record.held[:rows], force=finger_forces(record, rows), whereabouts=whereabouts, there=there,
+        picked=picked_slots(condition.task, info), serves=serves, done=record.subgoals[:rows], meant=meant,
+        targets=targets, drawers=_drawers(info, condition),
     )  # fmt: skip
 
 
@@ -165,6 +173,22 @@ def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vec
             place = info.objects[cabinet].region(o.mount.region).position
             found.append((_index_of_kind(info, o.kind), cabinet, place))
     return tuple(found)
+
+
+def finger_forces(record: Record, rows: int) -> Floats:
+    """Return the largest normal force with which a finger presses on each object [N], shape (rows, n)."""
+    contacts, bodies = record.contacts, record.bodies
+    names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
+    finger = np.array([b in ("left_finger", "right_finger") for b in bodies], dtype=np.bool_)
+    object_of = np.array([names.get(b, -1) for b in bodies], dtype=np.intp)
+    row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
+    stop = int(contacts.offsets[rows])
+    pressing: Floats = np.zeros((rows, len(names)))
+    for mine, other in ((0, 1), (1, 0)):
+        thing = object_of[contacts.bodies[:stop, other]]
+        chosen = finger[contacts.bodies[:stop, mine]] & (thing >= 0)
+        np.maximum.at(pressing, (row[chosen], thing[chosen]), contacts.forces[:stop][chosen])
+    return pressing
 
 
 def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:

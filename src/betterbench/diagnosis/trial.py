@@ -116,7 +116,7 @@ def read_trial(record: Record, *, path: str | None = None) -> Reading:
         raise RecordError(text)
     trace = trace_of(record, condition, step_limit=task.step_limit(condition))
     harm = () if record.outcome.success else find_harm(record, trace, condition)
-    episode = analyze_episode(trace, condition, _trained(task.id), harm=harm)
+    episode = analyze_episode(trace, condition, _trained(task.id), harm=harm, state=record.state)
     findings = gather(record, episode)
     label, evidence = decide(findings)
     diagnosis = replace(
@@ -195,7 +195,7 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     if first is None:
         if episode.condition.expected is not Expected.STAY_STILL:
             return None
-    elif first.target is AttemptTarget.FOREIGN or first.grasp.slot is None:
+    elif first.target is AttemptTarget.FOREIGN or first.grasp.slot is None or first.between is not None:
         return None
     else:
         another = taken_for_another(episode, first)

@@ -14,15 +14,16 @@ from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.comparing import CURE, ReadPictures, intact, require_match
 from betterbench.export.expected import ExpectedDataset
 from betterbench.export.frames import frame_numbers, shown_images
-from betterbench.export.job import SOURCE_FILE, origin_of, pairs_of, stored_source
+from betterbench.export.job import README, SOURCE_FILE, origin_of, pairs_of, stored_source
 from betterbench.export.layout import DatasetLayout, layout_of
 from betterbench.export.lerobot_check import LeRobotCheck, lerobot_check
 from betterbench.export.part import ImageForm
 from betterbench.export.pictures import Pictures
-from betterbench.export.robomimic import read_origin
+from betterbench.export.robomimic import read_origin, require_same_content
 from betterbench.export.robomimic_check import RobomimicCheck
 from betterbench.json_form import SEAL, parse_json, read_ordinary
 from betterbench.recording import Record, RunFolder
+from betterbench.recording.parquet import file_digest
 from betterbench.tasks import TrialId
 
 MOST_MEAN_ERROR = 4.0
@@ -134,7 +135,7 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     """Compare what is told about the origin, as far as records and layout say it.
 
     What was left out, the version of the package, the command that evaluates, the digest of the options and the lengths
-    of files are as stated.
+    of files are as stated. The digests of files are compared after that.
     """
     wanted = origin_of(
         expected.dataset.episodes,
@@ -152,6 +153,24 @@ def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDat
     require_match(dict(source), wanted | stated, _source_name(path))
     if path.is_dir():
         stored_source(path)  # which compares the seal, of what is only stated too
+    _compare_digests(path, source)
+
+
+def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
+    """Compare the bytes of all files with those that were written, as far as the data set has their digests.
+
+    Pictures that are not drawn again are in them. A page that somebody has edited is left alone.
+    """
+    if path.is_file():
+        with intact(str(path)):
+            require_same_content(path, cure=CURE, raises=RecordError)
+        return
+    with intact(f"{path / SOURCE_FILE}: sha256"):
+        told = {str(name): digest for name, digest in source.get("sha256", {}).items() if name != README}
+    for name, digest in told.items():
+        with intact(str(path / name)):
+            if file_digest(path / name) != digest:
+                raise InvalidInputError(str(path / name), "has other bytes than when it was written", CURE)
 
 
 def _source(path: Path) -> dict[str, Any]:

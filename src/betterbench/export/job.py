@@ -51,6 +51,8 @@ EXPORT_VERSION = 1
 
 SOURCE_FILE = "meta/betterbench.json"
 """Where a data set says what it was made of."""
+README = "README.md"
+"""Page of a data set, which its owner may edit."""
 
 Told = Callable[[int, int], None]
 
@@ -117,11 +119,15 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
         raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
     with on_disk(out):
         if out.exists() and not _is_replaced(plan, out, identity):
-            return _finished(plan, out, identity, staging, quality)
+            told = _finished(plan, out, identity, quality)
+            _remove_leftover(staging)
+            return told
         with RunLock(staging / LOCK_NAME):
             remove_parts(staging)
             if out.exists() and not _is_replaced(plan, out, identity):
-                return _finished(plan, out, identity, staging, quality)
+                told = _finished(plan, out, identity, quality)
+                shutil.rmtree(staging, ignore_errors=True)
+                return told
             made = _make_parts(plan, staging, quality, workers, on_progress)
             _assemble(plan, staging, out, identity, quality)
             shutil.rmtree(staging, ignore_errors=True)
@@ -204,7 +210,14 @@ def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: C
     return staging / "parts" / hashlib.sha256(told).hexdigest()[:32]
 
 
-def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality: str) -> Exported:
+def _remove_leftover(staging: Path) -> None:
+    """Remove what a killed process left, unless another process exports to the same place with other options."""
+    if staging.is_dir():
+        with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
     """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
@@ -232,7 +245,6 @@ def _finished(plan: ExportPlan, out: Path, identity: str, staging: Path, quality
     lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
     if lost is not None:
         raise RunConflictError(f"{out / lost}: is missing, or has other bytes than when it was written. {again}.")
-    shutil.rmtree(staging, ignore_errors=True)
     return told
 
 
@@ -326,7 +338,7 @@ def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality
         (whole / out.name).replace(out)
         return
     stats = (write_v30 if plan.to == "lerobot" else write_v21)(whole, dataset)
-    write_durably(whole / "README.md", card(dataset, stats).encode())
+    write_durably(whole / README, card(dataset, stats).encode())
     written = {str(p.relative_to(whole)): p for p in sorted(whole.rglob("*")) if p.is_file()}
     files = {name: p.stat().st_size for name, p in written.items()}
     digests = {name: file_digest(p) for name, p in written.items()}
@@ -351,8 +363,8 @@ def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Da
         index = read_index(folder)
         if index is None:
             raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
-        rates.add(round(index["about"]["control_rate_hz"]))
-        about = {**index["about"], "pairs": pairs.get((d.run, d.trial), [])} if pairs else index["about"]
+        rates.add(round(index.about["control_rate_hz"]))
+        about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
         episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
     if len(rates) > 1:
         raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from PIL import Image
 
 from betterbench.errors import InvalidInputError, one_line
 from betterbench.export import lerobot, lerobot_v21
@@ -21,7 +20,7 @@ from betterbench.export.comparing import CURE, ReadPictures, intact, require_equ
 from betterbench.export.episodes import Dataset
 from betterbench.export.expected import ExpectedDataset
 from betterbench.export.language import EVENTS, PERSISTENT
-from betterbench.export.part import Part
+from betterbench.export.part import Part, read_png
 from betterbench.export.video import read_pictures
 from betterbench.json_form import parse_json, read_ordinary
 
@@ -128,7 +127,7 @@ class LeRobotCheck(ABC):
         def read(column: str, rows: Sequence[int]) -> dict[int, np.ndarray]:
             if self.expected.form == "png":
                 files = table.column(column).combine_chunks().field("bytes")
-                return {row: np.asarray(Image.open(io.BytesIO(files[row].as_py()))) for row in rows}
+                return {row: read_png(files[row].as_py()) for row in rows}
             name, first = self.video_place(column, number)
             return {r: picture for r in rows if (picture := _at(str(self.path / name), first + r)) is not None}
 

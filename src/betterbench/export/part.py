@@ -6,21 +6,34 @@ import hashlib
 import io
 import json
 import shutil
+import struct
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
+from pydantic import Field, TypeAdapter
 
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.export.frames import frame_numbers, shown_images
 from betterbench.export.layout import DatasetLayout
 from betterbench.export.numbers import color_counts, sampled_rows
 from betterbench.export.video import VideoWriter
-from betterbench.json_form import open_ordinary, read_ordinary
+from betterbench.json_form import (
+    open_form,
+    open_ordinary,
+    open_seal,
+    read_bounded,
+    read_form,
+    read_ordinary,
+    sealed_form,
+    strict_form,
+)
 from betterbench.recording import Record, write_durably
 from betterbench.recording.metadata import dump_json
 
@@ -31,6 +44,7 @@ PNG_LEVEL = 3
 
 _INDEX, _NUMBERS = "part.json", "numbers.parquet"
 _SUBGOAL = "subgoal"
+_MAX_INDEX_BYTES = 1 << 26
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,18 +108,73 @@ def write_part(
         "sampled": len(sampled),
         "about": about(record, numbers.subgoals),
     }
-    write_durably(folder / _INDEX, dump_json(index))
+    write_durably(folder / _INDEX, dump_json(sealed_form(json.loads(dump_json(index)))))
 
 
-def read_index(folder: Path) -> dict[str, Any] | None:
+_Levels = Annotated[
+    list[Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=256, max_length=256)]],
+    Field(min_length=3, max_length=3),
+]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Images:
+    """The counts of the levels of the sampled pictures of a column, by channel."""
+
+    levels: _Levels
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _About:
+    """What is used of what a part says about its record; see :func:`about`."""
+
+    seed: int
+    rows: Annotated[int, Field(ge=1)]
+    control_rate_hz: Annotated[float, Field(gt=0.0)]
+    instruction: str
+    subgoals: list[str]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PartIndex:
+    """What a part says about itself; the file carries a seal.
+
+    Attributes:
+        files: SHA-256 of its other files by name.
+        images: Counts of levels by column of images.
+        sampled: How many pictures were counted.
+        about: What the record says about the episode, as :func:`about` returns it.
+    """
+
+    files: dict[str, str]
+    images: dict[str, _Images]
+    sampled: Annotated[int, Field(ge=0)]
+    about: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        """Refuse names that lead elsewhere, and an episode that says nothing; raises InvalidInputError."""
+        if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
+            raise InvalidInputError("files", "are not those of a part", "Make the part again")
+        read_form(_ABOUT, self.about, where="about", cure="Make the part again")
+
+
+_ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
+
+
+def read_index(folder: Path) -> PartIndex | None:
     """Return what a part says about itself, or None if it is not complete or damaged."""
+    file, cure = folder / _INDEX, "Make the part again"
     try:
-        index: dict[str, Any] = json.loads(read_ordinary(folder / _INDEX))
-        for name, digest in index["files"].items():
-            with open_ordinary(folder / name) as file:
-                if hashlib.file_digest(file, "sha256").hexdigest() != digest:
+        raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
+        index = read_form(_PART, open_seal(raw, where=str(file), cure=cure), where=str(file), cure=cure)
+        for name, digest in index.files.items():
+            with open_ordinary(folder / name) as opened:
+                if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
                     return None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, InvalidInputError):
         return None
     return index
 
@@ -115,7 +184,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
     index = read_index(folder)
     if index is None:
         return None
-    files = {name: read_ordinary(folder / name) for name in index["files"]}
+    files = {name: read_ordinary(folder / name) for name in index.files}
     table = pq.read_table(io.BytesIO(files[_NUMBERS]), use_threads=False)
     vectors = {}
     for column in (*layout.states, layout.action):
@@ -128,9 +197,9 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
         tuple(table.column(_SUBGOAL).to_pylist()),
         videos | {name: videos[other] for name, other in layout.copies.items() if other in videos},
         pngs | {name: pngs[other] for name, other in layout.copies.items() if other in pngs},
-        _repeated({name: np.array(found["levels"]) for name, found in index["images"].items()}, layout),
-        index["sampled"],
-        index["about"],
+        _repeated({name: np.array(found.levels) for name, found in index.images.items()}, layout),
+        index.sampled,
+        index.about,
     )
 
 
@@ -161,6 +230,15 @@ def png(picture: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "PNG", compress_level=PNG_LEVEL)
     return buffer.getvalue()
+
+
+def read_png(data: bytes) -> np.ndarray:
+    """Return the picture of a PNG file, which may be a stranger's; raises ValueError if it is none, or damaged."""
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            return np.asarray(image)
+    except (OSError, SyntaxError, struct.error, zlib.error, Image.DecompressionBombError) as error:
+        raise ValueError(f"a picture is no PNG file ({one_line(error, most=120)})") from error
 
 
 def parquet_bytes(table: pa.Table) -> bytes:

@@ -6,7 +6,6 @@ Source of the format: robomimic 0.3, ``docs/datasets/overview.md`` and ``robomim
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import os
 from pathlib import Path
@@ -14,14 +13,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
-from betterbench.errors import RunConflictError
+from betterbench.errors import BetterError, RunConflictError
 from betterbench.export.episodes import Dataset, DatasetEpisode, starts
 from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
 from betterbench.export.numbers import Stats
-from betterbench.export.part import Part
+from betterbench.export.part import Part, read_png
 from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, say_unsealed
 
@@ -64,16 +62,16 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
     return totals.stats()
 
 
-def require_same_content(path: Path, *, cure: str) -> None:
-    """Raise RunConflictError if a file holds something else than when it was written; one without a digest is told."""
+def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
+    """Raise an error if a file holds something else than when it was written; one without a digest is told."""
     try:
         with open_hdf5(path, "r") as file:
             told = file.attrs.get(_DIGEST)
             same = told is None or told == _content_digest(file)
     except Exception as error:  # what native code raises about a damaged file
-        raise RunConflictError(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
+        raise raises(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
     if not same:
-        raise RunConflictError(f"{path}: holds something else than when it was written. {cure}.")
+        raise raises(f"{path}: holds something else than when it was written. {cure}.")
     if told is None:
         say_unsealed(str(path))
 
@@ -185,7 +183,7 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
         packed = {"chunks": (1, *shape), "compression": "gzip", "compression_opts": _GZIP}
         images = group.create_dataset(f"obs/{observation_name(name)}", (len(part), *shape), np.uint8, **packed)
         for row, data in enumerate(files):
-            images[row] = np.asarray(Image.open(io.BytesIO(data)))
+            images[row] = read_png(data)
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:

@@ -47,13 +47,16 @@ def write_rerun(
     Raises:
         MissingDependencyError: If Rerun is not installed, or no off-screen OpenGL works here.
         RecordError: If the scene cannot be opened.
+        StorageError: If the disk is full.
     """
     rerun, blueprint = _rerun()
     meta = record.metadata
     stream = rerun.RecordingStream(_APPLICATION, recording_id=f"{meta.policy} {meta.task}/{meta.condition}/{meta.seed}")
     lanes = lanes_of(record)
     with DurableFile(path) as durable, _disconnected(stream):
-        stream.save(str(durable.part), default_blueprint=_layout(blueprint, views))
+        # Rerun's own file would be cut short on a full disk, and nobody told.
+        kept = stream.memory_recording()
+        stream.send_blueprint(_layout(blueprint, views), make_active=False, make_default=True)
         for shown in shown_rows(run, record, views, quality=quality):
             if shown.row == 0:
                 _log_cameras(rerun, stream, views, shown.focal_px)
@@ -70,14 +73,14 @@ def write_rerun(
             if on_progress is not None:
                 on_progress(shown.row + 1, len(record))
         stream.flush()
-        stream.disconnect()
+        durable.file.write(kept.drain_as_bytes())
         durable.finish()
     return path
 
 
 @contextlib.contextmanager
 def _disconnected(stream: Any) -> Iterator[None]:  # noqa: ANN401 - Rerun's
-    """End a stream in any case: an interrupted one would write on, into a new file."""
+    """End a stream in any case, with what it keeps in memory."""
     try:
         yield
     finally:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import bisect
 import hashlib
 import itertools
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,8 +19,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import (
+    open_form,
     open_ordinary,
     open_seal,
     parse_json,
@@ -34,6 +34,9 @@ from betterbench.mixture.shares import MixturePart, WeightedGroup, Within, share
 
 _MAX_META_BYTES = 1 << 30
 _MAX_QUESTION_BYTES = 1 << 34
+_MOST_EPISODES, _MOST_FRAMES = 10_000_000, 1 << 40
+_AGAIN = "Export the data set again"
+_COLUMNS = ("episode_index", "length")
 _CURE = "Correct the file of the mixture; docs/mixture.md shows one"
 
 ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
@@ -156,28 +159,31 @@ def _require_for_training(folder: Path) -> str | None:
     raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=cure)
     summary = open_seal(raw, where=str(file), cure=cure, since=("schema_version", 2))
     if summary.get("purpose") != "training":
-        problem = f"its questions are for {summary.get('purpose', 'an unknown purpose')}"
+        told = one_line(summary.get("purpose", "an unknown purpose"), most=80)
         raise InvalidInputError(
-            str(folder), problem, "Make the set from demonstrations: better vqa RUN of better collect"
+            str(folder),
+            f"its questions are for {told}",
+            "Make the set from demonstrations: better vqa RUN of better collect",
         )
-    told = summary.get("sha256")
-    return told if isinstance(told, str) else None
+    sha256 = summary.get("sha256")
+    return sha256 if isinstance(sha256, str) else None
 
 
 def _json(path: Path) -> dict[str, Any]:
-    return read_object(path, max_bytes=_MAX_META_BYTES, cure="Export the data set again")
+    return read_object(path, max_bytes=_MAX_META_BYTES, cure=_AGAIN)
 
 
 def _lerobot(path: Path) -> LeRobotSource:
     info = _json(path / "meta/info.json")
     version = str(info.get("codebase_version"))
     if version not in ("v2.0", "v2.1", "v3.0"):
-        raise InvalidInputError(str(path), f"its version is {version}", "Give a LeRobot data set of version 2.x or 3.0")
+        shown = one_line(version, most=40)
+        raise InvalidInputError(str(path), f"its version is {shown}", "Give a LeRobot data set of version 2.x or 3.0")
     lengths = _lengths_v3(path) if version == "v3.0" else _lengths_v2(path)
     if len(lengths) != info.get("total_episodes") or sum(lengths) != info.get("total_frames"):
         told = f"{info.get('total_episodes')} episodes and {info.get('total_frames')} frames"
-        problem = f"info.json says {told}, and its episodes are {len(lengths)} with {sum(lengths)}"
-        raise InvalidInputError(str(path), problem, "Export the data set again")
+        problem = f"info.json says {one_line(told, most=200)}, and its episodes are {len(lengths)} with {sum(lengths)}"
+        raise InvalidInputError(str(path), problem, _AGAIN)
     first, end = _training_range(path, info, len(lengths))
     starts = list(itertools.accumulate(lengths, initial=0))
     return LeRobotSource(path, version, first, tuple(starts[first : end + 1]))
@@ -189,40 +195,54 @@ def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple
     told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
     found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
     if found is None or not int(found[1]) < int(found[2]) <= episodes:
-        raise InvalidInputError(f"{path}/meta/info.json: splits", f"{told!r} is no range of its episodes", "Correct it")
+        problem = f"{one_line(told, most=80)!r} is no range of its episodes"
+        raise InvalidInputError(f"{path}/meta/info.json: splits", problem, "Correct it")
     return int(found[1]), int(found[2])
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _EpisodeForm:
+    """A line of ``meta/episodes.jsonl``, as far as it is read."""
+
+    episode_index: Annotated[int, Field(ge=0, lt=_MOST_EPISODES)]
+    length: Annotated[int, Field(ge=1, lt=_MOST_FRAMES)]
+
+
+_EPISODE = TypeAdapter(_EpisodeForm)
 
 
 def _lengths_v2(path: Path) -> list[int]:
     file = path / "meta/episodes.jsonl"
-    text = read_bounded(file, max_bytes=_MAX_META_BYTES, cure="Export the data set again")
-    try:
-        rows = sorted((row["episode_index"], row["length"]) for row in map(json.loads, text.splitlines()))
-        return _counted(file, rows)
-    except (ValueError, KeyError, TypeError) as error:
-        raise InvalidInputError(str(file), f"cannot be read ({error!r})", "Export the data set again") from error
+    data = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=_AGAIN)
+    lines = [(number, line) for number, line in enumerate(data.splitlines(), start=1) if line.strip()]
+    rows = [read_form(_EPISODE, line, where=f"{file}: line {number}", cure=_AGAIN) for number, line in lines]
+    return _counted(file, [(row.episode_index, row.length) for row in rows])
 
 
 def _lengths_v3(path: Path) -> list[int]:
-    files = sorted((path / "meta/episodes").rglob("*.parquet"))
-    rows: list[tuple[int, int]] = []
-    for file in files:
+    rows: list[tuple[Any, Any]] = []
+    for file in sorted((path / "meta/episodes").rglob("*.parquet")):
         try:
-            with open_ordinary(file) as opened:
-                table = pq.read_table(opened, columns=["episode_index", "length"])
-        except (OSError, KeyError, pa.ArrowException) as error:
-            raise InvalidInputError(str(file), f"cannot be read ({error})", "Export the data set again") from error
-        rows += zip(table["episode_index"].to_pylist(), table["length"].to_pylist(), strict=True)
-    return _counted(path / "meta/episodes", sorted(rows))
+            with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
+                if len(rows) + table.metadata.num_rows > _MOST_EPISODES:
+                    raise ValueError(f"it says that it has {table.metadata.num_rows} rows")  # noqa: TRY301 - told below
+                if not all(pa.types.is_integer(table.schema_arrow.field(name).type) for name in _COLUMNS):
+                    raise ValueError("its lengths are no whole numbers")  # noqa: TRY301
+                found = table.read(columns=list(_COLUMNS))
+                rows += zip(found["episode_index"].to_pylist(), found["length"].to_pylist(), strict=True)
+        except (OSError, KeyError, ValueError, pa.ArrowException) as error:
+            raise InvalidInputError(str(file), f"cannot be read ({one_line(error, most=200)})", _AGAIN) from error
+    return _counted(path / "meta/episodes", rows)
 
 
 def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
     """Return the lengths of episodes that are numbered from 0 without a gap."""
-    if [number for number, _ in rows] != list(range(len(rows))) or not all(
-        isinstance(length, int) and length > 0 for _, length in rows
-    ):
-        raise InvalidInputError(str(file), "its episodes are not numbered through", "Export the data set again")
-    return [length for _, length in rows]
+    numbered = all(type(n) is int and type(length) is int and 0 < length < _MOST_FRAMES for n, length in rows)
+    ordered = sorted(rows) if numbered else []
+    if not numbered or [number for number, _ in ordered] != list(range(len(ordered))):
+        raise InvalidInputError(str(file), "its episodes are not numbered through", _AGAIN)
+    return [length for _, length in ordered]
 
 
 def _questions(path: Path, sha256: str | None) -> QuestionSource:

@@ -100,10 +100,8 @@ def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str
     slots = _map(modalities, "images").get("slots")
     for slot in slots if isinstance(slots, list) else []:
         if isinstance(slot, Mapping) and slot.get("required") is True and str(slot.get("slot")) not in given:
-            name = one_line(slot.get("name"), most=40)
-            found.append(
-                f"images: the model needs slot {slot.get('slot')} ({name}), the adapter gives {_listed(given)}"
-            )
+            number, name = (one_line(slot.get(key), most=40) for key in ("slot", "name"))
+            found.append(f"images: the model needs slot {number} ({name}), the adapter gives {_listed(given)}")
     if _map(modalities, "state").get("required") is True and not adapter.states:
         found.append("state: the model needs one, the adapter gives none")
     size, columns = _map(told, "action_spec").get("action_dim"), sum(adapter.answer.columns.values())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import glob
 import hashlib
 import os
@@ -14,9 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from betterbench.errors import StorageError
+from betterbench.errors import STORAGE_CURES, StorageError
 from betterbench.recording.lock import LOCK_NAME, is_locked
-from betterbench.recording.places import claim_of, require_guarded
+from betterbench.recording.places import claim_of, naming, require_guarded
 
 PART_SUFFIX = ".part"
 """Ending of a file that is still being written; what carries it after a crash can be deleted."""
@@ -29,13 +28,15 @@ class DurableFile:
     """A file that is written bit by bit beside its final place, and is there when it is finished and not before.
 
     A context manager, which removes what is not finished. A reader sees the old file or the new one, never a part.
-    Missing folders are made. Raises OSError if the disk is full or the place cannot be written.
+    Missing folders are made.
 
     Attributes:
         file: What is written to.
         part: Where it is until it is finished, for a library that writes to a file of its own.
 
     Raises:
+        StorageError: If the disk is full, broken or protected, here or while the context manager is open.
+        OSError: If the place cannot be written for another reason; it names the file, and not its part.
         InvalidInputError: If a link leads out of the folder that this process has locked.
         RunConflictError: If something stands there that the owner of the folder did not write.
     """
@@ -45,8 +46,9 @@ class DurableFile:
         require_guarded(path)
         if self._claim is not None:
             self._claim.require_ours(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
+        with on_disk(path), naming(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
         self.part, self.file = Path(name), os.fdopen(handle, "wb")
 
     def __enter__(self) -> Self:
@@ -57,10 +59,17 @@ class DurableFile:
     ) -> None:
         with contextlib.suppress(OSError):  # of a full disk, raised before
             self.file.close()
-        self.part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # it is at its place, or its folder is gone or protected
+            self.part.unlink()
+        if isinstance(error, OSError) and error.filename is None:  # of a write, which does not say where
+            with on_disk(self._path):
+                raise error
 
     def finish(self) -> None:
-        """Force the file to disk and put it at its place."""
+        """Force the file to disk and put it at its place.
+
+        Raises StorageError if its folder is not there any more, and OSError.
+        """
         self.file.flush()
         os.fchmod(self.file.fileno(), 0o644)
         os.fsync(self.file.fileno())
@@ -68,8 +77,14 @@ class DurableFile:
         if self._claim is not None:
             with self.part.open("rb") as written:
                 self._claim.note(self._path, hashlib.file_digest(written, "sha256").hexdigest())
-        self.part.replace(self._path)
-        sync_folder(self._path.parent)
+        try:
+            with naming(self._path):
+                self.part.replace(self._path)
+                sync_folder(self._path.parent)
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise StorageError(
+                f"{self._path}: its folder was removed or moved while this was written. Run the same command again."
+            ) from error
 
 
 def write_durably(path: Path, data: bytes) -> None:
@@ -108,22 +123,15 @@ def remove_parts_of(file: Path) -> None:
             part.unlink(missing_ok=True)
 
 
-_LASTING = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG})
-_CURES = {
-    errno.EROFS: "choose a place that can be written to",
-    errno.EIO: "see to the disk, then run the same command again",
-}
-
-
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
     """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
     try:
         yield
     except OSError as problem:
-        if problem.errno not in _LASTING:
+        cure = STORAGE_CURES.get(problem.errno or 0)
+        if cure is None:
             raise
-        cure = _CURES.get(problem.errno or 0, "make room, then run the same command again")
         raise StorageError(f"{path}: {problem.strerror}. Nothing finished is lost: {cure}.") from problem
 
 

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.errors import RunConflictError
-from betterbench.recording.places import guard, is_claimed_here, open_in_place, require_guarded, unguard
+from betterbench.recording.places import guard, is_claimed_here, naming, open_in_place, require_guarded, unguard
 
 LOCK_NAME = ".lock"
 """File in a folder that carries the lock of the folder."""
@@ -59,12 +59,21 @@ class RunLock:
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
             return
         require_guarded(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._handle = self._taken(waits=waits)
-        os.ftruncate(self._handle, 0)
-        os.pwrite(self._handle, f"{os.getpid()}\n".encode("ascii"), 0)
+        with naming(self._locked):
+            self._handle = self._taken(waits=waits)
+            try:
+                os.ftruncate(self._handle, 0)
+                os.pwrite(self._handle, f"{os.getpid()}\n".encode("ascii"), 0)
+            except OSError:
+                self._close()
+                raise
         _HELD.add(self)
         self._guard()
+
+    @property
+    def _locked(self) -> Path:
+        """What is locked, as the user knows it."""
+        return self._path.parent
 
     def _guard(self) -> None:
         guard(self._folder)
@@ -73,20 +82,32 @@ class RunLock:
         unguard(self._folder)
 
     def _taken(self, *, waits: bool) -> int:
-        """Return the descriptor of the file with the lock on it."""
-        handle = open_in_place(self._path)
-        try:
-            if waits:
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            else:
-                _lock_exclusively(handle)
-        except OSError as error:
-            holder = os.pread(handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
+        """Return the descriptor of the file with the lock on it that is still at its place.
+
+        Whoever held the lock before may have removed the file, or its folder: a lock on it would keep nobody out.
+        """
+        while True:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                handle = open_in_place(self._path)
+            except FileNotFoundError:
+                if self._path.parent.is_dir():
+                    raise
+                continue
+            try:
+                if waits:
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+                else:
+                    _lock_exclusively(handle)
+            except OSError as error:
+                holder = os.pread(handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
+                os.close(handle)
+                if not isinstance(error, BlockingIOError):
+                    raise
+                raise RunConflictError(self._conflict(holder)) from error
+            if _stands_at(self._path, handle):
+                return handle
             os.close(handle)
-            if not isinstance(error, BlockingIOError):
-                raise
-            raise RunConflictError(self._conflict(holder)) from error
-        return handle
 
     def _conflict(self, holder: str) -> str:
         """Return what is said where a process holds the lock."""
@@ -129,16 +150,10 @@ class FileLock(RunLock):
     def _unguard(self) -> None:
         """Undo nothing."""
 
-    def _taken(self, *, waits: bool) -> int:
-        """Return the descriptor of a file with the lock on it that is still at its place."""
-        while True:
-            handle = super()._taken(waits=waits)
-            ours = os.fstat(handle)
-            with contextlib.suppress(FileNotFoundError):
-                there = os.lstat(self._path)
-                if (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino):
-                    return handle
-            os.close(handle)  # whoever held it before has removed it meanwhile
+    @property
+    def _locked(self) -> Path:
+        """What is locked, as the user knows it."""
+        return self._file
 
     def _conflict(self, holder: str) -> str:
         """Return what is said where a process holds the lock."""
@@ -150,6 +165,16 @@ class FileLock(RunLock):
             with contextlib.suppress(OSError):
                 self._path.unlink()
         super().release()
+
+
+def _stands_at(path: Path, handle: int) -> bool:
+    """Tell whether an open file is still the one at a path."""
+    ours = os.fstat(handle)
+    try:
+        there = os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
 
 
 def _lock_exclusively(handle: int) -> None:

@@ -225,7 +225,7 @@ class OutputFolder:
             found = read_form(_WRITTEN, data, where=str(file), cure="Remove it")
         except InvalidInputError:
             return None
-        inside = {name: known for name, known in found.files.items() if not {"..", "/"} & set(Path(name).parts)}
+        inside = {name: known for name, known in found.files.items() if _is_name(name)}
         return inside if found.by == self._verb else None
 
     def require_ours(self, path: Path) -> None:
@@ -252,6 +252,11 @@ class OutputFolder:
     def _store(self) -> None:
         form = {"by": self._verb, "files": dict(sorted(self._known.items()))}
         write_durably(self.path / LIST_NAME, json.dumps(form, indent=1).encode() + b"\n")
+
+
+def _is_name(name: str) -> bool:
+    """Tell whether a listed name can be one of a file in the folder."""
+    return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
 
 
 def is_run(path: Path) -> bool:

@@ -7,10 +7,12 @@ guarded: every file that is written below it lies in it, after all links are fol
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -80,6 +82,16 @@ def require_guarded(path: Path) -> None:
     for folder in tuple(_GUARDED):
         if place.is_relative_to(folder):
             require_inside(place, folder)
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let an OSError name the file or folder that a user knows, in place of a lock or a part beside it."""
+    try:
+        yield
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
 
 
 def open_in_place(path: Path) -> int:

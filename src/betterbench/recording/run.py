@@ -18,7 +18,15 @@ from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
-from betterbench.json_form import growing_form, read_bounded, read_form, read_ordinary, strict_form
+from betterbench.json_form import (
+    growing_form,
+    open_seal,
+    read_bounded,
+    read_form,
+    read_ordinary,
+    sealed_form,
+    strict_form,
+)
 from betterbench.recording.durable import PART_SUFFIX, remove_parts, write_durably
 from betterbench.recording.journal import Journal, JournalEntry, read_journal
 from betterbench.recording.line_journal import say_lost_tail
@@ -33,8 +41,8 @@ from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files,
 
 logger = logging.getLogger(__name__)
 
-RUN_SCHEMA_VERSION = 1
-"""Version of ``run.json`` and of the layout of the folder."""
+RUN_SCHEMA_VERSION = 2
+"""Version of ``run.json`` and of the layout of the folder; version 1 had no seal."""
 
 _MAX_RUN_JSON_BYTES = 64 * 1024 * 1024
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
@@ -63,7 +71,7 @@ class _RunContext(TypedDict, total=False):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _RunDocument:
-    schema_version: Literal[1]
+    schema_version: Literal[1, 2]
     plan: dict[str, Any]
     context: _RunContext
 
@@ -103,9 +111,7 @@ class RunFolder:
             InvalidInputError: If plan or context is not JSON.
         """
         path = path.absolute()
-        wanted = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context or {})}
-        data = dump_json(wanted)
-        wanted = json.loads(data)
+        wanted = _plain({"plan": dict(plan), "context": dict(context or {})})
         if path.exists() and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder for the run.")
         fresh = not (path / "run.json").exists()
@@ -114,7 +120,7 @@ class RunFolder:
         with RunLock(path / LOCK_NAME):
             remove_parts(path)
             if not (path / "run.json").exists():
-                write_durably(path / "run.json", _run_json(wanted))
+                write_durably(path / "run.json", _run_json(wanted["plan"], wanted["context"]))
                 _copy_task_files(path, wanted["plan"])
                 return cls(path, wanted["plan"], wanted["context"])
         existing = cls.open(path)
@@ -149,7 +155,9 @@ class RunFolder:
             raise RecordError(f"{path}: holds no run (no run.json). {cure}.")
         cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
         data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
-        document = read_form(_RUN_DOCUMENT, data, where=str(path / "run.json"), cure=cure, raises=RecordError)
+        where = str(path / "run.json")
+        form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("schema_version", 2))
+        document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
         require_origins(document.plan, path)
         return cls(path, document.plan, dict(document.context))
 
@@ -178,21 +186,17 @@ class RunFolder:
 
         Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
         """
-        form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": {**self.context, **changes}}
-        form = json.loads(dump_json(form))
-        with self.locked():
-            write_durably(self.path / "run.json", _run_json(form))
-        return RunFolder(self.path, form["plan"], form["context"])
+        return self._rewritten(self.plan, {**self.context, **changes})
 
     def restore(self) -> None:
         """Write ``run.json`` again if somebody else has removed or changed it since the run was opened."""
-        form = {"schema_version": RUN_SCHEMA_VERSION, "plan": dict(self.plan), "context": dict(self.context)}
-        path = self.path / "run.json"
+        path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
-            if json.loads(read_ordinary(path)) == form:
+            unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
+            if json.loads(read_ordinary(path)) in (json.loads(content), unsealed):
                 return
         logger.warning("%s was removed or changed by somebody else and is written again", path)
-        write_durably(path, _run_json(form))
+        write_durably(path, content)
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
         """Write a plan that holds this one and more, and return the run."""
@@ -200,9 +204,13 @@ class RunFolder:
         at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
         step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
         context = {**self.context, "extended": [*self.context.get("extended", []), step]}
-        form = json.loads(dump_json({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": context}))
+        return self._rewritten(plan, context)
+
+    def _rewritten(self, plan: Mapping[str, Any], context: Mapping[str, Any]) -> RunFolder:
+        """Write ``run.json`` with another plan or context, and return the run."""
+        form = _plain({"plan": dict(plan), "context": dict(context)})
         with self.locked():
-            write_durably(self.path / "run.json", _run_json(form))
+            write_durably(self.path / "run.json", _run_json(form["plan"], form["context"]))
         return RunFolder(self.path, form["plan"], form["context"])
 
     def journal(self) -> Journal:
@@ -433,8 +441,15 @@ def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None
     return found
 
 
-def _run_json(form: Mapping[str, Any]) -> bytes:
-    """Return the content of ``run.json``."""
+def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a form as reading its JSON gives it; InvalidInputError if it is not JSON."""
+    found: dict[str, Any] = json.loads(dump_json(form))
+    return found
+
+
+def _run_json(plan: Mapping[str, Any], context: Mapping[str, Any]) -> bytes:
+    """Return the content of ``run.json``, with its seal."""
+    form = sealed_form({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context)})
     return json.dumps(form, indent=2, sort_keys=True).encode() + b"\n"
 
 

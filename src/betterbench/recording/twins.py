@@ -10,14 +10,14 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import RecordError
-from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.json_form import open_sealed_lines, read_bounded, read_form, sealed_lines, strict_form
 from betterbench.recording.run import RunFolder
 from betterbench.tasks.trial_id import TrialId
 
 PAIRS_FILE = "pairs.jsonl"
 """File within a run of demonstrations that lists its pairs, one a line."""
 _MAX_BYTES = 256 * 1024 * 1024
-_CURE = "Make the set again with better dataset --pairs"
+_CURE = "Give the command that made the set again, which writes this list anew from the records"
 
 _Rows = Annotated[int, Field(ge=1)]
 
@@ -56,8 +56,9 @@ _FORM = TypeAdapter(TwinPair)
 
 
 def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
-    """Return the file that lists pairs."""
-    return "".join(json.dumps(asdict(pair), ensure_ascii=False) + "\n" for pair in pairs).encode()
+    """Return the file that lists pairs, a line each, and their seal in the last line."""
+    lines = "".join(json.dumps(asdict(pair), ensure_ascii=False) + "\n" for pair in pairs).encode()
+    return sealed_lines(lines)
 
 
 def read_pairs(run: RunFolder) -> tuple[TwinPair, ...]:
@@ -65,7 +66,8 @@ def read_pairs(run: RunFolder) -> tuple[TwinPair, ...]:
     path = run.path / PAIRS_FILE
     if not path.exists():
         return ()
-    lines = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError).splitlines()
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    lines = open_sealed_lines(data, where=str(path), cure=_CURE, raises=RecordError)
     return tuple(
         read_form(_FORM, line, where=f"{path}: line {i}", cure=_CURE, raises=RecordError)
         for i, line in enumerate(lines, start=1)

@@ -50,16 +50,59 @@ DESCRIBED = Grounds(True)
 """The claim of a conclusion that only counts what was seen."""
 
 
-def claim_of_weak_training(training: Figure) -> Grounds:
-    """Return whether a policy solves less than half of the training trials."""
+def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
+    """Return whether a policy solves less than half of the training trials; the run gives the command for more."""
     k, n = training.k or 0, training.n or 0
     p = chance_p(Rate(k, n), chance=0.5)
-    return Grounds(
-        n > 0 and 2 * k < n and p <= DEFAULT_ALPHA,
-        "training trials solved, against one half (exact binomial)",
-        p,
-        "" if n and 2 * k >= n else "What would decide it: more trials of the training conditions (a larger --trials).",
-    )
+    test = "training trials solved, against one half (exact binomial)"
+    if n and (2 * k >= n or p <= DEFAULT_ALPHA):
+        return Grounds(2 * k < n, test, p)
+    text = "What would decide it: more trials of the training conditions (a larger --trials)"
+    needed = next((m for m in range(n + 1, MOST_PAIRS + 1) if _is_below_half(k, n, m)), None)
+    if n and needed is not None:
+        text += f"; {needed} in all, if as many are solved"
+    command = "" if diagnosis is None else _training_command(diagnosis, needed or MOST_PAIRS)
+    return Grounds(False, test, p, f"{text}.", command)
+
+
+def _is_below_half(k: int, n: int, more: int) -> bool:
+    """Tell whether the same share of so many trials is surely below one half."""
+    return n > 0 and chance_p(Rate(k * more // n, more), chance=0.5) <= DEFAULT_ALPHA
+
+
+def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
+    """Return the command that runs so many trials of the training conditions of a run, with new seeds."""
+    task = next((t.task for t in diagnosis.trials if t.variation is None), "")
+    conditions = {t.condition for t in diagnosis.trials if t.task == task}
+    if not task or is_of_libero(task):
+        return ""
+    each = -(-trials // len(conditions))
+    command = [
+        "better", "eval", "--policy", diagnosis.policy, "--tasks", task, "--seed", str(_next_seed(diagnosis)),
+        "--trials", str(each), "--out", "runs/training",
+    ]  # fmt: skip
+    return shell_line(command)
+
+
+def claim_of_training_failure(count: int, n: int) -> Grounds:
+    """Return whether a kind of failure is what a policy does in training, where nothing else was run."""
+    p = _above(count, n, USUAL_SHARE)
+    test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
+    return Grounds(p <= DEFAULT_ALPHA, test, p)
+
+
+def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
+    """Return what a run without variations needs for a conclusion about reasoning, and the command that runs it."""
+    text = "What would show how it reasons: the variations of these tasks, with the same seeds."
+    tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
+    if not tasks or any(map(is_of_libero, tasks)):
+        return DESCRIBED
+    seeds = [t.seed for t in diagnosis.trials]
+    command = [
+        "better", "eval", "--policy", diagnosis.policy, "--tasks", *tasks, "--seed", str(min(seeds)),
+        "--trials", str(max(seeds) - min(seeds) + 1), "--out", "runs/variations",
+    ]  # fmt: skip
+    return Grounds(True, deciding=text, command=shell_line(command))
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:

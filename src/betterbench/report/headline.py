@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
 from betterbench.diagnosis.foreign import untold_by
@@ -15,11 +15,15 @@ from betterbench.report.claims import (
     Grounds,
     claim_of_failure,
     claim_of_habit,
+    claim_of_training_failure,
     claim_of_weak_training,
+    grounds_of_training,
 )
 from betterbench.report.legend import AXIS_PLACES, LEGEND
 from betterbench.report.outcomes import Segment, segments_of
 from betterbench.report.wording import THIN, Figure
+from betterbench.statistics import Rate, fisher_p
+from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import listed, p_text, plural, points
 from betterbench.tasks.labels import Kind, Label
 
@@ -242,13 +246,11 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     if not varied and any(trial.kind is Kind.UNFINISHED for trial in trials):
         return "The run is not finished: no trial of a variation has ended.", Kind.UNFINISHED.value, DESCRIBED
     if not varied:
-        untold = untold_by(trials)
-        text = f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}."
-        return text, "system", DESCRIBED
+        return _training_alone(diagnosis, training)
     failed = [trial for trial in varied if _has_failed(trial)]
     main = main_failure(varied)
     weak = training.value is not None and training.value < WEAK_SHARE
-    weak_claim = claim_of_weak_training(training)
+    weak_claim = claim_of_weak_training(training, diagnosis)
     rare = len(failed) <= RARE_SHARE * len(varied)
     if weak and rare and weak_claim.supported:
         solved = "all" if main is None else f"{len(varied) - len(failed)} of {len(varied)}"
@@ -277,15 +279,59 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     text = entry.conclude([trial for trial in failed if trial.label is main])
     if main in ANYWHERE and (where := _where(varied, main)):
         text = f"{text.removesuffix('.')} {where}."
+    text = _of_several(text, failed, main)
     if weak and main.kind is not Kind.SYSTEM:
         if not weak_claim.supported:
             before = f"It solved {training.count()} training trials."
+            claim = replace(claim, deciding=weak_claim.deciding, command=weak_claim.command)
         elif main.kind is Kind.EXECUTION:
             before = "It fails the training conditions too."
         else:
             before = "It has not learned the training conditions."
         return f"{before} {text}", entry.family, claim
     return text, entry.family, claim
+
+
+def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
+    """Return what a run without variations says: what is seen in training, and what only variations would show."""
+    ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
+    untold = untold_by(diagnosis.trials)
+    if not ended:
+        text = f"No variation was run, so nothing is known about its reasoning{untold and ': '}{untold}."
+        return text, "system", DESCRIBED
+    missing = f"no variation was run, so nothing is known about what training did not show{untold and ': '}{untold}"
+    failed = [trial for trial in ended if _has_failed(trial)]
+    main, wanted = main_failure(ended), grounds_of_training(diagnosis)
+    if main is None:
+        return f"No failure found in {plural(len(ended), 'training trial')}; {missing}.", "system", wanted
+    claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(ended))
+    weak_claim = claim_of_weak_training(training, diagnosis)
+    before = f"It has not learned the training conditions ({training.count()} solved). " if weak_claim.supported else ""
+    if not claim.supported:
+        if before:
+            return f"{before}N{missing[1:]}.", "execution", replace(weak_claim, deciding=wanted.deciding)
+        text = f"{NOTHING_YET}: {len(failed)} of {plural(len(ended), 'training trial')} failed, and {missing}."
+        return text, Kind.UNFINISHED.value, replace(claim, deciding=wanted.deciding, command=wanted.command)
+    entry = LEGEND[main]
+    text = _of_several(entry.conclude([trial for trial in failed if trial.label is main]), failed, main)
+    told = (
+        f"{before}{text.removesuffix('.')} ({len(failed)} of {plural(len(ended), 'training trial')} failed); {missing}."
+    )
+    return told, entry.family, replace(claim, deciding=wanted.deciding, command=wanted.command)
+
+
+def _of_several(text: str, failed: Sequence[TrialDiagnosis], main: Label) -> str:
+    """Return a conclusion with its share of the failures of its kind, where it is that of fewer than half of them."""
+    kind = [trial for trial in failed if trial.kind is main.kind]
+    same = sum(trial.label is main for trial in kind)
+    same += _look_alikes(failed, main, same)
+    if 2 * same >= len(kind):
+        return text
+    names = {Kind.REASONING: "reasoning", Kind.EXECUTION: "execution", Kind.SYSTEM: "the system"}
+    return (
+        f"Its failures of {names[main.kind]} have several forms, none of them in most; the most frequent "
+        f"({same} of {len(kind)}): {text[0].lower()}{text[1:]}"
+    )
 
 
 NOTHING_YET = "Nothing to conclude yet"
@@ -335,12 +381,15 @@ def _habit(trials: Sequence[TrialDiagnosis]) -> tuple[str, str, Grounds] | None:
 
 
 def _where(varied: Sequence[TrialDiagnosis], label: Label) -> str:
-    """Return the clause that says on which axis nearly all trials of a label are, if other axes were run too."""
+    """Return the clause that says on which axis nearly all trials of a label are, if Fisher's exact test shows it."""
     axes = Counter(trial.axis for trial in varied if trial.label is label)
     axis, count = axes.most_common(1)[0]
-    least = max(FEW, SHARE_OF_ALL * axes.total())
-    elsewhere = sum(trial.axis != axis for trial in varied)
-    return AXIS_PLACES.get(axis or "", "") if count >= least and elsewhere >= least else ""
+    others = [trial for trial in varied if trial.axis != axis]
+    here = Rate(count, len(varied) - len(others))
+    there = Rate(axes.total() - count, len(others))
+    if count < max(FEW, SHARE_OF_ALL * axes.total()) or fisher_p(here, there) > DEFAULT_ALPHA:
+        return ""
+    return AXIS_PLACES.get(axis or "", "")
 
 
 def _numbers(training: Figure, variations: Figure, gap: Figure) -> str:

@@ -7,14 +7,15 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.interventions import resolve_condition
+from betterbench.shortcuts.asked import AskedQuestion
 from betterbench.shortcuts.association import (
     Association,
     codes_of,
@@ -23,14 +24,20 @@ from betterbench.shortcuts.association import (
     permutation_test,
 )
 from betterbench.shortcuts.facts import EpisodeFacts, facts_of_condition
+from betterbench.shortcuts.instructions import share_told, whole_test
 from betterbench.shortcuts.pairs import WordPair, least_share, telling_pairs
 from betterbench.shortcuts.questions import (
     COUNT,
     FIRST_PLACE,
     LANDMARK,
+    PAIRS,
     QUESTIONS,
+    WHOLE,
     WORD_OUTCOMES,
+    WORDS,
     Question,
+    WordOutcome,
+    base_of,
     handled_kinds,
 )
 from betterbench.shortcuts.reading import DataReading
@@ -44,14 +51,28 @@ from betterbench.shortcuts.smallest import (
     planted_word,
     smallest_rule,
 )
-from betterbench.shortcuts.words import instruction_words, is_spaced, overlapping, shown_as, without_joined
+from betterbench.shortcuts.words import (
+    in_order,
+    instruction_words,
+    is_spaced,
+    names_a_place,
+    overlapping,
+    places_named,
+    shown_as,
+    without_joined,
+)
+from betterbench.statistics.wording import plural
 from betterbench.tasks import get_task, task_names
 
 ALPHA = 0.05
-"""Level of the tests, over all questions of an audit together (Bonferroni)."""
+"""Level of the tests, over all questions of an audit together (Bonferroni).
+
+In sets of our own, whose states are known, the questions about pairs of words and whole instructions are corrected
+among themselves, and so are all others."""
 STRONG = 0.5
 """Strength from which a finding counts: half of what could be known of one thing follows from the other. A finding also
-counts if one value alone, such as a single word, always goes with the same other value."""
+counts if one value alone, such as a single word, always goes with the same other value, or if two words or a whole
+instruction tell half of what their words alone leave open."""
 RARE = 0.05
 """Share below which something counts as not shown by the data."""
 FEWEST = 8
@@ -62,8 +83,9 @@ MOST_LINES = 8
 MOST_WORDS = 1000
 """Most words of a group that are asked about: those that the most episodes tell apart."""
 MOST_PAIRS = 20
-PAIRS = "_together"
-"""What follows the name of a question about words in that about pairs of them."""
+_NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
+_MOST_SHOWN = 80
+"""Most characters of an instruction in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
 """What was found: a rule that some variation breaks, or a stranger's test could; one that every variation of the task
@@ -82,14 +104,16 @@ class Finding:
         title: What was asked.
         subject: The word that it is about, "" for questions about all things.
         bits: Mutual information [bit].
-        strength: 0 to 1, see :class:`~betterbench.shortcuts.association.Association`.
+        strength: 0 to 1, see :class:`~betterbench.shortcuts.association.Association`; of whole instructions, see
+            :class:`~betterbench.shortcuts.instructions.WholeTest`.
         p_value: Of the permutation test; None where there is nothing to permute.
-        p_adjusted: The same, times the number of questions of the audit.
+        p_adjusted: The same, times the number of questions that were tested and are corrected together.
         n: Observations.
         verdict: What follows.
         rules: What a learner could go by, for people.
         seen: The same as counts: how often each second value was seen with each first one.
         separating: Variations whose right behavior breaks the rule, with the observation that does.
+        meaning: Why the words mean what they go with, so that the rule is a regularity; "" if no reason is known.
     """
 
     question: str
@@ -104,6 +128,7 @@ class Finding:
     rules: tuple[str, ...]
     seen: Mapping[str, Mapping[str, int]]
     separating: tuple[tuple[str, str], ...]
+    meaning: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +141,7 @@ class GroupAudit:
         findings: What was found.
         notes: What could not be asked, and why.
         smallest: Per question the smallest rule that would have been found with so many demonstrations.
+        asked: What was tested, and what could not be and why.
     """
 
     group: str
@@ -123,6 +149,7 @@ class GroupAudit:
     findings: tuple[Finding, ...]
     notes: tuple[str, ...] = ()
     smallest: tuple[SmallestRule, ...] = ()
+    asked: tuple[AskedQuestion, ...] = ()
 
     def of(self, question: str) -> tuple[Finding, ...]:
         """Return the findings to a question."""
@@ -204,12 +231,14 @@ class _Raw:
         rules: What it rests on.
         certain: Whether one of the rules holds always, or nearly.
         parts: Of a question about words, the words of the one or of the two that it is about.
+        columns: Numbers of these words.
     """
 
     finding: Finding
     rules: Rules
     certain: bool = False
     parts: tuple[tuple[str, ...], ...] = ()
+    columns: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,15 +247,17 @@ class _Group:
 
     Attributes:
         pairs: What was asked about pairs of words.
-        asked: Questions that were tested.
+        planted: Data with planted rules, for each question with a permutation test.
+        asked: What was tested, and what could not be.
     """
 
     name: str
     episodes: Sequence[EpisodeFacts]
-    found: list[_Raw]
-    notes: list[str]
-    pairs: list[_AskedPairs]
-    asked: list[_Asked]
+    found: list[_Raw] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    pairs: list[_AskedPairs] = field(default_factory=list)
+    planted: list[_Asked] = field(default_factory=list)
+    asked: list[AskedQuestion] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,21 +272,21 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """A question about pairs of words: of how many demonstrations, words and outcomes."""
+    """A question about pairs of words: of how many demonstrations, pairs and outcomes."""
 
     question: str
     title: str
     n: int
-    words: int
+    pairs: int
     outcomes: int
 
 
 def _audit_group(name: str, episodes: Sequence[EpisodeFacts]) -> _Group:
     handled = handled_kinds(episodes)
-    group = _Group(name, episodes, [], [], [], [])
+    group = _Group(name, episodes)
     group.found.extend(raw for q in QUESTIONS if (raw := _answer(group, q, handled)) is not None)
-    for question in WORD_OUTCOMES:
-        group.found.extend(_answers_about_words(group, question))
+    for outcome in WORD_OUTCOMES.values():
+        group.found.extend(_answers_about_words(group, outcome))
     group.found.extend(_constants(episodes))
     return group
 
@@ -269,7 +300,11 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
     """Return what a question about named things found, or None where there is nothing to ask."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
+        named = any(facts.privileged for facts in group.episodes)
+        reason = "it never differs" if seen else "no demonstration has it" if named else "objects have no names"
+        group.asked.append(AskedQuestion(q.name, q.title, len(seen), untested=reason))
         return None
+    group.asked.append(AskedQuestion(q.name, q.title, len(seen)))
     test = permutation_test(
         [x for _, x, _ in seen],
         [y for _, _, y in seen],
@@ -277,7 +312,7 @@ def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
         blocks=[block for block, _, _ in seen],
         within=q.within,
     )
-    group.asked.append(_Asked(q.name, q.title, planted_question(test), RuleCounts(STRONG, _certain_rule)))
+    group.planted.append(_Asked(q.name, q.title, planted_question(test), RuleCounts(STRONG, _certain_rule)))
     rules: dict[str, Counter[str]] = {}
     for _, x, y in seen:
         rules.setdefault(x, Counter())[y] += 1
@@ -336,39 +371,62 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
     return _Said(tuple(tuple(alike[where]) for where in told), tuple(shown), presence)
 
 
-def _answers_about_words(group: _Group, question: str) -> list[_Raw]:
-    """Return what each word of the instructions says about one outcome; words that always go together are one.
-
-    Of a stranger's dataset, also what pairs of words say together.
-    """
-    title, wording, outcome = WORD_OUTCOMES[question]
-    known = [facts for facts in group.episodes if outcome(facts)]
-    outcomes = [outcome(facts) for facts in known]
+def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
+    """Return what the words of the instructions, pairs of them and whole instructions say about one outcome."""
+    known = [facts for facts in group.episodes if outcome.of(facts)]
+    outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
+        reason = "it never differs" if known else outcome.missing
+        group.asked.append(AskedQuestion(outcome.name, outcome.title(WORDS), len(known), untested=reason))
         return []
     said = _said_in(known, group.notes)
+    raw: list[_Raw] = []
+    if outcome.is_place or not _picking_words(known):
+        raw += _answers_about_single_words(group, outcome, said, outcomes)
+        raw += _answers_about_pairs(group, outcome, said, outcomes)
+    else:  # words that name objects mean them: only what the instruction says beside their order can be a shortcut
+        for level in (WORDS, PAIRS):
+            question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
+            group.asked.append(question)
+    return raw + _answers_about_instructions(group, outcome, (known, said, outcomes), raw)
+
+
+def _answers_about_single_words(
+    group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
+) -> list[_Raw]:
+    """Return what each word says about an outcome; words that are always said together are one."""
+    question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
+        reason = "no word is said in some demonstrations and not in others"
+        group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
         return []
     raw, every = [], Counter(outcomes)
     tested, null = features_test(said.presence, outcomes, _draw(group.name, question))
     planted = planted_word(said.presence, outcomes, tested, null)
-    group.asked.append(_Asked(question, title, planted, RuleCounts(STRONG, _certain_word)))
+    group.planted.append(_Asked(question, title, planted, RuleCounts(STRONG, _certain_word)))
+    group.asked.append(AskedQuestion(question, title, len(outcomes), plural(len(said.words), "word")))
     for i, found in enumerate(tested):
         seen = Counter(outcomes[row] for row in np.flatnonzero(said.presence[:, i]).tolist())
-        line = f"with “{said.shown[i]}”, {wording.format(y=_shares(seen))}"
+        line = f"with “{said.shown[i]}”, {outcome.rule.format(y=_shares(seen))}"
         finding = _finding(question, title, said.shown[i], found, [line])
-        raw.append(_Raw(finding, {" ".join(said.words[i]): seen}, _nearly_always(seen, every), (said.words[i],)))
-    if any(facts.privileged for facts in group.episodes):
-        return raw
-    group.pairs.append(_AskedPairs(question + PAIRS, f"two {title}", len(known), len(said.words), len(every)))
-    return raw + _answers_about_pairs(question, said, outcomes)
+        rules = {" ".join(said.words[i]): seen}
+        raw.append(_Raw(finding, rules, _nearly_always(seen, every), (said.words[i],), (i,)))
+    return raw
 
 
-def _answers_about_pairs(question: str, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
+def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
     """Return the pairs of words that tell an outcome where neither word does."""
-    title, wording, _ = WORD_OUTCOMES[question]
+    question, title = outcome.question(PAIRS), outcome.title(PAIRS)
     codes, kinds = codes_of(outcomes)
-    pairs = telling_pairs(said.presence, codes, fewest=FEWEST)
+    pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
+    if not pairs:
+        reason = f"no two words are said together in {FEWEST} demonstrations or more, and apart too"
+        group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
+    else:
+        compared = plural(len(pairs), "pair of words", "pairs of words")
+        group.asked.append(AskedQuestion(question, title, len(outcomes), compared))
+    if len(said.words) > 1:
+        group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
     every = Counter(outcomes)
     # Of pairs that are said in the same episodes, that with the longer words is shown.
     length = [max(map(len, words)) for words in said.words]
@@ -381,14 +439,78 @@ def _answers_about_pairs(question: str, said: _Said, outcomes: Sequence[str]) ->
             continue
         known.add(both.tobytes())
         seen = Counter(outcomes[row] for row in np.flatnonzero(both).tolist())
-        shown = [said.shown[i] for i in (pair.first, pair.second)]
-        line = f"with “{shown[0]}” and “{shown[1]}” together, {wording.format(y=_shares(seen))}"
-        finding = _finding(
-            question + PAIRS, f"two {title}", " + ".join(shown), _together(both, codes, kinds, pair), [line]
-        )
-        parts = (said.words[pair.first], said.words[pair.second])
-        raw.append(_Raw(finding, {" ".join(itertools.chain(*parts)): seen}, _nearly_always(seen, every), parts))
+        columns = (pair.first, pair.second)
+        shown, parts = [said.shown[i] for i in columns], tuple(said.words[i] for i in columns)
+        line = f"with “{shown[0]}” and “{shown[1]}” together, {outcome.rule.format(y=_shares(seen))}"
+        finding = _finding(question, title, " + ".join(shown), _together(both, codes, kinds, pair), [line])
+        certain = pair.gain >= STRONG or _nearly_always(seen, every)
+        raw.append(_Raw(finding, {" ".join(itertools.chain(*parts)): seen}, certain, parts, columns))
     return raw
+
+
+def _answers_about_instructions(
+    group: _Group,
+    outcome: WordOutcome,
+    data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
+    found: Sequence[_Raw],
+) -> list[_Raw]:
+    """Return what whole instructions say about an outcome beyond what was found of their words and pairs.
+
+    Args:
+        group: The group.
+        outcome: The outcome.
+        data: The demonstrations that have it, the words that they say, and the outcome of each.
+        found: What was found of words and pairs.
+    """
+    question, title = outcome.question(WHOLE), outcome.title(WHOLE)
+    known, said, outcomes = data
+    texts = [facts.instruction for facts in known]
+    telling = sorted({i for raw in found if _counts(raw, raw.finding.p_value) for i in raw.columns})
+    meant = _meant(outcome, known)
+    strata = [
+        f"{meant[text]}|{''.join('01'[int(has)] for has in row)}"
+        for text, row in zip(texts, said.presence[:, telling].tolist(), strict=True)
+    ]
+    whole = whole_test(texts, outcomes, strata, _draw(group.name, question))
+    if whole is None:
+        reason = "every instruction is given once" if len(set(texts)) > 1 else "there is one instruction"
+        group.asked.append(AskedQuestion(question, title, len(known), untested=reason))
+        return []
+    compared = plural(whole.instructions, "instruction")
+    if len(known) > len(whole.rows):
+        compared += f", {plural(len(known) - len(whole.rows), 'demonstration')} with an instruction of its own left out"
+    group.asked.append(AskedQuestion(question, title, len(whole.rows), compared))
+    counts = RuleCounts(math.inf, lambda joint: share_told(joint) >= STRONG)
+    group.planted.append(_Asked(question, title, planted_question(whole.test), counts))
+    rules: dict[str, Counter[str]] = {}
+    for row in whole.rows:
+        rules.setdefault(texts[row], Counter())[outcomes[row]] += 1
+    lines = [
+        f"with “{one_line(text, most=_MOST_SHOWN)}”, {outcome.rule.format(y=_shares(seen))}"
+        for text, seen in sorted(rules.items())
+    ]
+    strength = round(min(1.0, max(0.0, whole.share_told)), 6)
+    finding = _finding(question, title, "", replace(whole.beyond, strength=strength), lines)
+    return [_Raw(finding, rules)]
+
+
+def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
+    """Return for each instruction what it says of an outcome by what its words mean.
+
+    Words for places mean places, where no variation tells otherwise. Words that pick objects out, in the order in which
+    they are said, mean which object comes first.
+    """
+    texts = {facts.instruction for facts in known}
+    if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
+        unknown = not any(facts.privileged for facts in known)
+        return {text: places_named(text) if unknown else "" for text in texts}
+    words = _picking_words(known)
+    return {text: in_order(text, words) for text in texts}
+
+
+def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
+    """Return the words of instructions that pick objects out."""
+    return frozenset(word for facts in episodes for step in facts.steps for word in instruction_words(step.word))
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
@@ -422,23 +544,21 @@ _STRONG_SHARE = 0.8
 in steps of :data:`~betterbench.shortcuts.smallest.STEPS`."""
 
 
-def _smallest_of(group: _Group, tests: int) -> tuple[SmallestRule, ...]:
-    """Return the smallest rule of each question that would have been found, corrected for a number of tests."""
+def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
+    """Return the smallest rule of each question that would have been found, corrected for the tests of its family."""
     rules = []
-    for asked in group.asked:
+    for asked in group.planted:
         units = int(asked.planted.block.max()) + 1
         noun = "demonstrations" if units <= len(group.episodes) else "observations"
         draw = _draw(group.name, f"{asked.question}|smallest rule")
-        planted = asked.planted
+        planted, tests = asked.planted, counts[_family(group, asked.question)]
         least, strong = (
             planted.least_share(threshold, asked.counts, draw) for threshold in (planted.threshold(ALPHA, tests), -1.0)
         )
         rules.append(smallest_rule(asked.question, asked.title, units, noun, (least, strong)))
     for pairs in group.pairs:
-        if pairs.words > 1:
-            share = _least_share_of_pairs(pairs, tests)
-            shares = (share, _STRONG_SHARE)
-            rules.append(smallest_rule(pairs.question, pairs.title, pairs.n, "demonstrations", shares))
+        shares = (_least_share_of_pairs(pairs, counts[_family(group, pairs.question)]), _STRONG_SHARE)
+        rules.append(smallest_rule(pairs.question, pairs.title, pairs.n, "demonstrations", shares))
     return tuple(rules)
 
 
@@ -447,7 +567,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
     if asked.n // 4 < FEWEST:
         return None
     # Of two even words, the rule is tested in the half that has the first one: with and without the second.
-    corrected = tests * (asked.words * (asked.words - 1) // 2) * asked.outcomes
+    corrected = tests * max(1, asked.pairs) * asked.outcomes
     followed = least_share(asked.n // 2, corrected, ALPHA)
     # Chance decides for one of two even outcomes: a share s that a rule decides makes (1 + s) / 2 follow it.
     return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
@@ -500,21 +620,28 @@ def _shares(seen: Counter[str]) -> str:
 
 def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
     """Correct the p-values of all groups together, and give the verdicts."""
-    asked = {(group.name, raw.finding.question) for group in groups for raw in group.found if raw.finding.p_value}
-    asked |= {(group.name, pairs.question) for group in groups for pairs in group.pairs}
+    counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
     judged = []
     for group in groups:
         tests = _tests_of(group.name)
         findings = []
         for raw in group.found:
             p = raw.finding.p_value
-            adjusted = None if p is None else round(min(1.0, p * len(asked)), 6)
+            count = counts[_family(group, raw.finding.question)]
+            adjusted = None if p is None else round(min(1.0, p * count), 6)
             seen = {x: dict(sorted(ys.items())) for x, ys in sorted(raw.rules.items())}
             finding = replace(raw.finding, p_adjusted=adjusted, seen=seen)
-            findings.append(_verdict(finding, raw, tests))
-        clearest, smallest = _clearest(findings, group.found), _smallest_of(group, len(asked))
-        judged.append(GroupAudit(group.name, len(group.episodes), clearest, tuple(group.notes), smallest))
+            findings.append(_verdict(finding, raw, tests, group.episodes))
+        clearest, smallest = _clearest(findings, group.found), _smallest_of(group, counts)
+        size, notes = len(group.episodes), tuple(group.notes)
+        judged.append(GroupAudit(group.name, size, clearest, notes, smallest, tuple(group.asked)))
     return judged
+
+
+def _family(group: _Group, question: str) -> str:
+    """Return which questions are corrected together: of our own sets, those about several words by themselves."""
+    own = any(facts.privileged for facts in group.episodes)
+    return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
 
 def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
@@ -529,11 +656,9 @@ def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Findi
     )
     kept: list[int] = []
     for i in ranked:
-        about = findings[i].question.removesuffix(PAIRS)
+        about = base_of(findings[i].question)
         clearer = (
-            j
-            for j in kept
-            if findings[j].question.removesuffix(PAIRS) == about and findings[j].strength > findings[i].strength
+            j for j in kept if base_of(findings[j].question) == about and findings[j].strength > findings[i].strength
         )
         if any(_is_part(found[i].parts, found[j].parts) for j in clearer):
             verdicts[i] = "none"
@@ -561,15 +686,45 @@ def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
     return {name: facts_of_condition(resolve_condition(group, name).condition) for name in names}
 
 
-def _verdict(finding: Finding, raw: _Raw, tests: Mapping[str, EpisodeFacts] | None) -> Finding:
-    rules = raw.rules
-    sure = finding.p_adjusted is None or finding.p_adjusted <= ALPHA
-    if not sure or (finding.strength < STRONG and not raw.certain and not _certain(rules)):
+def _counts(raw: _Raw, p_value: float | None) -> bool:
+    """Tell whether something that was found is significant, and strong or a sure sign."""
+    if p_value is not None and p_value > ALPHA:
+        return False
+    always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
+    return raw.finding.strength >= STRONG or raw.certain or always
+
+
+def _verdict(
+    finding: Finding, raw: _Raw, tests: Mapping[str, EpisodeFacts] | None, episodes: Sequence[EpisodeFacts]
+) -> Finding:
+    if not _counts(raw, finding.p_adjusted):
         return finding
-    if tests is None:
-        return replace(finding, verdict="shortcut")
-    broken = [(name, why) for name, facts in tests.items() if (why := _breaks(finding, rules, facts))]
+    meaning = "the words name the place" if _names_its_place(finding, raw) else ""
+    if tests is None or meaning:
+        meaning = meaning or _meaning(finding, raw, episodes)
+        return replace(finding, verdict="regularity" if meaning else "shortcut", meaning=meaning)
+    broken = [(name, why) for name, facts in tests.items() if (why := _breaks(finding, raw, facts))]
     return replace(finding, verdict="shortcut" if broken else "regularity", separating=tuple(broken))
+
+
+def _names_its_place(finding: Finding, raw: _Raw) -> bool:
+    """Tell whether one of two words that go with a place is in the name of that place, such as "upper"."""
+    if not finding.question.endswith(PAIRS):
+        return False
+    place = next(iter(raw.rules.values())).most_common(1)[0][0]
+    said = {word for part in raw.parts for word in part}
+    return any(names_a_place((word,)) for word in said & instruction_words(place))
+
+
+def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
+    """Return why the words of a finding mean what they go with, "" if no reason is known."""
+    outcome = WORD_OUTCOMES.get(base_of(finding.question))
+    if outcome is None or not raw.parts:
+        return ""
+    words = _picking_words(episodes)
+    if outcome.is_place or not words:
+        return "words for places mean places" if all(map(names_a_place, raw.parts)) else ""
+    return "the words name the objects" if all(set(part) <= words for part in raw.parts) else ""
 
 
 def _certain(rules: Rules) -> bool:
@@ -579,8 +734,9 @@ def _certain(rules: Rules) -> bool:
     return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
 
 
-def _breaks(finding: Finding, rules: Rules, test: EpisodeFacts) -> str:
+def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
     """Return what of a test does not go by a rule, or "" if all of it does."""
+    rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))
         things = "thing" if there == "1" else "things"
@@ -588,8 +744,8 @@ def _breaks(finding: Finding, rules: Rules, test: EpisodeFacts) -> str:
     if finding.question == LANDMARK:
         moved = [slot for kind, slot in test.landmarks if kind in rules and slot not in rules[kind]]
         return f"{finding.subject} stands at {moved[0]}" if moved else ""
-    if finding.question in WORD_OUTCOMES:
-        return _breaks_words(finding.question, rules, test)
+    if base_of(finding.question) in WORD_OUTCOMES:
+        return _breaks_words(finding.question, raw, test)
     question = next(q for q in QUESTIONS if q.name == finding.question)
     back: dict[str, Counter[str]] = {}
     for x, ys in rules.items():
@@ -601,13 +757,17 @@ def _breaks(finding: Finding, rules: Rules, test: EpisodeFacts) -> str:
     return ""
 
 
-def _breaks_words(question: str, rules: Rules, test: EpisodeFacts) -> str:
-    words, seen = next(iter(rules.items()))
-    _, wording, outcome = WORD_OUTCOMES[question]
-    there = outcome(test)
-    if not there or not set(words.split()) & test.words or not _is_rare(seen, there):
+def _breaks_words(question: str, raw: _Raw, test: EpisodeFacts) -> str:
+    outcome = WORD_OUTCOMES[base_of(question)]
+    there = outcome.of(test)
+    if not there:
         return ""
-    return wording.format(y=there)
+    if question.endswith(WHOLE):
+        seen = raw.rules.get(test.instruction)
+    else:
+        said = all(set(words) & test.words for words in raw.parts)
+        seen = next(iter(raw.rules.values())) if said else None
+    return outcome.rule.format(y=there) if seen and _is_rare(seen, there) else ""
 
 
 def _is_rare(seen: Counter[str], value: str) -> bool:

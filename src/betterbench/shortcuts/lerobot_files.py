@@ -34,6 +34,8 @@ MOST_ROWS = 20_000_000
 """Most frames of a file."""
 MOST_VALUES = 400_000_000
 """Most numbers of the columns of a file that are read."""
+MOST_BYTES = 8 << 30
+"""Most bytes to which the columns of a file unpack that are read."""
 MOST_TASKS = 1_000_000
 """Most instructions."""
 MOST_TEXT = 2_000
@@ -146,16 +148,25 @@ def _one_line(where: Path) -> Iterator[None]:
 
 def _parquet_rows(file: Path) -> dict[str, list[Any]]:
     """Return the columns of ``tasks.parquet`` by name, the index of pandas among them."""
-    _require_file(file)
-    with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
+    with _table_of(file) as table:
         if table.metadata.num_rows > MOST_TASKS:
             msg = f"it has {table.metadata.num_rows} rows, and at most {MOST_TASKS} are read"
             raise ValueError(msg)
         schema = table.schema_arrow
         flat = [f.name for f in schema if _is_text(f.type) or pa.types.is_integer(f.type)]
         names = [name for name in flat if name in table.schema.names]
-        found: dict[str, list[Any]] = table.read(names).to_pydict()
-        return found
+        _require_bounded(table.metadata, dict.fromkeys(names, 1))
+        found = table.read(names)
+        return {name: _listed(found.column(name)) for name in names}
+
+
+def _listed(column: pa.ChunkedArray) -> list[Any]:
+    """Return the values of a column; a text that stands there often is one object."""
+    flat = column.combine_chunks()
+    if not pa.types.is_dictionary(flat.type):
+        return list(flat.to_pylist())
+    texts = flat.dictionary.to_pylist()
+    return [None if code is None else texts[code] for code in flat.indices.to_pylist()]
 
 
 def _json_rows(file: Path) -> dict[str, list[Any]]:
@@ -223,6 +234,10 @@ def _hold_texts(values: Sequence[Any]) -> bool:
     return any(isinstance(value, str) for value in values)
 
 
+def _holds_texts(kind: pa.DataType) -> bool:
+    return _is_text(kind.value_type if pa.types.is_list(kind) or pa.types.is_large_list(kind) else kind)
+
+
 def _is_text(kind: pa.DataType) -> bool:
     if pa.types.is_dictionary(kind):
         kind = kind.value_type
@@ -262,6 +277,19 @@ class Frames:
             raise InvalidInputError(str(path / "data"), "it holds no episode", CURE)
 
 
+@contextmanager
+def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
+    """Open a table of a stranger: a text that many of its rows have is read once, and not once for each of them."""
+    _require_file(file)
+    with open_ordinary(file) as opened:
+        with pq.ParquetFile(opened) as table:
+            paths = [table.schema.column(i).path for i in range(len(table.schema))]
+            names = tuple(field.name for field in table.schema_arrow if _holds_texts(field.type))
+            texts = [path for path in paths if path in names or path.startswith(tuple(f"{name}." for name in names))]
+        with pq.ParquetFile(opened, read_dictionary=texts) as table:
+            yield table
+
+
 def column_names(file: Path) -> frozenset[str]:
     """Return the names of the columns of a file of frames; RecordError if it cannot be read."""
     try:
@@ -278,8 +306,7 @@ def read_columns(file: Path, widths: Mapping[str, int]) -> dict[str, pa.ChunkedA
     Raises RecordError if a column is missing, or the file is none, or larger than what is read.
     """
     try:
-        _require_file(file)
-        with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
+        with _table_of(file) as table:
             missing = [name for name in widths if name not in table.schema_arrow.names]
             if missing:
                 raise RecordError(f"{file}: it has no column {missing[0]}. {CURE}.")
@@ -295,15 +322,19 @@ def _require_bounded(meta: pq.FileMetaData, widths: Mapping[str, int]) -> None:
     if meta.num_rows > MOST_ROWS:
         msg = f"it says that it has {meta.num_rows} rows, and at most {MOST_ROWS} are read"
         raise ValueError(msg)
-    values = 0
+    values = size = 0
     for group in range(meta.num_row_groups):
         row_group = meta.row_group(group)
         for i in range(row_group.num_columns):
             column = row_group.column(i)
             if any(column.path_in_schema == name or column.path_in_schema.startswith(f"{name}.") for name in widths):
                 values += column.num_values
+                size += column.total_uncompressed_size
     if values > MOST_VALUES:
         msg = f"its columns have {values} numbers, and at most {MOST_VALUES} are read"
+        raise ValueError(msg)
+    if size > MOST_BYTES:
+        msg = f"its columns unpack to {size} bytes, and at most {MOST_BYTES} are read"
         raise ValueError(msg)
 
 

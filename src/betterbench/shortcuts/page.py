@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from betterbench.quoting import markdown_table, markdown_text
+from betterbench.shortcuts.asked import tested_text, untested_text
 from betterbench.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
 from betterbench.shortcuts.prediction import Prediction
 from betterbench.shortcuts.reading import DataReading
@@ -15,7 +16,10 @@ ABOUT = (
     "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
     "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
     f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
-    f"same other one, and if the permutation test, corrected for all questions, gives p ≤ {ALPHA:g}."
+    "same other one, or if two words tell half of what each alone leaves open; and if its test, corrected for all "
+    f"questions, gives p ≤ {ALPHA:g}. Of whole instructions, strength is the share of wrong guesses that it avoids; "
+    "they are compared among demonstrations that agree in the words that already tell the outcome. Words that "
+    "name the place that they go with are no shortcut."
 )
 
 
@@ -42,8 +46,16 @@ def _reading_lines(reading: DataReading) -> list[str]:
 
 def _group_lines(group: GroupAudit) -> Iterator[str]:
     found = [f for f in group.findings if f.verdict != "none"]
-    asked = len({f.question for f in group.findings})
-    yield f"{len(group.shortcuts)} shortcuts in {group.episodes} demonstrations; {asked} questions were asked."
+    tested = sum(not question.untested for question in group.asked)
+    shown = (
+        plural(len(group.shortcuts), "shortcut"),
+        plural(group.episodes, "demonstration"),
+        plural(tested, "question"),
+    )
+    yield "{} in {}; {} tested.".format(*shown)
+    yield from ("", f"Tested: {markdown_text(tested_text(group.asked))}.")
+    if untested := untested_text(group.asked):
+        yield from ("", f"Not tested: {markdown_text(untested)}.")
     for note in group.notes:
         yield ""
         yield f"{markdown_text(note[:1].upper() + note[1:])}."
@@ -65,7 +77,7 @@ def _finding_lines(found: list[Finding]) -> Iterator[str]:
 
 def _cells(f: Finding) -> tuple[str, ...]:
     p = "never differs" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
-    broken = ", ".join(name for name, _ in f.separating) or "none"
+    broken = f.meaning or ", ".join(name for name, _ in f.separating) or "none"
     return f.title, f.verdict, f"{f.bits:.2f}", f"{f.strength:.2f}", p, "; ".join(f.rules), broken
 
 

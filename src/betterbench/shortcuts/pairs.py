@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,18 +26,21 @@ class WordPair:
         first: Number of the one feature.
         second: Number of the other one.
         outcome: Number of the outcome that is the most frequent where both are.
-        p_value: The larger of the p-values of two exact tests, times the number of pairs and outcomes: that where the
-            one feature is the outcome is no more frequent with the other one than without, and the reverse.
+        p_value: The larger of the p-values of two exact tests: that where the one feature is the outcome is no more
+            frequent with the other one than without, and the reverse. Corrected for the number of outcomes, and for
+            that of pairs by Holm (1979).
+        gain: Share of what is open about the outcome where one feature is without the other that both tell.
     """
 
     first: int
     second: int
     outcome: int
     p_value: float
+    gain: float
 
 
 def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[WordPair]:
-    """Return the pairs of features with their outcome, the clearest first.
+    """Return the pairs of features that can be tested with their outcome, the clearest first.
 
     A feature that is where two others are together is left out: it is such a pair itself.
 
@@ -63,12 +67,21 @@ def telling_pairs(presence: _Bools, outcome: _Ints, *, fewest: int) -> list[Word
     for i, j in rows:
         k = int(likeliest[i, j])
         together = (int(both_of[k, i, j]), int(both[i, j]))
-        p = max(
-            _more_frequent_p(together, (int(each_of[k, a] - both_of[k, i, j]), int(each[a] - both[i, j])), logs)
-            for a in (i, j)
-        )
-        found.append(WordPair(int(kept[i]), int(kept[j]), k, min(1.0, p * len(rows) * len(kinds))))
-    return sorted(found, key=lambda pair: (pair.p_value, pair.first, pair.second))
+        alone = [(int(each_of[k, a] - both_of[k, i, j]), int(each[a] - both[i, j])) for a in (i, j)]
+        p = max(_more_frequent_p(together, without, logs) for without in alone)
+        usual = max(k_alone / n_alone for k_alone, n_alone in alone)
+        gain = (together[0] / together[1] - usual) / (1.0 - usual) if usual < 1.0 else 0.0
+        found.append(WordPair(int(kept[i]), int(kept[j]), k, min(1.0, p * len(kinds)), gain))
+    return _corrected(sorted(found, key=lambda pair: (pair.p_value, pair.first, pair.second)))
+
+
+def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
+    """Return pairs, the clearest first, with p-values that are corrected for their number by Holm's procedure."""
+    corrected, least = [], 0.0
+    for rank, pair in enumerate(pairs):
+        least = max(least, min(1.0, pair.p_value * (len(pairs) - rank)))
+        corrected.append(replace(pair, p_value=least))
+    return corrected
 
 
 def _elements(presence: _Bools) -> _Ints:

@@ -25,7 +25,16 @@ from betterbench.json_form import open_ordinary, read_bounded, read_form, read_o
 from betterbench.recording.durable import write_durably
 from betterbench.recording.metadata import dump_json
 from betterbench.shortcuts.examine import Finding, ShortcutAudit
-from betterbench.shortcuts.questions import COUNT, FIRST_PLACE, HEADING, LANDMARK, LAST_PLACE
+from betterbench.shortcuts.questions import (
+    COUNT,
+    FIRST_OBJECT,
+    FIRST_PLACE,
+    HEADING,
+    LANDMARK,
+    LAST_PLACE,
+    SEQUENCE,
+    base_of,
+)
 from betterbench.tasks import SUITE_VERSION, get_task, task_names
 from betterbench.tasks.labels import Label
 
@@ -40,10 +49,13 @@ WEIGHTS = {
     FIRST_PLACE: 0.4,
     LAST_PLACE: 0.4,
     HEADING: 0.4,
+    FIRST_OBJECT: 0.4,
+    SEQUENCE: 0.4,
     "bystander_place": 0.2,
     COUNT: 0.3,
 }
-"""Chance that a learner goes by a rule of full strength, per question: our guess, and not a measurement.
+"""Chance that a learner goes by a rule of full strength, per question: our guess, and not a measurement. Rules of two
+words and of whole instructions have the weight of those of single words.
 
 A rule about what a word or a thing is tied to costs the whole trial; one about what stands around seldom matters."""
 
@@ -61,6 +73,8 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     FIRST_PLACE: (_LEXICAL, _INERTIA),
     LAST_PLACE: (_INERTIA, _PHASE),
     HEADING: (_LEXICAL, _INERTIA),
+    FIRST_OBJECT: (_INERTIA, _ORDER),
+    SEQUENCE: (_ORDER, _INERTIA),
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
@@ -154,7 +168,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
             broken = [(f, why) for f in group.shortcuts for test, why in f.separating if test == variation.name]
             risk = 1.0
             for finding, _ in broken:
-                risk *= 1.0 - WEIGHTS[finding.question] * finding.strength
+                risk *= 1.0 - WEIGHTS[base_of(finding.question)] * finding.strength
             label = _label(name, variation.name, [finding for finding, _ in broken])
             because = tuple(f"{finding.title}: {why}" for finding, why in broken)
             found.append(
@@ -183,9 +197,10 @@ def _label(task: str, variation: str, broken: list[Finding]) -> str:
     exposed = exposed_labels(task, variation)
     votes: Counter[Label] = Counter()
     for finding in broken:
-        for place, label in enumerate(LABELS[finding.question]):
+        question = base_of(finding.question)
+        for place, label in enumerate(LABELS[question]):
             if label in exposed:
-                votes[label] += round(1000.0 * WEIGHTS[finding.question] * finding.strength / (1 + place))
+                votes[label] += round(1000.0 * WEIGHTS[question] * finding.strength / (1 + place))
     if votes:
         return str(max(votes, key=lambda label: (votes[label], str(label))))
     others = [label for label in exposed if label != _HALT]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from betterbench.shortcuts.facts import EpisodeFacts
+from betterbench.shortcuts.words import instruction_words
 
 Pair = tuple[str, str]
 """What goes together with what in one observation."""
@@ -101,10 +102,58 @@ QUESTIONS = (
 """The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
 
 
+@dataclass(frozen=True, slots=True)
+class WordOutcome:
+    """What a demonstration does, which words may tell.
+
+    Attributes:
+        name: Name of the question about single words.
+        what: The outcome, for people.
+        rule: How a finding is worded, with the outcome as ``{y}``.
+        of: The outcome of a demonstration, "" if it has none.
+        missing: Why no demonstration may have the outcome.
+        is_place: Whether it is a place, a direction or a side, which a word such as "left" may mean.
+    """
+
+    name: str
+    what: str
+    rule: str
+    of: Callable[[EpisodeFacts], str]
+    missing: str
+    is_place: bool = True
+
+    def question(self, level: str) -> str:
+        """Return the name of the question about words, pairs of words or whole instructions."""
+        return self.name + level
+
+    def title(self, level: str) -> str:
+        """Return the title of the question about words, pairs of words or whole instructions."""
+        return f"{_LEVELS[level]} and {self.what}"
+
+
 def _arm(facts: EpisodeFacts) -> str:
     """Return the arm that acts first; facts about arms alone have steps without places."""
     step = facts.steps[0] if facts.steps and not facts.privileged else None
     return step.thing if step is not None and not step.origin and not step.target else ""
+
+
+def _is_named(facts: EpisodeFacts) -> bool:
+    """Tell whether the objects have names; facts about arms alone have arms in their place."""
+    return facts.privileged or any(step.thing and step.origin for step in facts.steps)
+
+
+def _first_object(facts: EpisodeFacts) -> str:
+    """Return the object that is taken first, of several; of a single one, if the instruction does not name it."""
+    taken = [step for step in facts.steps if step.thing and step.origin]
+    several = len({step.thing for step in taken}) > 1
+    return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
+
+
+def _sequence(facts: EpisodeFacts) -> str:
+    """Return the order of the objects of a demonstration, or of the places that they are taken from if unnamed."""
+    taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
+    order = list(dict.fromkeys(name for name in taken if name))
+    return ", then ".join(order) if len(order) > 1 else ""
 
 
 COUNT, LANDMARK = "count", "landmark"
@@ -113,12 +162,41 @@ COUNT, LANDMARK = "count", "landmark"
 They are no associations and need no test.
 """
 FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
-ARM = "words_arm"
-"""Questions about every word of the instructions: where the gripper goes first and last, how it sets out, which arm."""
-WORD_OUTCOMES: dict[str, tuple[str, str, Callable[[EpisodeFacts], str]]] = {
-    FIRST_PLACE: ("words and first place", "first taken from {y}", lambda f: f.steps[0].origin if f.steps else ""),
-    LAST_PLACE: ("words and last target", "last brought to {y}", lambda f: f.steps[-1].target if f.steps else ""),
-    HEADING: ("words and first motion", "the gripper sets out {y}", lambda f: f.heading),
-    ARM: ("words and arm", "the {y} closes its gripper first", _arm),
+FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
+"""Questions about every word of the instructions: where the gripper goes first and last, how it sets out, which object
+comes first, in which order, and which arm."""
+
+WORDS, PAIRS, WHOLE = "", "_together", "_whole"
+"""What follows the name of a question about words in that about words, pairs of them and whole instructions."""
+_LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
+
+_NO_GRASP = "no demonstration has it"
+WORD_OUTCOMES = {
+    outcome.name: outcome
+    for outcome in (
+        WordOutcome(
+            FIRST_PLACE,
+            "first place",
+            "first taken from {y}",
+            lambda f: f.steps[0].origin if f.steps else "",
+            _NO_GRASP,
+        ),
+        WordOutcome(
+            LAST_PLACE, "last target", "last brought to {y}", lambda f: f.steps[-1].target if f.steps else "", _NO_GRASP
+        ),
+        WordOutcome(HEADING, "first motion", "the gripper sets out {y}", lambda f: f.heading, _NO_GRASP),
+        WordOutcome(
+            FIRST_OBJECT, "first object", "{y} is handled first", _first_object, "objects have no names", is_place=False
+        ),
+        WordOutcome(
+            SEQUENCE, "order", "the order is {y}", _sequence, "no demonstration takes two or more", is_place=False
+        ),
+        WordOutcome(ARM, "arm", "the {y} closes its gripper first", _arm, "no arms are compared"),
+    )
 }
-"""Per question its title, how a finding is worded, and the outcome of a demonstration ("" if it has none)."""
+"""The outcomes that words, pairs of words and whole instructions are held against."""
+
+
+def base_of(question: str) -> str:
+    """Return the name of the question about single words for one about pairs or whole instructions; others stay."""
+    return question.removesuffix(PAIRS).removesuffix(WHOLE)

@@ -83,6 +83,153 @@ def overlapping(first: Iterable[str], second: Iterable[str]) -> bool:
     return any(a in b or b in a for a in runs[0] for b in runs[1])
 
 
+_PLACES = frozenset(
+    [
+        "left",
+        "right",
+        "top",
+        "bottom",
+        "front",
+        "back",
+        "rear",
+        "near",
+        "far",
+        "upper",
+        "lower",
+        "middle",
+        "center",
+        "centre",
+        "central",
+        "north",
+        "south",
+        "east",
+        "west",
+        "leftmost",
+        "rightmost",
+        "topmost",
+        "bottommost",
+        "nearest",
+        "closest",
+        "farthest",
+        "furthest",
+        "above",
+        "below",
+        "behind",
+        "links",
+        "linke",
+        "linken",
+        "linker",
+        "linkes",
+        "rechts",
+        "rechte",
+        "rechten",
+        "rechter",
+        "rechtes",
+        "oben",
+        "unten",
+        "vorne",
+        "hinten",
+        "mitte",
+        "obere",
+        "oberen",
+        "untere",
+        "unteren",
+        "vordere",
+        "vorderen",
+        "hintere",
+        "hinteren",
+        "mittlere",
+        "mittleren",
+        "gauche",
+        "droite",
+        "devant",
+        "derrière",
+        "haut",
+        "bas",
+        "milieu",
+        "izquierda",
+        "izquierdo",
+        "derecha",
+        "derecho",
+        "arriba",
+        "abajo",
+        "delante",
+        "detrás",
+        "左",
+        "右",
+        "左边",
+        "右边",
+        "前",
+        "后",
+        "後",
+        "前面",
+        "后面",
+        "上面",
+        "下面",
+        "中间",
+        "手前",
+        "奥",
+        "上",
+        "下",
+        "中央",
+        "ซ้าย",
+        "ขวา",
+        "หน้า",
+        "หลัง",
+    ]
+)
+"""Words that name a place, a direction or a side."""
+_BESIDE_PLACES = frozenset(
+    [
+        "at",
+        "on",
+        "in",
+        "to",
+        "toward",
+        "towards",
+        "from",
+        "of",
+        "the",
+        "a",
+        "an",
+        "its",
+        "your",
+        "our",
+        "my",
+        "this",
+        "that",
+        "side",
+        "hand",
+        "most",
+    ]
+)
+"""Words that may be said with those and name nothing."""
+
+
+def names_a_place(words: Iterable[str]) -> bool:
+    """Tell whether words that are always said together name a place, such as "left", and nothing else.
+
+    Of runs of characters, one that names a place is enough: those around it are part of it.
+    """
+    kept = frozenset(words)
+    return bool(kept & _PLACES) and {w for w in kept if is_spaced(w)} - _BESIDE_PLACES <= _PLACES
+
+
+def in_order(text: str, wanted: Iterable[str]) -> str:
+    """Return those of some words that a text says, in the order of the text, as one text."""
+    words = frozenset(wanted)
+    unspaced = "|".join(sorted((re.escape(w) for w in words if not is_spaced(w)), key=lambda w: (-len(w), w)))
+    found = list[str]()
+    for run, spaced in _runs(text):
+        found += [run] if run in words else [] if spaced or not unspaced else re.findall(unspaced, run)
+    return " ".join(found)
+
+
+def places_named(text: str) -> str:
+    """Return the words of a text that name a place, in their order, as one text."""
+    return in_order(text, _PLACES)
+
+
 @functools.lru_cache(maxsize=4096)
 def _runs(text: str) -> tuple[tuple[str, bool], ...]:
     """Return the runs of a text, and whether its script puts spaces between words."""

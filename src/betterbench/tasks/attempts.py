@@ -8,7 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from betterbench.tasks.motion import Bools, Floats, Motion, in_reach
-from betterbench.tasks.thresholds import THRESHOLDS
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+PRESS_FORCE = threshold(
+    "press_force", 10.0, "N",
+    "Force of one finger on something from which a closing gripper is at it, if it lasts for press_time; a finger that "
+    "grazes something, or pushes it aside, presses with less than the weight of what it moves.",
+)  # fmt: skip
+PRESS_TIME = threshold(
+    "press_time", 0.1, "s", "Time for which one finger presses with press_force; a graze is shorter."
+)
+LEAN_FORCE = threshold(
+    "lean_force", 2.0, "N",
+    "Force of one finger on something from which a closing gripper is at it, if it lasts for stop_time; objects of up "
+    "to 0.3 kg slide away from less.",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +48,8 @@ def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
 
     Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
     is in the gripper already are no attempts; closings that only chatter separates are one. Whatever was lifted between
-    the fingers was attempted, in whatever way they were told to close.
+    the fingers was attempted, in whatever way they were told to close. What a finger presses on was attempted, whatever
+    else is near. Where nothing is touched, distances decide.
     """
     grasps: list[GraspAttempt] = []
     for closing in _closings(motion):
@@ -90,6 +105,49 @@ def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
             continue  # beside what is at its target, as after letting go of it
         if _resolve(motion, closing) is None:
             found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
+    return tuple(found)
+
+
+def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the closings of an open, empty gripper whose fingers hardly traveled, low over the table.
+
+    They are no grasp attempts by themselves. Where they are at what is asked for they were tries.
+    """
+    found = []
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
+        before = start - 1
+        settled = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows) - 1
+        long_enough = settled - before >= motion.steps(THRESHOLDS.stop_time)
+        shut = motion.width[before] <= THRESHOLDS.closed_width
+        if motion.held[before] >= 0 or shut or not long_enough or not _low_and_away(motion, before, settled):
+            continue
+        if all(_finger_travel(motion, *part) is None for part in closing.parts):
+            found.append(GraspAttempt(before, settled, stop, None, None, None, secured=False))
+    return tuple(found)
+
+
+def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
+
+    A change of the width by less than ``finger_travel`` is none. They are no grasp attempts by themselves.
+    """
+    found, width = [], motion.width
+    widest = narrowest = 0
+    narrowing = False
+    for row in range(motion.rows):
+        if not narrowing:
+            if width[row] >= width[widest]:
+                widest = row
+            elif width[widest] - width[row] >= THRESHOLDS.finger_travel:
+                narrowing, narrowest = True, row
+        elif width[row] < width[narrowest]:
+            narrowest = row
+        elif width[row] - width[narrowest] >= THRESHOLDS.finger_travel:
+            empty = not (motion.held[widest : row + 1] >= 0).any()
+            if empty and widest < narrowest and _low_and_away(motion, widest, narrowest):
+                found.append(GraspAttempt(widest, narrowest, row, None, None, None, secured=False))
+            narrowing, widest = False, row
     return tuple(found)
 
 
@@ -228,13 +286,25 @@ def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int,
         and motion.width[limit - 1] > THRESHOLDS.closed_width
         and not _still_closing(motion, limit)
     )
-    one = (left | right) & free & (stopped | (near <= 0.0))
+    loose = np.array([i in motion.items and not motion.is_drawer(i) for i in range(near.shape[0])])
+    # Not within reach alone: a finger that presses on something is 4 cm from the tool center point.
+    pressed: Bools = loose & ~motion.there[start - 1] & _presses(motion, start, limit)
+    one = (left | right) & ((free & (stopped | (near <= 0.0))) | pressed)
     if one.any():
         return _most(one, near, start)
     if stopped and free.any():
         nearest = int(np.argmin(np.where(free, near, np.inf)))
         return nearest, settled
     return None
+
+
+def _presses(motion: Motion, start: int, limit: int) -> Bools:
+    """Tell on which objects a finger presses so hard, or for so long, that the closing is at them, shape (n,)."""
+    force = motion.force[start:limit]
+    hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
+    leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)
+    found: Bools = hard | leans
+    return found
 
 
 def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
@@ -270,11 +340,11 @@ def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAtt
         if not motion.there[before, i] and motion.on_table(before, i) and reach[i]
     ]
     aim = min(within)[1] if within else None
-    slot = None
-    if aim is not None:
-        slot = motion.slot_of(before, aim, THRESHOLDS.slot_reach)
+    slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
     tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
-    if tool[2] <= tallest + THRESHOLDS.slot_reach:  # closing higher up, on the way, would reach nothing that fits here
+    # Closing higher up, on the way, would reach nothing that fits here.
+    if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
+        slot = motion.emptied_slot(before, tool) if aim is None else None
         slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
     if aim is None and slot is None:
         return None

@@ -8,6 +8,7 @@ from betterbench.state import Contact, SceneInfo, WorldState
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.harm import Harm, HarmWatch
+from betterbench.tasks.picked_slots import picked_slots
 from betterbench.tasks.relations import RestWatch, arm_still, released
 from betterbench.tasks.restraint import Restraint
 from betterbench.tasks.targets import Places, Targets, asked_by
@@ -61,8 +62,9 @@ class GoalTracker:
         if condition.expected is not Expected.SUCCEED:
             meant = frozenset(info.index(name) for it in asked for name in it.candidates)
             self._restraint = Restraint(
-                condition.expected, info, asked=meant, rate_hz=control_rate_hz, step_limit=self._limit
-            )
+                condition.expected, info, asked=meant, rate_hz=control_rate_hz, step_limit=self._limit,
+                picked=picked_slots(condition.task, info),
+            )  # fmt: skip
         self._ever_done = [False] * len(self._goals)
         self._done_before: tuple[bool, ...] | None = None
         self._in_order = True

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from betterbench.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.tasks.picked_slots import EMPTY_SLOT_REACH, PickedSlot
 from betterbench.tasks.thresholds import THRESHOLDS
 
 Floats = npt.NDArray[np.float64]
@@ -29,7 +30,9 @@ class Motion:
         left: (T, n) whether the left finger touches the object.
         right: (T, n) whether the right finger touches it.
         held: (T,) index of the held object, or -1.
+        force: (T, n) largest normal force with which a finger presses on the object [N].
         there: (T, n) whether the object is at some place of a target, asked for or not; shut drawers are left out.
+        picked: Slots in which training picked something.
     """
 
     info: SceneInfo
@@ -42,7 +45,9 @@ class Motion:
     left: Bools
     right: Bools
     held: npt.NDArray[np.int16]
+    force: Floats
     there: Bools
+    picked: tuple[PickedSlot, ...]
 
     @property
     def rows(self) -> int:
@@ -109,6 +114,34 @@ class Motion:
             if gap <= reach and (best is None or (gap, name) < best):
                 best = (gap, name)
         return None if best is None else best[1]
+
+    def picked_slot(self, name: str | None) -> PickedSlot | None:
+        """Return a slot in which training picked something by its name, or None."""
+        return next((slot for slot in self.picked if slot.name == name), None)
+
+    def emptied_slot(self, row: int, point: Floats) -> str | None:
+        """Return the empty slot to which a closing on nothing at a point belongs, or None.
+
+        It is the slot of training that is nearest to the point, measured from where demonstrations close, within
+        :data:`EMPTY_SLOT_REACH`. Nothing stands in it, and no object is nearer to the point.
+        """
+        near = []
+        for slot in self.picked:
+            beyond = slot.beyond(point.tolist())
+            if beyond <= EMPTY_SLOT_REACH and not self._stands_in(row, slot):
+                near.append((beyond, math.dist(point[:2].tolist(), slot.middle), slot.name))
+        if not near:
+            return None
+        beyond, _, name = min(near)
+        gaps = self.box_distances(row, point)
+        return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
+
+    def _stands_in(self, row: int, slot: PickedSlot) -> bool:
+        """Tell whether something that can be taken stands in a slot."""
+        gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
+        return any(
+            gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items
+        )
 
 
 def graspable(info: SceneInfo) -> tuple[int, ...]:
@@ -212,8 +245,8 @@ def _lasting(flags: Bools, least: int) -> Bools:
 class MotionBuilder:
     """Collects what a :class:`Motion` holds, state by state."""
 
-    def __init__(self, info: SceneInfo, *, rate_hz: float) -> None:
-        self._info, self._rate_hz = info, rate_hz
+    def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
+        self._info, self._rate_hz, self._picked = info, rate_hz, picked
         self._states: list[WorldState] = []
         self._there: list[list[bool]] = []
 
@@ -228,11 +261,13 @@ class MotionBuilder:
         number = {o.name: i for i, o in enumerate(self._info.objects)}
         left, right = (np.zeros((len(states), n), dtype=np.bool_) for _ in range(2))
         fingers = {"left_finger": left, "right_finger": right}
+        pressing: Floats = np.zeros((len(states), n))
         for row, state in enumerate(states):
-            for a, b, _ in state.contacts:
+            for a, b, force in state.contacts:
                 for finger, thing in ((a, b), (b, a)):
                     if finger in fingers and thing in number:
                         fingers[finger][row, number[thing]] = True
+                        pressing[row, number[thing]] = max(pressing[row, number[thing]], force)
         held = [-1 if s.held is None else number[s.held] for s in states]
         width, command = (np.array([getattr(s, f) for s in states]) for f in ("finger_width_m", "gripper_command"))
         touching: Bools = np.any(left | right, axis=1)
@@ -241,7 +276,8 @@ class MotionBuilder:
             closing=closing_of(command, width, touching, rate_hz=self._rate_hz),
             positions=np.array([s.positions for s in states]).reshape(len(states), n, 3),
             quaternions=np.array([s.quaternions for s in states]).reshape(len(states), n, 4), left=left, right=right,
-            held=np.array(held, dtype=np.int16), there=np.array(self._there, dtype=np.bool_).reshape(len(states), n),
+            held=np.array(held, dtype=np.int16), force=pressing,
+            there=np.array(self._there, dtype=np.bool_).reshape(len(states), n), picked=self._picked,
         )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ from betterbench.state import GRIPPER_BODIES, SceneInfo, WorldState
 from betterbench.tasks.attempts import GraspAttempt, find_closings_in_motion, find_grasps
 from betterbench.tasks.axes import Expected
 from betterbench.tasks.motion import Bools, Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
+from betterbench.tasks.picked_slots import PickedSlot
 from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 HOVER_TIME = threshold(
@@ -118,9 +119,25 @@ class Restraint:
     """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
 
     def __init__(
-        self, expected: Expected, info: SceneInfo, *, asked: frozenset[int], rate_hz: float, step_limit: int
+        self,
+        expected: Expected,
+        info: SceneInfo,
+        *,
+        asked: frozenset[int],
+        rate_hz: float,
+        step_limit: int,
+        picked: tuple[PickedSlot, ...] = (),
     ) -> None:
-        """Prepare; ``asked`` are the indices of what may be taken where refusing is right."""
+        """Prepare.
+
+        Args:
+            expected: What a right policy does.
+            info: The scene.
+            asked: Indices of what may be taken where refusing is right.
+            rate_hz: Control rate.
+            step_limit: Control steps after which the episode ends.
+            picked: Slots in which training picked something; a closing on nothing there is an attempt.
+        """
         self._limit, self._rate_hz = step_limit, rate_hz
         self._still = still = expected is Expected.STAY_STILL
         self._forbidden = graspable(info) if still else off_limits(info, asked)
@@ -128,7 +145,7 @@ class Restraint:
         self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
         sizes = (info.objects[i].size_m for i in self._forbidden)
         self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
-        self._motion = MotionBuilder(info, rate_hz=rate_hz)
+        self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
         self._closing, self._changed, self._row, self._near = False, 0, -1, 0
         self._broken = False
         self._loose = tuple(i for i, o in enumerate(info.objects) if not o.fixed)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, one_line
 from betterbench.json_form import read_form, strict_form
 from betterbench.tasks.condition import Role
 from betterbench.tasks.relations import RELATIONS
@@ -118,5 +118,6 @@ def template_from_json(form: Mapping[str, Any]) -> Template:
         raise InvalidInputError("template.object_groups", "two groups have the same group_id", _CURE)
     for key, derived in (("regions", list(template.regions)), ("tolerances", template.tolerances)):
         if form[key] != derived:
-            raise InvalidInputError(f"template.{key}", f"{form[key]!r}", f"It follows from the relations: {derived}")
+            shown = one_line(repr(form[key]), most=200)
+            raise InvalidInputError(f"template.{key}", f"is {shown}", f"It follows from the relations: {derived}")
     return template

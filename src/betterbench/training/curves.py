@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields
@@ -64,6 +65,14 @@ class Log:
             if self.answers:
                 write_durably(out / ANSWERS_NAME, _table(AnswerRate, self.answers))
             write_durably(out / "curves.svg", self.svg().encode())
+
+    def digest(self) -> str:
+        """Return a SHA-256 of the tables."""
+        whole = hashlib.sha256(_table(LossRow, self.losses))
+        whole.update(_table(PhaseError, self.errors))
+        whole.update(_table(Rollout, self.rollouts))
+        whole.update(_table(AnswerRate, self.answers))
+        return whole.hexdigest()
 
     def svg(self) -> str:
         """Return two charts, one below the other: the loss, and the errors on held-out demonstrations by phase."""

@@ -11,15 +11,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 import torch.distributed
+from pydantic import Field, TypeAdapter
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from betterbench.errors import InvalidInputError, RunConflictError, TrainingError
-from betterbench.json_form import read_object
+from betterbench.errors import InvalidInputError, RunConflictError, TrainingError, one_line
+from betterbench.json_form import read_form, read_object, strict_form
 from betterbench.learned.checkpoint import (
     FILE_NAME,
     Trained,
@@ -335,7 +336,7 @@ class _Training:
         for name, parameter in self._trained.items():
             moments = self._optimizer.state[parameter]
             tensors |= {f"first/{name}": moments["exp_avg"], f"second/{name}": moments["exp_avg_sq"]}
-        about = {"step": self._step, "rows": self._rows, "training": self._identity}
+        about = {"step": self._step, "rows": self._rows, "training": self._identity, "log": self._log.digest()}
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
@@ -344,13 +345,19 @@ class _Training:
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
             raise InvalidInputError(str(path), "is the state of another training", _STATE_CURE)
+        state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
+        if state.step > self._recipe.steps:
+            raise InvalidInputError(f"{path}: step", f"is beyond the {self._recipe.steps} of the recipe", _STATE_CURE)
         parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
         for name, tensor in tensors.items():
             part, _, rest = name.partition("/")
-            parts[part][rest] = tensor.to(self._device)
+            parts.setdefault(part, {})[rest] = tensor.to(self._device)
         load_weights(self._network, parts["weights"], str(path))
-        self._mean = parts["mean"]
-        self._step, self._rows = int(about["step"]), about["rows"]
+        _require_like(parts.pop("mean"), self._mean, f"{path}: mean")
+        for part in ("first", "second"):
+            _require_like(parts[part], self._trained, f"{path}: {part}")
+        self._mean = {name: tensors[f"mean/{name}"].to(self._device) for name in self._mean}
+        self._step, self._rows = state.step, state.rows
         for name, parameter in self._trained.items():
             self._optimizer.state[parameter] = {
                 "step": torch.tensor(float(self._step)),
@@ -358,6 +365,31 @@ class _Training:
                 "exp_avg_sq": parts["second"][name],
             }
         self._log = Log.read(self._out, self._step)
+        if state.log not in (None, self._log.digest()):
+            problem = "its tables are not those that were written with the saved state"
+            raise InvalidInputError(str(self._out), problem, _STATE_CURE)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What the state of a training says about itself; states of earlier versions say nothing of the tables."""
+
+    step: Annotated[int, Field(ge=0, lt=1 << 53)]
+    rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
+    training: str
+    log: str | None = None
+
+
+_STATE = TypeAdapter(_State)
+
+
+def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], where: str) -> None:
+    """Raise InvalidInputError unless tensors have the names, shapes and types of others."""
+    forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
+    if forms[0] != forms[1]:
+        names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
+        raise InvalidInputError(where, f"does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE)
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:

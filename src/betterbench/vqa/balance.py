@@ -3,14 +3,17 @@
 Questions are in one group if a reader of the text alone knows the same: the same family about the same things. Within a
 group every answer that is kept comes equally often, so that no rule over the text does better than guessing among them.
 A group with a single answer is left out: it could be answered blind. Boxes and points are balanced over the cells of
-the image in which they lie. Questions are chosen by hashes of what they ask and of their frame, never of their answer.
+the image in which they lie. Types have equally many questions, and so have the kinds of question of a type, as far as
+there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of what they ask
+and of their frame, never of their answer.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
@@ -19,6 +22,13 @@ LEAST_CELLS = 10
 MOST_ALIKE = 2
 """Largest number of questions with one answer about the same things in the images of one camera in one trial: frames
 that follow each other show the same."""
+
+
+SUBJECTS = {"what is held": "holding", "is it held": "holding"}
+"""Families that are about the same, which count as one kind of question within their type."""
+
+NameT = TypeVar("NameT", bound=str)
+"""A type, a kind or a family of questions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,34 +58,56 @@ def thin(candidates: Iterable[Candidate], *, seed: int) -> list[Candidate]:
 def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -> list[Chosen]:
     """Return about ``count`` questions with balanced answers, the same number of each type as far as there are enough.
 
-    What a type lacks is given to the others. Within a type, groups take turns, so that none outweighs the rest.
+    What a type lacks is given to the others. Within a type, each kind of question has the same number likewise, and no
+    kind more than all others together. Within a kind, families and groups take turns, so that none outweighs the rest.
 
     Args:
         candidates: Everything that could be asked.
         count: Number of questions; 0 for as many as can be balanced.
         seed: Seed of the set.
     """
-    groups: dict[QuestionType, list[list[list[Chosen]]]] = defaultdict(list)
     sorted_out: dict[tuple[QuestionType, tuple[str, ...]], dict[str, list[Candidate]]] = {}
     for c in candidates:
         sorted_out.setdefault((c.type, c.key), {}).setdefault(c.bucket, []).append(c)
-    for (kind, _), by_answer in sorted(sorted_out.items()):
+    groups: dict[QuestionType, dict[str, list[list[list[Chosen]]]]] = defaultdict(lambda: defaultdict(list))
+    for (kind, (family, *_)), by_answer in sorted(sorted_out.items()):
         rounds = _rounds(by_answer, seed)
         if rounds:
-            groups[kind].append(rounds)
-    order = {kind: _turns(rounds, seed) for kind, rounds in groups.items()}
-    if not count:
-        return [question for kind in QuestionType for turn in order.get(kind, []) for question in turn]
-    shares = _shares({kind: sum(map(len, turns)) for kind, turns in order.items()}, count)
+            groups[kind][family].append(rounds)
+    turns = {kind: {f: _turns(rounds, seed) for f, rounds in groups[kind].items()} for kind in QuestionType}
+    sizes = {kind: _balanced_sizes(families) for kind, families in turns.items()}
+    available = {
+        kind: sum(map(sum, (found.values() for found in subjects.values()))) for kind, subjects in sizes.items()
+    }
+    shares = _shares(available, count or sum(available.values()))
     chosen: list[Chosen] = []
-    for kind in QuestionType:
-        taken = 0
-        for turn in order.get(kind, []):
-            if taken >= shares[kind]:
-                break
-            chosen += turn
-            taken += len(turn)
+    for kind, subjects in sizes.items():
+        each = _shares({subject: sum(found.values()) for subject, found in subjects.items()}, shares[kind])
+        for subject, found in subjects.items():
+            for family, wanted in _shares(found, each[subject]).items():
+                taken = 0
+                for row in turns[kind][family]:
+                    if taken >= wanted:
+                        break
+                    chosen += row
+                    taken += len(row)
     return chosen
+
+
+def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
+    """Return how many questions of each family of a type may be taken, by what they are about.
+
+    No subject may have more questions than all others of its type together.
+    """
+    subjects: dict[str, dict[str, int]] = {}
+    for family, rows in families.items():
+        subjects.setdefault(SUBJECTS.get(family, family), {})[family] = sum(map(len, rows))
+    totals = {subject: sum(found.values()) for subject, found in subjects.items()}
+    largest = max(totals, key=lambda subject: totals[subject], default="")
+    others = sum(totals.values()) - totals.get(largest, 0)
+    if others and totals[largest] > others:
+        subjects[largest] = _shares(subjects[largest], others)
+    return subjects
 
 
 def _rounds(by_answer: dict[str, list[Candidate]], seed: int) -> list[list[Chosen]]:
@@ -102,16 +134,16 @@ def _turns(groups: Sequence[list[list[Chosen]]], seed: int) -> list[list[Chosen]
     return [r for _, _, r in sorted(keyed, key=lambda entry: entry[:2])]
 
 
-def _shares(available: dict[QuestionType, int], count: int) -> dict[QuestionType, int]:
-    """Return how many questions of each type are wanted: equal parts, and what one lacks for the others."""
-    shares = dict.fromkeys(QuestionType, 0)
-    open_types, left = [k for k in QuestionType if available.get(k)], count
-    while open_types and left > 0:
-        part = max(1, left // len(open_types))
-        for kind in list(open_types):
+def _shares(available: Mapping[NameT, int], count: int) -> dict[NameT, int]:
+    """Return how many questions of each type or family are wanted: equal parts, and what one lacks for the others."""
+    shares = dict.fromkeys(available, 0)
+    wanting, left = [k for k in available if available[k]], count
+    while wanting and left > 0:
+        part = max(1, left // len(wanting))
+        for kind in list(wanting):
             given = min(part, available[kind] - shares[kind], left)
             shares[kind] += given
             left -= given
             if shares[kind] >= available[kind]:
-                open_types.remove(kind)
+                wanting.remove(kind)
     return shares

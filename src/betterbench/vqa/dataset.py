@@ -13,7 +13,8 @@ import hashlib
 import io
 import json
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import zlib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -21,8 +22,23 @@ from typing import Any, Protocol
 
 from pydantic import TypeAdapter
 
-from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, require_between
-from betterbench.json_form import open_seal, read_bounded, read_form, read_ordinary, say_unsealed, sealed_form
+from betterbench.errors import (
+    InvalidInputError,
+    RecordError,
+    RunConflictError,
+    UnknownNameError,
+    one_line,
+    require_between,
+)
+from betterbench.json_form import (
+    open_seal,
+    open_sealed_lines,
+    read_bounded,
+    read_form,
+    say_unsealed,
+    sealed_form,
+    sealed_lines,
+)
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
@@ -51,8 +67,12 @@ from betterbench.vqa.question import (
 )
 from betterbench.vqa.types import candidates_of
 
-SET_SCHEMA_VERSION = 2
-"""Version of the files of a set; those of version 1 have no seals and are read with a warning."""
+SET_SCHEMA_VERSION = 3
+"""Version of the files of a set and of its questions: the same command in the folder of another version is refused.
+
+Version 3 has other phrasings and balances the kinds of question within each type. Sets of all versions are
+read; those of version 1 have no seals and are read with a warning.
+"""
 
 CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 """Cameras whose images are asked about: texts do not name the camera, so that places in the image cannot be guessed."""
@@ -65,7 +85,10 @@ SIZES_PX = 32, 4096
 """Least and largest side of the images [pixel]."""
 
 _MAX_BYTES = 1 << 30
+_MAX_CANDIDATE_BYTES = 1 << 28
+"""Most bytes that the candidates of one trial may unpack to."""
 _CURE = "Make the set again in a new folder"
+_ANEW = "Delete it and give the same command again"
 
 
 class Photo(Protocol):
@@ -148,10 +171,15 @@ class QuestionSet:
     images: Mapping[str, str] = field(default_factory=dict)
 
     def image(self, place: str) -> bytes:
-        """Return an image of the set (JPEG); RecordError if it is missing or another one than was asked about."""
+        """Return an image of the set (JPEG); RecordError if it is missing or another one than was asked about.
+
+        InvalidInputError if a link leads out of the set.
+        """
         file = self.path / place
+        require_inside(file, self.path)
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
-        if self.images.get(place) not in (None, hashlib.sha256(data).hexdigest()):
+        known = self.images.get(place, "") if self.images else None
+        if known not in (None, hashlib.sha256(data).hexdigest()):
             raise RecordError(f"{file}: is another image than when the set was made. {_CURE}.")
         return data
 
@@ -305,10 +333,15 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:
-    """Raise RunConflictError if a folder holds a set with another plan."""
+    """Raise RunConflictError if a folder holds a set with another plan, or of another version."""
     stored = _sealed(file) if file.exists() else plan
-    version = {"schema_version": SET_SCHEMA_VERSION} if stored.get("schema_version") == 1 else {}
-    difference = first_difference({**stored, **version}, plan, "set")
+    version = stored.get("schema_version")
+    if version != SET_SCHEMA_VERSION:
+        raise RunConflictError(
+            f"{file.parent}: the set in this folder has version {one_line(repr(version), most=40)}, and this "
+            f"betterbench makes sets of version {SET_SCHEMA_VERSION} with other questions. Choose another folder."
+        )
+    difference = first_difference(stored, plan, "set")
     if difference is not None:
         where, there, asked = difference
         raise RunConflictError(
@@ -366,11 +399,15 @@ def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, sou
             if candidates:
                 write_durably(out / image_path(candidates[0].source), photo.jpeg)
                 found += candidates
-    lines = b"".join(dump_json(c.to_json()) + b"\n" for c in thin(found, seed=options.seed))
+    write_durably(_shard(out, trial), candidates_bytes(thin(found, seed=options.seed)))
+
+
+def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
+    """Return the file of candidates: compressed lines with a seal; equal candidates give equal bytes."""
     buffer = io.BytesIO()
-    with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as stream_:
-        stream_.write(lines)
-    write_durably(_shard(out, trial), buffer.getvalue())
+    with gzip.GzipFile(fileobj=buffer, mode="wb", mtime=0, compresslevel=6) as packed:
+        packed.write(sealed_lines(b"".join(dump_json(c.to_json()) + b"\n" for c in candidates)))
+    return buffer.getvalue()
 
 
 def image_path(source: FrameSource) -> str:
@@ -383,12 +420,16 @@ def _shard(out: Path, trial: TrialId) -> Path:
 
 
 def _read_candidates(file: Path) -> Iterator[Candidate]:
+    raw = read_bounded(file, max_bytes=_MAX_BYTES, cure=_ANEW, raises=RecordError)
     try:
-        lines = gzip.decompress(read_ordinary(file)).splitlines()
-    except (OSError, EOFError, ValueError) as error:
-        raise RecordError(f"{file}: cannot be read ({error}). Delete it and give the same command again.") from error
-    for line in lines:
-        yield read_form(CANDIDATE, line, where=str(file), cure="Delete it and give the same command again")
+        with gzip.GzipFile(fileobj=io.BytesIO(raw)) as unpacked:
+            data = unpacked.read(_MAX_CANDIDATE_BYTES + 1)
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        raise RecordError(f"{file}: cannot be read ({one_line(error, most=200)}). {_ANEW}.") from error
+    if len(data) > _MAX_CANDIDATE_BYTES:
+        raise RecordError(f"{file}: unpacks to more than {_MAX_CANDIDATE_BYTES} bytes. {_ANEW}.")
+    for line in open_sealed_lines(data, where=str(file), cure=_ANEW, raises=RecordError):
+        yield read_form(CANDIDATE, line, where=str(file), cure=_ANEW, raises=RecordError, sealed=True)
 
 
 def _question(candidate: Candidate, answers: tuple[str, ...], options: SetOptions) -> Question:

@@ -15,7 +15,7 @@ from pathlib import Path
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.json_form import read_bounded, read_form
+from betterbench.json_form import open_sealed_lines, read_bounded, read_form, sealed_lines
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.durable import on_disk
 from betterbench.recording.metadata import dump_json
@@ -149,9 +149,12 @@ def _kept(
     if file.exists():
         cure = "Delete it and give the same command again"
         data = read_bounded(file, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-        return [read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError) for line in data.splitlines()]
+        lines = open_sealed_lines(data, where=str(file), cure=cure, raises=RecordError)
+        return [
+            read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines
+        ]
     questions = _about(run, trial, out, options, source)
-    write_durably(file, b"".join(dump_json(q.to_json()) + b"\n" for q in questions))
+    write_durably(file, sealed_lines(b"".join(dump_json(q.to_json()) + b"\n" for q in questions)))
     return questions
 
 

@@ -6,9 +6,10 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from pathlib import PurePosixPath
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter
+from pydantic import AfterValidator, Field, TypeAdapter
 
 from betterbench.json_form import strict_form
 from betterbench.state import Box
@@ -116,6 +117,23 @@ class Candidate:
         return asdict(self)
 
 
+_LONGEST_PLACE = 1000
+"""Most characters of the place of an image within its set."""
+
+
+def _inside(place: str) -> str:
+    parts = PurePosixPath(place).parts
+    if (
+        not 0 < len(place) <= _LONGEST_PLACE
+        or not parts
+        or PurePosixPath(place).is_absolute()
+        or ".." in parts
+        or not place.isprintable()
+    ):
+        raise ValueError("it names no file inside the set")
+    return place
+
+
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Question:
@@ -142,7 +160,7 @@ class Question:
     text: str
     options: tuple[str, ...]
     answer: str
-    image: str
+    image: Annotated[str, AfterValidator(_inside)]
     width: int
     height: int
     difficulty: Difficulty

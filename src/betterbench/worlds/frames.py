@@ -136,6 +136,10 @@ def _places(text: bytes) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...
         if not isinstance(shape, list) or len(shape) > _MAX_AXES or not all(type(n) is int and n >= 0 for n in shape):
             raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         dtype = np.dtype(kind)
+        if (
+            math.prod(n or 1 for n in shape) * dtype.itemsize > MAX_ARRAY_BYTES
+        ):  # NumPy refuses them also where one is 0
+            raise ValueError(f"an array has the shape {str(shape)[:40]!r}")
         found.append((name, dtype, tuple(shape), at))
         at += math.prod(shape) * dtype.itemsize
     return tuple(found), at

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_form, strict_form
+from betterbench.json_form import (
+    open_ordinary,
+    open_sealed_lines,
+    parse_json,
+    read_bounded,
+    read_form,
+    sealed_lines,
+    strict_form,
+)
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
 from betterbench.worlds.process import WorldError, WorldProcess
@@ -124,10 +132,17 @@ def read_entries(path: Path) -> tuple[PremiseEntry, ...]:
     Raises:
         InvalidInputError: If a line is no entry.
     """
-    cure = "Remove the file, or name another one with --out"
-    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure) if path.exists() else b""
-    lines = enumerate(data.splitlines(), start=1)
+    if not path.exists():
+        return ()
+    cure = "Name another file with --out, and the premises are checked anew"
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    lines = enumerate(open_sealed_lines(data, where=str(path), cure=cure), start=1)
     return tuple(read_form(_ENTRY, line, where=f"{path}, line {number}", cure=cure) for number, line in lines)
+
+
+def entries_bytes(entries: Iterable[PremiseEntry]) -> bytes:
+    """Return the file that :func:`read_entries` reads."""
+    return sealed_lines("".join(json.dumps(entry.to_json()) + "\n" for entry in entries).encode())
 
 
 _ENTRY = TypeAdapter(PremiseEntry)

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import SHOVED_AGAIN, Stay, closes_in_part, comes_shut, runs_into
+from betterbench.diagnosis.approaches import CLOSED_IN_PART, SHOVED_AGAIN, Stay, closes_in_part, comes_shut, runs_into
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
 from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
-from betterbench.statistics.wording import listed
+from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
@@ -32,10 +32,11 @@ TRIES_IN_VAIN = threshold(
 _KNOCKS = "knocks things over or out of their places"
 _HOW = {
     "missed_by_pose": "closes beside them",
-    "missed_by_far": "closes far from them",
+    "weak_grip": "hardly closes its fingers on them",
     "slipped": "does not lift them",
     "run_into": "runs into them with its open fingers",
     "comes_shut": "comes to them with its fingers shut",
+    "closed_in_part": "does not close its fingers far enough",
     "pushed": "pushes them away",
     "dropped": "drops them",
     "placed_outside_the_goal": "puts them down outside the goal",
@@ -47,12 +48,44 @@ _HOW = {
 """What a policy does by the rule of its evidence, after "It goes for the right things, but"."""
 
 
+_UNTOLD = {
+    "missed_between": "between two objects",
+    "missed_by_far": "far from everything",
+}
+"""Where a gripper closes on nothing so that it cannot be told what it meant, by the rule of the evidence."""
+
+
+def _untold(trial: TrialDiagnosis) -> str:
+    """Return where the gripper of a trial closed that does not tell what was meant first, or an empty text."""
+    where = _UNTOLD.get(trial.evidence.rule, "")
+    return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
+
+
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
-    """Return how the manipulation fails in nearly all trials, if one or two ways tell it."""
-    ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in trials).most_common(2)
-    told = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
-    known = all(way for way, _ in told) and sum(count for _, count in told) >= SHARE_OF_ALL * len(trials)
-    return f"It goes for the right things, but {' or '.join(way for way, _ in told)}." if known else ""
+    """Return how the manipulation fails in nearly all trials, if one or two ways tell it, or that nothing tells it.
+
+    That a policy goes for the right things is said where nearly all of these trials show what it goes for.
+    """
+    untold = Counter(where for trial in trials if (where := _untold(trial)))
+    if untold.total() > (1.0 - SHARE_OF_ALL) * len(trials):
+        where = " or ".join(place for place, _ in untold.most_common())
+        if untold.total() >= SHARE_OF_ALL * len(trials):
+            return f"It closes its gripper {where}, and it cannot be told what it means."
+        share = f"in {untold.total()} of {len(trials)} of these trials it closes {where}"
+        return f"Its manipulation fails; {share}, so that nothing tells what it means."
+    told = [trial for trial in trials if not _untold(trial)]
+    ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in told).most_common(2)
+    named = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
+    known = all(way for way, _ in named) and sum(count for _, count in named) >= SHARE_OF_ALL * len(trials)
+    return f"It goes for the right things, but {' or '.join(way for way, _ in named)}." if known else ""
+
+
+def _about(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return what failed in some trials, as far as they tell it."""
+    untold = sum(bool(_untold(trial)) for trial in trials)
+    if untold == len(trials):
+        return ", and nothing tells what was meant"
+    return " of the right target" + (f", or of what nothing tells ({plural(untold, 'trial')})" if untold else "")
 
 
 @FailureMode(
@@ -62,7 +95,8 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     "again, the arm collided, a drawer was left halfway, or something that was not asked for came to harm.",
     conclusion="It goes for the right things, but its manipulation fails.",
     sharper=_sharper,
-    finding="Chooses the right target and fails at the manipulation",
+    finding="Fails at the manipulation",
+    detail=_about,
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the first failure that was not made good later, or a missed goal that nothing else explains."""
@@ -102,6 +136,15 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
     if _brought_later(trial, step) or _held_later(episode, step, step.goal):
         return None
     i = step.grasp.object
+    if step.means is Means.TRY and step.at is not None:
+        return _weak_grip(episode, step, step.at)
+    if step.between is not None and step.at is not None:
+        how, why = _between_words(episode, step)
+        text = (
+            f"The gripper closes{how} between the {episode.kind(step.at)}, the right target, and the "
+            f"{episode.kind(step.between)}, {why}: it cannot be told which of the two was meant."
+        )
+        return episode.at_step("missed_between", text, step)
     if i is None:
         missed = "an empty slot" if step.at is None else f"the {episode.kind(step.at)}"
         return episode.at_step("missed_by_pose", f"The gripper closes beside {missed}, the right target.", step)
@@ -114,6 +157,27 @@ def _of_step(trial: TrialView, step: Step) -> Evidence | None:
         text = f"The gripper closes on the {episode.kind(i)}, the right target, but does not lift it."
         return episode.at_step("slipped", text, step)
     return _halfway(episode, step, i) if drawer else _lost(episode, step, i)
+
+
+def _weak_grip(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence:
+    """Return the evidence of a closing at the right target that got hold of nothing."""
+    kind, grasp, trace = episode.kind(i), step.grasp, episode.trace
+    if trace.touched[grasp.start : grasp.release, i].any():
+        text = f"The gripper closes by a little at the {kind}, the right target, and does not hold it."
+        return episode.at_step("weak_grip", text, step)
+    if trace.width[grasp.start] - trace.width[grasp.end] >= CLOSED_IN_PART:
+        text = f"The fingers close around the {kind}, the right target, without touching it."
+        return episode.at_step("closed_in_part", text, step)
+    text = f"The gripper is told to close at the {kind}, the right target, and its fingers hardly move."
+    return episode.at_step("weak_grip", text, step)
+
+
+def _between_words(episode: EpisodeAnalysis, step: Step) -> tuple[str, str]:
+    """Return what a closing between two objects was on, and why it cannot be told which of them was meant."""
+    before = max(0, step.grasp.start - episode.trace.steps(THRESHOLDS.attempt_window))
+    if step.between is not None and episode.trace.touched[before : step.grasp.end + 1, step.between].any():
+        return "", "on which a finger presses too"
+    return " on nothing", "which is as near"
 
 
 def _tried_in_vain(episode: EpisodeAnalysis, i: int) -> bool:
@@ -272,7 +336,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
         return None
     gone, rest = rows
     wanted = trace.placed(rest, i) is not None and not episode.slipped(step)
-    if wanted or trace.serves[rest, :, i].any():
+    if wanted or trace.serves[rest, :, i].any() or episode.put_down(step) is not None:
         return None
     kind, fall = episode.kind(i), float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
     if fall > THRESHOLDS.fall_height:

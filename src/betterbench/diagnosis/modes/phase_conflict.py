@@ -56,7 +56,7 @@ def _find(trial: TrialView) -> Evidence | None:
     if stay is not None:
         return _comes_and_goes(episode, stay)
     rows = to_and_fro(episode.trace, episode.idle_from)
-    if rows is None or not episode.open_goals(rows[1]) or _goes_somewhere(episode, rows):
+    if rows is None or not episode.open_goals(rows[1]) or _goes_somewhere(episode, rows) or _all_asked(episode, rows):
         return None
     way = float(np.ptp(travel(episode.trace)[[*rows]]))
     where = "between " + " and ".join(names) if (names := _names(episode, rows)) else "over nothing in particular"
@@ -68,6 +68,12 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
     """Tell whether a way to and fro moves something aside, or leads to what is asked for."""
     moves = any(shove.end >= rows[0] for shove in episode.shoves)
     return moves or comes_nearer(episode.trace, rows, episode.wanted(rows[0]))
+
+
+def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
+    """Tell whether a way leads between several objects that may all be taken now, and over nothing else."""
+    over = {stay.object for stay in find_stays(episode.trace, rows[0])}
+    return len(over) > 1 and over <= set(episode.wanted(rows[0]))
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from betterbench.diagnosis.approaches import STAY_TIME
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
-from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.verdict import Evidence
+from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView, sharper_by_rule
+from betterbench.diagnosis.trace import place_middle
+from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import rotate
 from betterbench.statistics.wording import listed
 from betterbench.tasks import THRESHOLDS
@@ -22,17 +25,27 @@ OVER_GOAL = threshold(
 )  # fmt: skip
 
 
+_BY_MECHANISM = sharper_by_rule(
+    {
+        "never_closes": "It goes for the right things, but its gripper never closes on them.",
+        "never_opens": "It brings the right things to their places, but its gripper never opens there.",
+    }
+)
+
+
+def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
+    """Return which mechanism takes the time, or that nearly all trials ended before the first grasp attempt."""
+    never = sum(not trial.attempts for trial in trials)
+    before = "It runs out of time before its first grasp." if never >= SHARE_OF_ALL * len(trials) else ""
+    return _BY_MECHANISM(trials) or before
+
+
 @FailureMode(
     Label.TIMEOUT,
     short="timeout",
     definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
-    sharper=sharper_by_rule(
-        {
-            "never_closes": "It goes for the right things, but its gripper never closes on them.",
-            "never_opens": "It brings the right things to their places, but its gripper never opens there.",
-        }
-    ),
+    sharper=_sharper,
     finding="Does the right things until the step limit ends the trial",
 )
 def _find(trial: TrialView) -> Evidence | None:
@@ -80,8 +93,7 @@ def _kept_at_its_place(episode: EpisodeAnalysis, held: int, last: int) -> bool:
         if held not in episode.meant[g] or not relation(goal.relation).carried:
             continue
         target = trace.info.objects[t]
-        places = {r.name: r.position for r in target.regions}
-        middle = places.get(goal.region, relation(goal.relation).middle(target, goal.region))
+        middle = place_middle(target, goal.relation, goal.region)
         turned = [rotate((w, x, y, z), middle) for w, x, y, z in trace.quaternions[taken:, t].tolist()]
         gaps = trace.positions[taken:, held, :2] - trace.positions[taken:, t, :2] - np.array(turned)[:, :2]
         if (np.linalg.norm(gaps, axis=1) <= OVER_GOAL).sum() >= trace.steps(STAY_TIME):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from betterbench.tasks import Subgoal
 from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.beside import SIDES
 from betterbench.vqa.episode import Act
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
@@ -92,7 +93,7 @@ def step_words(moment: Moment, goal: Subgoal) -> str:
     if goal.relation == "in_hole":
         where = f"in hole {goal.region.rpartition('_')[2]} of {definite(target)}"
     elif goal.relation == "beside":
-        where = f"on the {goal.region.replace('_', ' ')} side of {definite(target)}"
+        where = f"{SIDES[goal.region]} {definite(target)}"
     elif goal.relation == "layer":
         where = f"on {definite(target)} as layer {goal.region}"
     else:

@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Iterator
 
 from betterbench.state import ObjectInfo
+from betterbench.statistics.wording import listed
 from betterbench.tasks.relations.layer import LAYER
 from betterbench.tasks.relations.on_plate import ON_PLATE
 from betterbench.vqa.moment import Moment
@@ -81,7 +82,7 @@ def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Quest
     """Yield the order of two or more things on a base, if all are seen and have names of their own."""
     kinds = [moment.state.info.object(name).kind for name in stack]
     if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
-        words = {"base": definite(base.kind), "things": " and ".join(definite(k) for k in sorted(kinds))}
+        words = {"base": definite(base.kind), "things": listed([definite(k) for k in sorted(kinds)])}
         answer = ", ".join(kinds)
         group = (base.kind, *sorted(kinds))
         yield QuestionDraft(Form.CHOICE, "order", group, answer, words, (base.name, *stack), ("several steps",))

@@ -1,0 +1,40 @@
+"""What an audit tested, and what it did not test and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class AskedQuestion:
+    """One question of an audit, tested or not.
+
+    Attributes:
+        question: Name of the question.
+        title: What it asks, for people.
+        n: Demonstrations, or observations in them, that it compares.
+        compared: What it compares with the outcome, such as "8 words"; "" if it is a single test.
+        untested: Why it could not be tested, "" if it was.
+    """
+
+    question: str
+    title: str
+    n: int
+    compared: str = ""
+    untested: str = ""
+
+
+def tested_text(questions: Iterable[AskedQuestion]) -> str:
+    """Return the questions that were tested as one text, "nothing" if there are none."""
+    done = [q for q in questions if not q.untested]
+    return "; ".join(f"{q.title} ({q.compared})" if q.compared else q.title for q in done) or "nothing"
+
+
+def untested_text(questions: Iterable[AskedQuestion]) -> str:
+    """Return the questions that were not tested by their reason, as one text; "" if there are none."""
+    reasons: dict[str, list[str]] = {}
+    for q in questions:
+        if q.untested:
+            reasons.setdefault(q.untested, []).append(q.title)
+    return "; ".join(f"{', '.join(titles)} ({reason})" for reason, titles in reasons.items())

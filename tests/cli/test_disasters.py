@@ -1,0 +1,215 @@
+"""What a verb that writes says on a full or protected disk, in a folder that vanishes, and when it is interrupted."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.errors import RunConflictError, StorageError, system_error_text
+from betterbench.recording.durable import DurableFile, write_durably
+from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as write() raises it: without a name
+
+
+class Full(io.BytesIO):
+    """A file on a full disk."""
+
+    def write(self, _):
+        raise FULL
+
+
+def fill(monkeypatch):
+    def full(*_):
+        raise FULL
+
+    monkeypatch.setattr(os, "fsync", full)
+
+
+def test_a_full_disk_names_the_file_and_the_cure(tmp_path, monkeypatch):
+    fill(monkeypatch)
+    with pytest.raises(StorageError, match=r"x\.json: No space left on device.*make room") as told:
+        write_durably(tmp_path / "x.json", b"{}")
+    assert str(tmp_path / "x.json") in str(told.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words", [["recipe", "openpi", "--data", "sets/pi"], ["shortcuts", "SET"]], ids=lambda words: words[0]
+)
+def test_a_verb_names_the_folder_that_is_on_a_full_disk(tmp_path, monkeypatch, capsys, words):
+    from tests.shortcuts.strangers import make
+
+    strange = str(make(tmp_path / "set", "plain", "word", count=12)) if "SET" in words else ""
+    fill(monkeypatch)
+    out = tmp_path / "out"
+    assert main([*(strange if word == "SET" else word for word in words), "--out", str(out)]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert str(out) in said
+    assert "make room, then run the same command again" in said
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])
+def test_the_cure_of_a_disk_is_no_better_path(number):
+    text = system_error_text(OSError(number, os.strerror(number), "/x"))
+    assert "Check that the path is right" not in text
+    assert text.endswith(".")
+
+
+def test_a_folder_that_vanishes_while_a_file_is_written_is_named(tmp_path):
+    with DurableFile(tmp_path / "out" / "x.json") as file:
+        shutil.rmtree(tmp_path / "out")
+        with pytest.raises(StorageError, match=r"x\.json: its folder was removed or moved while this was written"):
+            file.finish()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_a_refusal_names_the_output_and_no_lock_beside_it(tmp_path, monkeypatch, kind):
+    def refuse(path, *_, **__):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(PermissionError) as told:
+        FileLock(tmp_path / "x.json") if kind == "file" else RunLock(tmp_path / "out" / LOCK_NAME)
+    assert told.value.filename == str(tmp_path / ("x.json" if kind == "file" else "out"))
+
+
+def test_a_lock_on_a_folder_that_was_removed_keeps_nobody_out_and_is_taken_again(tmp_path, monkeypatch):
+    """Who waits for a lock may get one on a file that its holder has removed, as a command that fails does."""
+    from betterbench.recording import lock
+
+    file, usual = tmp_path / "out" / LOCK_NAME, lock._lock_exclusively
+    removals = []
+
+    def removed_meanwhile(handle):
+        usual(handle)
+        if not removals:
+            removals.append(file)
+            shutil.rmtree(file.parent)
+
+    monkeypatch.setattr(lock, "_lock_exclusively", removed_meanwhile)
+    with RunLock(file):
+        assert file.exists()
+        with pytest.raises(RunConflictError, match="is writing here"):
+            RunLock(file)
+    assert removals
+
+
+# --- experiment trackers
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("tracked") / "run"
+    words = ["--policy", "noop", "--tasks", "fast_food", "--variations", "T1", "--trials", "1", "--workers", "1"]
+    assert main(["eval", *words, "--observation", "state_only", "--quality", "fast", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_events_of_an_earlier_export_are_replaced(run, tmp_path):
+    pytest.importorskip("tensorboardX")
+    words = ["export", str(run), "--to", "tensorboard", "--out", str(tmp_path / "tb")]
+    assert main(words) == 0
+    assert main(words) == 0
+    (events,) = (p for p in (tmp_path / "tb").iterdir() if "tfevents" in p.name)
+    events.write_bytes(b"of somebody else")
+    assert main(words) == 2
+    assert events.read_bytes() == b"of somebody else"
+    assert main([*words, "--overwrite"]) == 0
+
+
+def test_events_on_a_full_disk_are_one_line_and_no_hang(run, tmp_path, capsys, monkeypatch):
+    """The writer of TensorBoard's events has a thread of its own, which ended with a traceback, and all waited."""
+    pytest.importorskip("tensorboardX")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    fill(monkeypatch)
+    assert main(["export", str(run), "--to", "tensorboard", "--out", str(tmp_path / "tb")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "No space left on device" in said
+    assert "Traceback" not in said
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []
+
+
+def test_a_file_of_rerun_is_never_cut_short(run, tmp_path, capsys, monkeypatch):
+    """Rerun's own writer noticed a full disk in its log alone, and half a file was said to be written."""
+    pytest.importorskip("rerun")
+    usual = DurableFile.__init__
+
+    def on_full_disk(self, path):
+        usual(self, path)
+        self.file.close()
+        self.file = Full()
+
+    monkeypatch.setattr(DurableFile, "__init__", on_full_disk)
+    record = str(next((run / "records").rglob("*.parquet")))
+    out = tmp_path / "x.rrd"
+    assert main(["view", record, "--camera", "front:32", "--quality", "fast", "--out", str(out)]) == 2
+    assert f"{out}: No space left on device" in " ".join(capsys.readouterr().err.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+# --- Ctrl-C
+
+
+@pytest.mark.parametrize("at_s", [0.15, 0.4, 0.8])
+def test_ctrl_c_at_the_beginning_is_one_line(tmp_path, at_s):
+    """While modules are imported, that is; Python itself takes some 0.05 s to begin."""
+    code = (
+        "import betterbench.cli, signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "print('begun', file=sys.stderr); sys.stderr.flush(); betterbench.cli.main()"
+    )
+    words = ["recipe", "openpi", "--data", "sets/pi", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, *words],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stderr.readline() == "begun\n"
+    time.sleep(at_s)
+    process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=60.0)[1]
+    assert "Traceback" not in said
+    assert process.returncode == 0 or (process.returncode, said.splitlines()[-1]) == (130, "interrupted")
+
+
+def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):
+    """PyOpenGL makes an ArgumentError of it, and a child that Ctrl-C ended too lets its parent fail."""
+    from betterbench import cli
+    from betterbench.recipes import write
+
+    def interrupted(*_, **__):
+        cli._interrupts.append(signal.SIGINT)
+        raise TypeError("argument 1: KeyboardInterrupt")
+
+    monkeypatch.setattr(write, "OutputFolder", interrupted)
+    monkeypatch.setattr(cli, "_interrupts", [])
+    assert main(["recipe", "openpi", "--data", "sets/pi", "--out", "out"]) == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err.strip().splitlines()[-1] == "interrupted"
+
+
+# --- an export that another one is working at
+
+
+def test_a_finished_export_does_not_remove_what_another_process_is_making(tmp_path):
+    from betterbench.export.job import _remove_leftover
+
+    staging = tmp_path / ".set.parts"
+    staging.mkdir()
+    (staging / "part.json").write_bytes(b"{}")
+    with RunLock(staging / LOCK_NAME):
+        _remove_leftover(staging)
+        assert (staging / "part.json").exists()
+    _remove_leftover(staging)
+    assert not staging.exists()
