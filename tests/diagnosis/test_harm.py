@@ -256,7 +256,7 @@ def test_a_container_that_lies_on_its_side_is_no_success(stage, degrees, right):
 
 
 @pytest.mark.parametrize(("degrees", "right"), [(30.0, True), (88.0, False)])
-def test_a_bystander_that_was_knocked_over_was_moved_although_its_foot_is_near_its_place(stage, degrees, right):
+def test_a_bystander_that_was_knocked_over_forbids_a_success_although_its_foot_is_near_its_place(stage, degrees, right):
     s = stage("desk_meeting", "train1")
     name, real = s.of("speaker"), s.state
     half = np.radians(degrees) / 2.0
@@ -274,7 +274,7 @@ def test_a_bystander_that_was_knocked_over_was_moved_although_its_foot_is_near_i
     assert agrees(record)
     assert record.outcome.success is right
     found = diagnose_record(record)
-    assert found.harm == (() if right else ("the speaker was moved out of its place by more than 5 cm",))
+    assert found.harm == (() if right else ("the speaker was knocked over",))
     if not right:
         assert found.label is Label.EXECUTION_FAILURE
         assert found.evidence.start_s == pytest.approx(1.05)
