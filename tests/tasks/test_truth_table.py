@@ -16,7 +16,9 @@ from tests.tasks.arranging import arranged, condition_of, one_step_before
 from betterbench.geometry import Pose, from_yaw
 from betterbench.state import WorldState
 from betterbench.tasks import GoalTracker, get_task
+from betterbench.tasks.harm import HarmWatch
 from betterbench.tasks.relations import RELATIONS, RestWatch, relation, released
+from betterbench.tasks.targets import Targets, asked_by
 
 HERE = Path(__file__).parent
 
@@ -98,6 +100,34 @@ def test_a_success_does_no_harm(cells):
     for _ in range(6):  # a quarter second after it was put there, everything is at rest
         truth = tracker.update(state)
     assert truth.goal is (goal == "yes"), truth
+
+
+@pytest.mark.parametrize(
+    ("arrangement", "sort", "words"),
+    [
+        (
+            "white_plate blue_plate z=-12; blue_plate white_plate.floor",
+            "target_brought",
+            "the white plate was brought to the blue plate without having been asked for",
+        ),
+        (
+            "blue_plate white_plate.floor",
+            "at_the_target",
+            "the blue plate is at the white plate without having been asked for there",
+        ),
+    ],
+)
+def test_what_was_brought_is_named_as_what_was_brought(arrangement, sort, words):
+    start, state = arranged("dinner_plates/train1", arrangement)
+    condition = condition_of("dinner_plates/train1")
+    asked = asked_by(condition)
+    template = get_task(condition.task).template
+    targets = Targets(asked, state.info, placing=template.relation)
+    watch = HarmWatch(asked, targets, state.info, exclusive=template.exclusive)
+    for seen in (start, state):
+        watch.see(seen, targets.places(seen))
+    found = {h.sort: h.words(state.info) for h in watch.found(state, targets.places(state))}
+    assert found[sort] == words
 
 
 def test_the_tables_are_large_and_cover_every_relation_with_both_verdicts():
