@@ -1,0 +1,88 @@
+"""What is knocked over: which assets of the library stand, and what tips, rocks or lay before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+from tests.tasks.arranging import arranged, condition_of
+
+from betterbench.assets import build, categories, looks, unseen_looks
+from betterbench.state import ObjectInfo, WorldState
+from betterbench.tasks import get_task
+from betterbench.tasks.harm import STANDS_FROM, HarmWatch, can_stand
+from betterbench.tasks.targets import Targets, asked_by
+
+# Containers count by themselves, and fixed furniture cannot fall.
+CONTAINERS_AND_FURNITURE = {
+    *("waste_bin", "takeaway_box", "lunchbox", "lower_drawer", "upper_drawer"),
+    *("spice_rack", "drawer_cabinet", "coffee_machine", "laptop"),
+}
+STANDING = {
+    *("mug", "cup", "tumbler", "drink_cup", "can", "sauce_cup", "egg_cup"),
+    *("jam_jar", "spice_jar", "plain_jar", "pill_bottle", "salt_shaker"),
+    *("speaker", "fries_box", "stapler", "stapler_block"),
+}
+APART = 1.1
+"""Factor between the border and the height of any look, in its smaller width."""
+
+
+def info_of(category: str, look: int) -> ObjectInfo:
+    asset = build(category, look=look)
+    return ObjectInfo(
+        *(category, category, asset.identity, category, asset.color, asset.shape, "distractor", False, asset.mass_kg),
+        size_m=asset.size_m,
+    )
+
+
+@pytest.mark.parametrize("category", sorted(set(categories()) - CONTAINERS_AND_FURNITURE))
+def test_all_looks_of_a_category_stand_or_none_does_and_none_is_near_the_border(category):
+    for look in (*looks(category), *unseen_looks(category)):
+        info = info_of(category, look)
+        assert can_stand(info) is (category in STANDING), info
+        ratio = info.size_m[2] / min(info.size_m[:2])
+        border = STANDS_FROM.get(info.shape)
+        assert border is None or not border / APART < ratio < border * APART, (info.asset, ratio)
+
+
+def harm_after(setting: str, states: Sequence[WorldState]) -> set[tuple[str, str]]:
+    condition = condition_of(setting)
+    asked, template = asked_by(condition), get_task(condition.task).template
+    targets = Targets(asked, states[0].info, placing=template.relation)
+    watch = HarmWatch(asked, targets, states[0].info, exclusive=template.exclusive)
+    for state in states:
+        watch.see(state, targets.places(state))
+    return {(h.sort, h.object) for h in watch.found(states[-1], targets.places(states[-1]))}
+
+
+@pytest.mark.parametrize(
+    ("setting", "thing"),
+    [
+        ("tidy_desk/train1", "mug"),
+        ("tidy_desk/O2", "full_can"),
+        ("tidy_desk/O3", "stapler"),
+        ("desk_meeting/train1", "speaker"),
+        ("seasoning_rack/train1", "pepper"),
+        ("seasoning_rack/O1", "pill_bottle"),
+        ("breakfast_table/train1", "egg"),
+        ("breakfast_table/train1", "jam"),
+        ("fast_food/train1", "drink"),
+    ],
+)
+def test_what_tips_is_knocked_over_and_what_stands_again_or_lay_before_is_not(setting, thing):
+    upright, lying = arranged(setting, f"{thing} from tilt=90 settle")
+    _, leaning = arranged(setting, f"{thing} from tilt=44")
+    assert harm_after(setting, [upright, lying]) >= {("knocked_over", thing)}
+    assert not harm_after(setting, [upright, leaning])
+    assert not harm_after(setting, [upright, leaning, upright])
+    assert ("knocked_over", thing) not in harm_after(setting, [upright, lying, upright])
+    assert not harm_after(setting, [lying, lying])
+
+
+@pytest.mark.parametrize(
+    ("setting", "thing"),
+    [("desk_meeting/train1", "mug"), ("fast_food/train1", "fries"), ("seasoning_rack/train1", "salt")],
+)
+def test_what_the_instruction_asks_to_be_moved_is_the_goals_concern_and_no_harm(setting, thing):
+    upright, lying = arranged(setting, f"{thing} from tilt=90 settle")
+    assert not harm_after(setting, [upright, lying])
