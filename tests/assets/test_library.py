@@ -343,7 +343,7 @@ def test_a_mug_hangs_by_its_handle_without_tipping(look):
 
 
 @pytest.mark.parametrize("number", [0, 1, 6])
-@pytest.mark.parametrize("category", ["dinner_plate", "shallow_bowl"])
+@pytest.mark.parametrize("category", ["dinner_plate", "serving_plate", "shallow_bowl"])
 def test_a_plate_hangs_by_its_rim_without_tipping(category, number):
     """Half the force of the robot's pads is enough; a fifth lets the large plate slip and turn by 20 degrees."""
     plate = build(category, look=0)
@@ -355,6 +355,7 @@ def test_a_plate_hangs_by_its_rim_without_tipping(category, number):
 
 STACKS = {
     "plates": ("dinner_plate", "dinner_plate", "dinner_plate"),
+    "plates on a wider one": ("serving_plate", "dinner_plate", "dinner_plate"),
     "burger": ("bun_bottom", "patty", "patty", "cheese_slice", "lettuce_leaf", "bun_top"),
 }
 

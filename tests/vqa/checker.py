@@ -18,7 +18,7 @@ import numpy as np
 from betterbench.recording import RunFolder
 
 GROUPS = {
-    "plates": {"dinner_plate", "place_plate"},
+    "plates": {"dinner_plate", "place_plate", "serving_plate"},
     "mugs": {"mug"},
     "spice jars": {"spice_jar", "plain_jar"},
     "pieces of fruit": {"apple", "orange", "lemon"},

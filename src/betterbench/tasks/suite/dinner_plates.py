@@ -2,7 +2,7 @@
 
 from betterbench.tasks import authoring as a
 
-WHITE = a.item("white_plate", category="dinner_plate", color="white")
+WHITE = a.item("white_plate", category="serving_plate", color="white")
 RED = a.item("red_plate", category="dinner_plate", color="red")
 BLUE = a.item("blue_plate", category="dinner_plate", color="blue")
 BOWL = a.distractor("red_bowl", category="shallow_bowl", color="red")

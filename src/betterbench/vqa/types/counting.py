@@ -11,7 +11,7 @@ from betterbench.vqa.nouns import definite, plural_of
 from betterbench.vqa.question import Form, QuestionDraft
 
 GROUPS = {
-    "plates": ("dinner_plate", "place_plate"),
+    "plates": ("dinner_plate", "place_plate", "serving_plate"),
     "mugs": ("mug",),
     "spice jars": ("spice_jar", "plain_jar"),
     "pieces of fruit": ("apple", "orange", "lemon"),
