@@ -102,7 +102,7 @@ def test_the_handles_of_a_cabinet_stand_out_from_its_fronts(look):
     """Two handles, apart by more than a hand, and of another brightness than the board that they are on."""
     for color in ("white", "brown", "gray"):
         upper, lower = build("upper_drawer", look=look, color=color), build("lower_drawer", look=look, color=color)
-        assert upper.region("knob").position[1] - lower.region("knob").position[1] > 0.12
+        assert lower.region("knob").position[1] - upper.region("knob").position[1] > 0.12
         handle = next(p for p in upper.visual if p.name == "handle")
         front = next(p for p in upper.visual if p.name == "front")
         assert front.texture is not None

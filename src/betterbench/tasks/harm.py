@@ -37,7 +37,7 @@ OTHER_STANDS_FROM = threshold(
     "1",
     "Height of a box or an irregular object, in its smaller width, from which it stands upright and can be knocked "
     "over. Measured over all looks of the library: egg cups, staplers, speakers and boxes of fries have 1.31 or more; "
-    "blocks, which lie as well on another face, 1.01 or less, and crushed cans, napkins, mice and keyboards 0.90 or less.",
+    "blocks, which lie as well on another face, 1.01 or less, and crushed cans, napkins and mice 0.90 or less.",
 )
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}

@@ -2,7 +2,8 @@
 
 The three are assets of their own: a scene joins each drawer to the carcass by a slide along +x, whose frame is a
 region of the cabinet. The two drawers of a look differ only in the side their handle is on, so that a hand at one
-handle clears the other.
+handle clears the other. The upper handle is at -y: seen from above and from +y, as in the suite, it is then well above
+the lower one in the image. With the sides exchanged both are at one height.
 """
 
 from __future__ import annotations
@@ -198,14 +199,14 @@ def drawer_cabinet(rng: np.random.Generator, color: str) -> Draft:
 
 @generator("upper_drawer", colors=_COLORS, family="drawers")
 def upper_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the upper drawer of the cabinet, see :func:`_drawer`; its handle is at +y."""
-    return _drawer(rng, color, side=1.0, place="upper")
+    """Make the upper drawer of the cabinet, see :func:`_drawer`; its handle is at -y."""
+    return _drawer(rng, color, side=-1.0, place="upper")
 
 
 @generator("lower_drawer", colors=_COLORS, family="drawers")
 def lower_drawer(rng: np.random.Generator, color: str) -> Draft:
-    """Make the lower drawer of the cabinet, see :func:`_drawer`; its handle is at -y."""
-    return _drawer(rng, color, side=-1.0, place="lower")
+    """Make the lower drawer of the cabinet, see :func:`_drawer`; its handle is at +y."""
+    return _drawer(rng, color, side=1.0, place="lower")
 
 
 def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) -> Draft:
