@@ -16,6 +16,7 @@ import pytest
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
+from betterbench.recording import RunFolder
 from betterbench.recording.durable import DurableFile, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
 
@@ -72,6 +73,43 @@ def test_a_folder_that_vanishes_while_a_file_is_written_is_named(tmp_path):
         with pytest.raises(StorageError, match=r"x\.json: its folder was removed or moved while this was written"):
             file.finish()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "moved and made anew", "lock removed"])
+def test_nothing_is_written_beside_what_vanished_with_a_locked_folder(tmp_path, how):
+    """A training whose folder was moved put its checkpoint into a new one without recipe, which no command resumed."""
+    out = tmp_path / "out"
+    with RunLock(out / LOCK_NAME):
+        write_durably(out / "recipe.json", b"{}\n")
+        if how == "removed":
+            shutil.rmtree(out)
+        elif how == "lock removed":
+            (out / LOCK_NAME).unlink()
+        else:
+            out.rename(tmp_path / "elsewhere")
+            if how == "moved and made anew":
+                out.mkdir()
+        with pytest.raises(StorageError, match=r"out: was removed or moved.* run the same command again"):
+            write_durably(out / "checkpoints" / "last", b"weights")
+    assert not (out / "checkpoints").exists()
+    with RunLock(out / LOCK_NAME):
+        write_durably(out / "recipe.json", b"{}\n")
+
+
+def test_a_journal_that_vanishes_with_its_folder_takes_the_lock_anew(tmp_path):
+    """It is written again, and the lock keeps others out as before; a folder that others have taken stays theirs."""
+    run = RunFolder.start(tmp_path / "run", {"trials": [], "policy": "expert"})
+    with run.journal(renews=True) as journal:
+        shutil.rmtree(run.path)
+        journal.restore()
+        run.restore()
+        assert sorted(p.name for p in run.path.iterdir()) == [LOCK_NAME, "journal.jsonl", "run.json"]
+        with pytest.raises(RunConflictError, match="is writing here"):
+            RunLock(run.path / LOCK_NAME)
+        shutil.rmtree(run.path)
+        with RunLock(run.path / LOCK_NAME), pytest.raises(RunConflictError, match="is writing here"):
+            run.restore()
+    assert not (run.path / "run.json").exists()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])

@@ -124,6 +124,32 @@ def test_a_damaged_source_or_one_of_another_version_is_one_clear_error(sources, 
     assert not (tmp_path / "out").exists()
 
 
+def test_sources_that_change_while_they_are_carried_over_end_it(sources, tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(sources.path, copy)
+    hashed = production.set_hash
+
+    def then_changed(run, tasks=None):
+        found = hashed(run, tasks)
+        journal = run.path / "journal.jsonl"
+        journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+        return found
+
+    monkeypatch.setattr(production, "set_hash", then_changed)
+    with pytest.raises(RecordError, match=f"{re.escape(str(copy))}: its demonstrations have changed"):
+        amplify(copy, tmp_path / "out", demos=1)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_the_method_of_a_run_makes_the_same_attempts_again(sources, amplified):
+    (entry, *_) = amplified.entries()
+    record = amplified.read_record(entry.task, entry.condition, entry.seed)
+    notes = attempts_of(amplified.path)[entry.key].notes
+    method = method_of(amplified)
+    again = production.attempt_at(production.scene_of(entry.key, method.quality), len(notes) - 1, method).record
+    assert np.array_equal(again.qpos, record.qpos)
+
+
 def test_stored_segments_are_not_trusted(sources):
     record = next(sources.records())
     (first, *rest) = record.metadata.segments
@@ -205,3 +231,20 @@ def test_the_scene_of_a_start_is_freed_before_the_one_after_the_next(sources, tm
     monkeypatch.setattr(production, "scene_of", kept)
     amplify(sources.path, tmp_path / "run", demos=1)
     assert len(scenes) >= 4
+
+
+@pytest.mark.parametrize("how", ["removed", "moved"])
+def test_a_set_whose_folder_vanishes_while_it_is_made_is_whole_all_the_same(sources, tmp_path, record_files, how):
+    out = tmp_path / "out"
+    vanished = []
+
+    def vanish(progress):
+        if progress.done == 2 and not vanished:
+            vanished.append(out)
+            shutil.rmtree(out) if how == "removed" else out.rename(tmp_path / "elsewhere")
+
+    run = collect(["morning_coffee"], out, demos=1, on_progress=vanish)
+    assert vanished
+    assert record_files(run) == record_files(sources)
+    assert set_hash(RunFolder.open(out)) == set_hash(sources)
+    assert len(attempts_of(out)) == len(attempts_of(sources.path))

@@ -314,7 +314,7 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
     trial = demonstration.trial
-    return run.read_record(trial.task, trial.condition, trial.seed)
+    return run.read_record(trial.task, trial.condition, trial.seed, digest=demonstration.digest)
 
 
 def _check_rate(record: Record) -> None:

@@ -36,12 +36,13 @@ class LineJournal:
     Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
     :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
     disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
-    again. With ``alone`` the file is locked, and not its folder.
+    again. With ``alone`` the file is locked, and not its folder. With ``renews`` that holds for the whole folder too,
+    whose owner makes the other files anew; otherwise StorageError is raised.
     """
 
-    def __init__(self, path: Path, *, alone: bool = False) -> None:
+    def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
         self._path = path = path.absolute()
-        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME)
+        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME, renews=renews)
         self._handle: int | None = None
         try:
             lines, self._length = complete_lines(path)
@@ -72,6 +73,7 @@ class LineJournal:
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
+        self._lock.require_folder(self._path)
         if not self._stands_there(self._handle):
             self._write_again(self._handle)
         line = dump_json(form) + b"\n"
@@ -86,12 +88,14 @@ class LineJournal:
         self._length += len(line)
         self._content += line
 
-    def restore(self) -> None:
-        """Write the file again if somebody else has removed, replaced or changed it since it was opened."""
-        if self._handle is None:
-            return
-        if not self._stands_there(self._handle) or os.pread(self._handle, self._length, 0) != self._content:
-            self._write_again(self._handle)
+    def restore(self) -> bool:
+        """Write the file again if somebody else has removed, replaced or changed it since it was opened; tell so."""
+        if self._handle is None or (
+            self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
+        ):
+            return False
+        self._write_again(self._handle)
+        return True
 
     def _stands_there(self, handle: int) -> bool:
         """Tell whether the open file is still the one at its path, and as long as it was written."""
