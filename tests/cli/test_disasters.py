@@ -16,7 +16,7 @@ import pytest
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
-from betterbench.recording import RunFolder
+from betterbench.recording import JournalEntry, RunFolder
 from betterbench.recording.durable import DurableFile, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
 
@@ -110,6 +110,19 @@ def test_a_journal_that_vanishes_with_its_folder_takes_the_lock_anew(tmp_path):
         with RunLock(run.path / LOCK_NAME), pytest.raises(RunConflictError, match="is writing here"):
             run.restore()
     assert not (run.path / "run.json").exists()
+
+
+def test_a_run_within_a_folder_that_vanished_makes_nothing_anew(tmp_path):
+    """The set that it belongs to would be without its recipe."""
+    out = tmp_path / "set"
+    entry = JournalEntry("fast_food", "R1", "R1", 0, "error", "broke down")
+    with RunLock(out / LOCK_NAME):
+        run = RunFolder.start(out / "sources", {"policy": "expert"})
+        with run.journal(renews=True) as journal:
+            out.rename(tmp_path / "elsewhere")
+            with pytest.raises(StorageError, match="set: was removed or moved"):
+                journal.append(entry)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])

@@ -17,7 +17,7 @@ from typing import Any, Self
 from betterbench.errors import RecordError
 from betterbench.json_form import form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
 from betterbench.recording.durable import sync_folder, write_durably
-from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked
+from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
 from betterbench.recording.metadata import dump_json
 from betterbench.recording.places import open_in_place
 
@@ -73,7 +73,7 @@ class LineJournal:
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
-        self._lock.require_folder(self._path)
+        require_held(self._path)
         if not self._stands_there(self._handle):
             self._write_again(self._handle)
         line = dump_json(form) + b"\n"
