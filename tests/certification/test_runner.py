@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -172,3 +173,14 @@ def test_ctrl_c_while_workers_start_is_for_the_first_process_alone():
     blocked = list(in_workers(trials, 2, functools.partial(signal.pthread_sigmask, signal.SIG_BLOCK)))
     assert all(signal.SIGINT in before for before in blocked)
     assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_what_workers_are_at_is_not_waited_for_once_the_command_ends():
+    """Ctrl-C, or a full disk, ended a command only when each worker had ended its trial."""
+    found = in_workers([0.0, 60.0, 61.0], 2, time.sleep)
+    next(found)
+    found.close()
+    until = time.monotonic() + 10.0
+    while multiprocessing.active_children() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not multiprocessing.active_children()

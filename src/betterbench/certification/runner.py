@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TypeVar
 
@@ -145,6 +146,7 @@ def _pooled(
     """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
+    started: set[BaseProcess] = set()
     with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=prepare_process) as pool:
         try:
             while True:
@@ -153,8 +155,10 @@ def _pooled(
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
                 with interrupts_blocked():  # the process that starts others decides what happens at Ctrl-C
+                    others = set(multiprocessing.active_children()) - started
                     for trial in new:
                         pending[pool.submit(work, trial)] = trial
+                    started |= set(multiprocessing.active_children()) - others
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)
@@ -165,4 +169,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in started:  # Python would wait for what they are at
+                process.kill()
             raise
