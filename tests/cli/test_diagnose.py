@@ -131,7 +131,7 @@ def test_a_folder_that_cannot_be_written_is_diagnosed_all_the_same(folder, capsy
     ids=lambda problem: type(problem).__name__,
 )
 def test_what_a_model_knows_is_shown_though_it_cannot_be_kept(folder, tmp_path, capsys, monkeypatch, problem):
-    """Whatever keeps the two results of the verb from being stored, both are printed, and each is said to be missing."""
+    """Where the two results of the verb cannot be stored, both are printed, with one line each about the reason."""
 
     def refuse(*_):
         raise problem
