@@ -7,7 +7,9 @@ import json
 import pytest
 
 from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 from betterbench.recording import JournalEntry, RunFolder
+from betterbench.vqa.knowing import Knowledge
 
 
 def run_verb(capsys, *arguments):
@@ -116,3 +118,37 @@ def test_a_folder_that_cannot_be_written_is_diagnosed_all_the_same(folder, capsy
     assert status == 0
     assert json.loads(out)["policy"] == "scripted"
     assert "not stored" in err
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        PermissionError(13, "Permission denied"),
+        StorageError("RUN: No space left on device."),
+        RunConflictError("RUN: another process is writing to it."),
+        InvalidInputError("RUN", "a link leads out of the folder", "Remove the link"),
+    ],
+    ids=lambda problem: type(problem).__name__,
+)
+def test_what_a_model_knows_is_shown_though_it_cannot_be_kept(folder, tmp_path, capsys, monkeypatch, problem):
+    """Where the two results of the verb cannot be stored, both are printed, with one line each about the reason."""
+
+    def refuse(*_):
+        raise problem
+
+    class Asked:
+        def require_about(self, run):
+            assert run.path == folder
+
+    known = Knowledge("a model", "scripted", (), (), {})
+    monkeypatch.setattr("betterbench.diagnosis.stored.store_diagnosis", refuse)
+    monkeypatch.setattr("betterbench.vqa.knowing.store_knowledge", refuse)
+    monkeypatch.setattr("betterbench.vqa.dataset.read_set", lambda _: Asked())
+    monkeypatch.setattr("betterbench.vqa.asking.read_answers", lambda *_: ())
+    monkeypatch.setattr("betterbench.vqa.knowing.knowledge_of", lambda *_: known)
+    words = ("--answers", str(tmp_path / "answers.jsonl"), "--questions", str(tmp_path), "--json")
+    status, out, err = run_verb(capsys, "diagnose", str(folder), *words)
+    assert status == 0, err
+    assert json.loads(out)["policy"] == "scripted"
+    assert "not stored: " in err
+    assert "the report will not show it: " in err

@@ -235,6 +235,21 @@ def test_ctrl_c_at_the_beginning_is_one_line(tmp_path, at_s):
     assert process.returncode == 0 or (process.returncode, said.splitlines()[-1]) == (130, "interrupted")
 
 
+def test_ctrl_c_while_a_class_is_made_leaves_the_exit_status(tmp_path):
+    """Dataclasses run code by exec(), which Python remembers until the end of `python -m`."""
+    (tmp_path / "interrupted.py").write_text(
+        "import sys\nfrom betterbench.cli import main as entry\nimport betterbench.cli.main\n"
+        "def run():\n"
+        "    try:\n"
+        "        exec('raise KeyboardInterrupt')\n"
+        "    except KeyboardInterrupt:\n"
+        "        return 130\n"
+        "sys.modules['betterbench.cli.main'].main = run\n"
+        "entry()\n"
+    )
+    assert subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, check=False).returncode == 130
+
+
 def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):
     """PyOpenGL makes an ArgumentError of it, and a child that Ctrl-C ended too lets its parent fail."""
     from betterbench import cli

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 from betterbench.json_form import NotOrdinaryError, open_ordinary, read_ordinary
 from betterbench.recording import LineJournal, RunLock, write_durably
 from betterbench.recording.durable import DurableFile, remove_parts
@@ -205,3 +205,41 @@ def test_a_folder_and_a_pipe_are_not_read(tmp_path):
     assert read_ordinary(tmp_path / "file") == b"1"
     with pytest.raises(FileNotFoundError):
         open_ordinary(tmp_path / "none")
+
+
+def test_an_output_that_was_moved_while_it_was_written_is_not_called_whole(tmp_path):
+    """What is written afterwards goes to a new folder at the old place, so neither of the two is whole."""
+    out = tmp_path / "out"
+
+    def write(after=None):
+        with OutputFolder(out, "report"):
+            write_durably(out / "a.txt", b"1")
+            out.rename(tmp_path / "moved")
+            if after is not None:
+                raise after
+            write_durably(out / "b.txt", b"2")
+
+    with pytest.raises(StorageError, match=r"out: it was removed or moved while it was written"):
+        write()
+    assert sorted(p.name for p in (tmp_path / "moved").iterdir()) == [LOCK_NAME, LIST_NAME, "a.txt"]
+    (tmp_path / "moved").rename(tmp_path / "earlier")
+    (out / "b.txt").unlink()
+    (out / LIST_NAME).unlink()
+    with pytest.raises(ZeroDivisionError):  # another error is what there is to say
+        write(ZeroDivisionError())
+
+
+def test_a_set_of_questions_that_was_moved_while_it_was_made_is_not_called_whole(tmp_path):
+    from betterbench.vqa.dataset import begun_set
+
+    out = tmp_path / "set"
+
+    def write():
+        with begun_set(out, {}):
+            out.rename(tmp_path / "moved")
+            write_durably(out / "questions.jsonl", b"")
+
+    with pytest.raises(StorageError, match=r"set: it was removed or moved while it was written"):
+        write()
+    with begun_set(tmp_path / "moved", {}) as complete:
+        assert not complete

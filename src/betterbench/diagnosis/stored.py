@@ -145,6 +145,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
+        StorageError: If the disk is full, broken or protected.
         InvalidInputError: If the place is a link that leads out of the folder.
     """
     path = stored_path(run)

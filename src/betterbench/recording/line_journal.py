@@ -19,7 +19,7 @@ from betterbench.json_form import form_errors, open_ordinary, parse_json, read_b
 from betterbench.recording.durable import sync_folder, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
 from betterbench.recording.metadata import dump_json
-from betterbench.recording.places import open_in_place
+from betterbench.recording.places import naming, open_in_place
 
 MAX_BYTES = 1 << 30
 """Largest journal that is read; a line takes some 600 bytes."""
@@ -48,13 +48,14 @@ class LineJournal:
             lines, self._length = complete_lines(path)
             self._content = bytearray(b"".join(line + b"\n" for line in lines))
             self._take_in(lines)
-            self._handle = open_in_place(path)
-            if os.fstat(self._handle).st_size > self._length:
-                _require_begun(path, os.pread(self._handle, 1, self._length))
-                logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
-                os.ftruncate(self._handle, self._length)
-            os.fsync(self._handle)
-            sync_folder(path.parent)
+            with naming(path):
+                self._handle = open_in_place(path)
+                if os.fstat(self._handle).st_size > self._length:
+                    _require_begun(path, os.pread(self._handle, 1, self._length))
+                    logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
+                    os.ftruncate(self._handle, self._length)
+                os.fsync(self._handle)
+                sync_folder(path.parent)
         except BaseException:
             self.close()
             raise
@@ -79,9 +80,10 @@ class LineJournal:
         line = dump_json(form) + b"\n"
         try:
             written = 0
-            while written < len(line):
-                written += os.pwrite(self._handle, line[written:], self._length + written)
-            os.fsync(self._handle)
+            with naming(self._path):
+                while written < len(line):
+                    written += os.pwrite(self._handle, line[written:], self._length + written)
+                os.fsync(self._handle)
         except OSError:
             os.ftruncate(self._handle, self._length)
             raise

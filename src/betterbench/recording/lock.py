@@ -145,6 +145,17 @@ class RunLock:
             "folder."
         )
 
+    def require_in_place(self) -> None:
+        """Raise StorageError if the folder was removed or moved since it was locked: what was written is not together.
+
+        To be called last, when a command would end as if its output were whole.
+        """
+        if self._handle is not None and not _stands_at(self._path, self._handle):
+            raise StorageError(
+                f"{self._locked}: it was removed or moved while it was written, so a part of it may be elsewhere or "
+                "gone. Remove what is there and run the same command again."
+            )
+
     def release(self) -> None:
         """Give the lock back; harmless when it is not held."""
         if self._handle is not None:

@@ -205,6 +205,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
+        StorageError: If the disk is full, broken or protected.
         InvalidInputError: If the place is a link that leads out of the folder.
     """
     form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})
