@@ -90,10 +90,7 @@ class RunLock:
         if _stands_at(self._path, self._handle):
             return
         if not self._renews:
-            raise StorageError(
-                f"{self._folder}: was removed or moved, or its {self._path.name}, while this command writes there, so "
-                f"{path.name} is not written. Put the folder back, or run the same command again."
-            )
+            raise StorageError(self._lost(f"{path.name} is not written"))
         with self._renewing:
             if not _stands_at(self._path, self._handle):
                 lost, self._handle = self._handle, self._noted(waits=False)
@@ -151,10 +148,14 @@ class RunLock:
         To be called last, when a command would end as if its output were whole.
         """
         if self._handle is not None and not _stands_at(self._path, self._handle):
-            raise StorageError(
-                f"{self._locked}: it was removed or moved while it was written, so a part of it may be elsewhere or "
-                "gone. Remove what is there and run the same command again."
-            )
+            raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
+
+    def _lost(self, consequence: str) -> str:
+        """Return what is said where the locked folder is not there any more."""
+        return (
+            f"{self._locked}: was removed or moved, or its {self._path.name}, while this command writes there, so "
+            f"{consequence}. Put the folder back, or run the same command again."
+        )
 
     def release(self) -> None:
         """Give the lock back; harmless when it is not held."""
