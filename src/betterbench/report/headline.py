@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
 from betterbench.diagnosis.foreign import untold_by
+from betterbench.diagnosis.instruction_effect import effect_sentence
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.claims import (
@@ -97,6 +98,8 @@ class Headline:
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
+        effect: The instruction effect, over pairs of trials that differ in the instruction alone.
+        effect_sentence: What the instruction effect shows.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
         breakdown: How most trials ended where the policy itself failed to run.
@@ -112,6 +115,8 @@ class Headline:
     gap: Figure
     intention: Figure
     grasps: Figure
+    effect: Figure
+    effect_sentence: str
     needless: Figure
     failure: Failure | None
     segments: tuple[Segment, ...]
@@ -140,6 +145,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     intention = Figure.of(diagnosis.metric("intention_accuracy", "overall"))
     varied = [trial for trial in diagnosis.trials if trial.variation is not None]
     conclusion, family, claim = _conclusion(diagnosis, training, gap)
+    effect = diagnosis.metric("instruction_effect", "overall")
     breakdown = _breakdown(varied)
     sentences = [
         _numbers(training, variations, gap),
@@ -157,6 +163,8 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         gap,
         intention,
         Figure.of(diagnosis.metric("distractor_grasp_rate", "overall"), noun="grasps"),
+        Figure.of(effect, noun="pairs"),
+        effect_sentence(effect),
         Figure.of(diagnosis.metric("success_with_a_needless_step", "overall")),
         leading_failure(varied),
         segments_of([trial for trial in diagnosis.even_trials if trial.variation is not None]),

@@ -13,7 +13,6 @@ from betterbench.diagnosis.trace import place_middle
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import rotate
 from betterbench.statistics.wording import listed
-from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.thresholds import threshold
@@ -70,7 +69,10 @@ def _stuck(episode: EpisodeAnalysis, last: int) -> tuple[str, str] | None:
         kind = episode.kind(reached)
         if not trace.closing.any():
             return "never_closes", f"with a gripper that has come to the {kind}, the right target, and never closes"
-        return "does_not_close", f"with a gripper that has come to the {kind}, the right target, and does not close on it"
+        return (
+            "does_not_close",
+            f"with a gripper that has come to the {kind}, the right target, and does not close on it",
+        )
     stay = _stay(episode)
     if stay is not None and stays_above(trace, first, stay):
         return "never_descends", f"{_over(episode, stay)}, and does not come down to it"
