@@ -468,7 +468,7 @@ def test_a_tie_with_look_alikes_of_the_same_rule_is_not_called_most_often():
 
 
 def _with_pairs(pairs, same):
-    """Returns a run with pairs of trials that differ in the instruction alone; in so many the first target is the same."""
+    """Returns a run with pairs that differ in the instruction alone; in so many the first target is the same."""
     trials = []
     for seed in range(pairs):
         first = {"first_attempt": "red_mug", "first_slot": "near", "scene": f"scene {seed}"}

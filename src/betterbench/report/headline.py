@@ -13,6 +13,7 @@ from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.claims import (
     DESCRIBED,
+    FEW,
     Grounds,
     claim_of_failure,
     claim_of_habit,
@@ -35,9 +36,6 @@ WEAK_SHARE = 0.5
 """Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
 by its success; what it attempts first can still be judged."""
 
-
-FEW = 3
-"""Least number of trials that show a habit: of one task where failures are rare, and of one axis."""
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
 """Labels that say nothing about where a policy fails."""
@@ -269,7 +267,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         text = f"it solved {training.count()} training trials and {solved} trials of variations"
         return f"{NOTHING_YET}: {text}.", Kind.UNFINISHED.value, weak_claim
     if main is None:
-        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+        return _no_failure(trials, len(varied))
     habit = _habit(trials)
     if rare:
         text = f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed."
@@ -298,6 +296,22 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
             before = "It has not learned the training conditions."
         return f"{before} {text}", entry.family, claim
     return text, entry.family, claim
+
+
+def _no_failure(trials: Sequence[TrialDiagnosis], solved: int) -> tuple[str, str, Grounds]:
+    """Return what a run says that solves every variation; failures of its training trials are not kept back."""
+    trained = [trial for trial in trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
+    failed = [trial for trial in trained if _has_failed(trial)]
+    main = main_failure(trained)
+    if main is None or len(failed) <= RARE_SHARE * len(trained):
+        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+    counts = f"{len(failed)} of {plural(len(trained), 'training trial')}"
+    text = f"It solves every variation that was run ({plural(solved, 'trial')}) and fails {counts}"
+    claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(trained))
+    if not claim.supported:
+        return f"{text}.", Kind.UNFINISHED.value, claim
+    said = _of_several(LEGEND[main].conclude([trial for trial in failed if trial.label is main]), failed, main)
+    return f"{text}. In training: {said[0].lower()}{said[1:]}", LEGEND[main].family, claim
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:

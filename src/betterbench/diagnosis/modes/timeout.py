@@ -47,7 +47,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
     sharper=_sharper,
-    finding="Does the right things until the step limit ends the trial",
+    finding="Attempts nothing wrong until the step limit ends the trial",
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a timeout, if nothing else explains the trial."""
