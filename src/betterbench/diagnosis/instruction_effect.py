@@ -138,6 +138,24 @@ def effect_words(effect: Metric) -> str:
     return f"In {_counted(effect)} the first target is the same."
 
 
+def effect_sentence(effect: Metric | None) -> str:
+    """Return what an instruction effect shows, in one sentence: used, not used, or not decided."""
+    if effect is None or not effect.n:
+        return (
+            "No two trials of this run differ in the instruction alone and ask for different first targets, so it does "
+            "not show whether the instruction is used."
+        )
+    pairs = "pair of trials that differs" if effect.n == 1 else "pairs of trials that differ"
+    seen = f"The first target changes in {effect.k or 0} of {effect.n} {pairs} in the instruction alone"
+    if is_unused(effect):
+        return f"{seen}: the instruction is not used."
+    if effect.n < LEAST_PAIRS:
+        return f"{seen}; fewer than {LEAST_PAIRS} pairs do not show whether the instruction is used."
+    if (effect.low or 0.0) > USED:
+        return f"{seen}: the instruction is used, rightly or wrongly."
+    return f"{seen}, as it may by chance: this does not show whether the instruction is used."
+
+
 def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:
     """Yield one sentence for each proof that the instruction is not used."""
     for effect in dict.fromkeys(unused.values()):
