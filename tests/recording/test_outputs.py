@@ -211,17 +211,22 @@ def test_a_folder_and_a_pipe_are_not_read(tmp_path):
 def test_an_output_that_was_moved_while_it_was_written_is_not_called_whole(what, tmp_path):
     """Nothing is written to a new folder at the old place; an error of the command itself is what there is to say."""
     out, moved = tmp_path / "out", tmp_path / "moved"
-    expected = ZeroDivisionError if what == "error" else StorageError
-    with (
-        pytest.raises(expected, match=None if what == "error" else "out: was removed or moved"),
-        OutputFolder(out, "report"),
-    ):
-        write_durably(out / "a.txt", b"1")
-        out.rename(moved)
-        if what == "error":
-            raise ZeroDivisionError
-        if what == "write":
-            write_durably(out / "b.txt", b"2")
+
+    def write():
+        with OutputFolder(out, "report"):
+            write_durably(out / "a.txt", b"1")
+            out.rename(moved)
+            if what == "error":
+                raise ZeroDivisionError
+            if what == "write":
+                write_durably(out / "b.txt", b"2")
+
+    if what == "error":
+        with pytest.raises(ZeroDivisionError):
+            write()
+    else:
+        with pytest.raises(StorageError, match="out: was removed or moved"):
+            write()
     assert not out.exists()
     assert sorted(p.name for p in moved.iterdir()) == [LOCK_NAME, LIST_NAME, "a.txt"]
 
