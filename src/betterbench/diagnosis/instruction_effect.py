@@ -34,6 +34,10 @@ said not to use the instruction."""
 SAME_TARGET = "same_target_whatever_the_instruction"
 """Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""
 
+SAME_THING = "same_thing_whatever_the_instruction"
+"""Rule of evidence of a wrong first attempt at a thing that a policy goes for wherever it stands
+(:mod:`betterbench.diagnosis.favorite_thing`)."""
+
 _PLACE_DIGITS = 4
 """Decimals of the positions [m] and rotations by which two initial states are compared: 0.1 mm."""
 
