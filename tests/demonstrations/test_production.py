@@ -98,6 +98,25 @@ def test_a_run_with_a_seed_of_tests_is_no_source(sources, tmp_path):
         amplify(copy, tmp_path / "out", demos=1)
 
 
+def test_a_condition_that_nobody_demonstrated_is_named_with_the_command_that_demonstrates_it(
+    sources, tmp_path, monkeypatch
+):
+    """The demonstrations by hand of one condition go on in their own folder, and not beside those of the expert."""
+    copy = tmp_path / "by hand"
+    shutil.copytree(sources.path, copy)
+    lines = (copy / "journal.jsonl").read_text().splitlines(keepends=True)
+    first = json.loads(lines[0])
+    first.pop("link")
+    (copy / "journal.jsonl").write_text(json.dumps(first) + "\n")
+    kept = first["condition"]
+    missing = "morning_coffee/" + ("train2" if kept == "train1" else "train1")
+    with pytest.raises(InvalidInputError, match=f"{missing}.*better collect --tasks morning_coffee --out RUN"):
+        amplify(copy, tmp_path / "out", demos=1)
+    monkeypatch.setattr(production, "TELEOPERATED", "demonstrator:expert")  # as if a person had given them
+    with pytest.raises(InvalidInputError, match=f"{missing}.*better teleop --tasks morning_coffee --out '.*by hand'"):
+        amplify(copy, tmp_path / "out", demos=1)
+
+
 def test_bad_input_is_one_clear_error(sources, tmp_path):
     for settings, field in ((AmplifierSettings(action_noise=9.0), "--noise"),):
         with pytest.raises(InvalidInputError, match=field):
@@ -167,6 +186,7 @@ def test_the_report_counts_every_attempt(sources, amplified):
     assert sum(t.attempts for t in task.sources.values()) == len(notes)
     assert sum(task.failures.values()) == len(notes) - 4
     page = write_acceptance(amplified, found, {}, {}).read_text()
+    assert "of as many as so few demonstrations can reach" in page
     assert found.sha256 in page
     assert "morning_coffee" in page
     form = json.loads((amplified.path / "acceptance" / "acceptance.json").read_text())

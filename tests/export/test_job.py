@@ -269,6 +269,7 @@ def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_pa
     assert document["bytes"] == sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
     assert document["seconds"] > 0.0
     assert document["evaluate"].startswith("better eval --policy lerobot:CHECKPOINT --quality fast")
+    assert document["evaluate"].endswith(" --tasks morning_coffee --trials 3 --out RUN")
     assert document["evaluate"] in (out / "README.md").read_text()
     assert main([*words[:-1]]) == 0  # it is there already
     assert f"{filesize.decimal(document['bytes'])} on disk, 0:00:0" in capsys.readouterr().out

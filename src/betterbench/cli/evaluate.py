@@ -429,13 +429,13 @@ def prepare_robot(name: str) -> None:
     from betterbench.robots import build_robot_spec
 
     with ExitStack() as stack:
-        shown: list[Callable[[int], None]] = []
+        shown: list[Callable[..., None]] = []
 
         def on_progress(what: str, done: int, planned: int) -> None:
             if not shown:
-                bar, task = stack.enter_context(progress_bar(what, planned))
-                shown.append(lambda completed: bar.update(task, completed=completed))
-            shown[0](done)
+                bar, task = stack.enter_context(progress_bar(what, planned, stays=False))
+                shown.append(lambda **changes: bar.update(task, **changes))
+            shown[0](description=what, completed=done, total=planned)
 
         build_robot_spec(name, progress=on_progress)
 

@@ -27,6 +27,7 @@ from betterbench.demonstrations.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.attempt import (
     AMPLIFIED,
     EXPERT,
+    TELEOPERATED,
     AttemptNote,
     DemonstrationAttempt,
     amplify_attempt,
@@ -50,6 +51,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.interventions.regimes import Regime, in_regime
 from betterbench.json_form import open_form, read_form, strict_form
+from betterbench.quoting import shell_word
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.durable import on_disk
 from betterbench.recording.line_journal import complete_lines, say_lost_tail
@@ -347,6 +349,8 @@ def _check_sources(run: RunFolder, task: Task) -> None:
     for condition in task.training:
         if not library.of_condition(condition.name):
             cure = f"Collect some: better collect --tasks {task.id} --out RUN"
+            if run.plan["policy"] == TELEOPERATED:
+                cure = f"Demonstrate it too: better teleop --tasks {task.id} --out {shell_word(run.path)}"
             raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
 
 
