@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError
+from betterbench.json_form import sealed_form
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.vqa.knowing import Knowledge
 
@@ -45,7 +47,7 @@ def older(folder, capsys):
     trial["evidence"] |= {"rule": "old_rule", "text": "It was late."}
     metric = next(m for m in form["metrics"] if (m["name"], m["scope"]) == ("system_failure_rate", "overall"))
     metric |= {"k": 1, "value": 0.5}
-    path.write_text(json.dumps(form))
+    path.write_text(json.dumps(sealed_form(form)))
     return path
 
 
@@ -95,7 +97,7 @@ def test_keep_leaves_the_stored_diagnosis(older, capsys):
 def test_another_version_that_judges_alike_says_so(folder, capsys):
     run_verb(capsys, "diagnose", str(folder))
     path = folder / "diagnosis.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), "package_version": "0.0.1"}))
+    rewrite(path, lambda form: form.update(package_version="0.0.1"))
     _, out, _ = run_verb(capsys, "diagnose", str(folder))
     assert "gives every trial the same label and evidence" in " ".join(out.split())
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.diagnosis.decider import decider_of
+from betterbench.diagnosis.decider import decider_of, may_be_place
 from betterbench.diagnosis.favorite_thing import FavoriteThing, favorite_thing
 from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
@@ -346,8 +346,11 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
     A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
+    So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
     """
     if reading.choice is None or reading.choice.correct:
+        return trial
+    if trial.label is Label.VISUAL_LAYOUT_BIAS and may_be_place(decider):
         return trial
     return _not_by_instruction(trial, reading, SAME_TARGET, f"{effect_words(effect)} What decides instead: {decider}.")
 
@@ -367,14 +370,16 @@ def _favorites(
 
 def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that goes for one thing wherever it stands."""
-    if reading.choice is None or reading.choice.correct or reading.choice.thing != favorite.kind:
+    if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
+        return trial
+    if reading.choice.thing != favorite.kind:
         return trial
     return _not_by_instruction(trial, reading, SAME_THING, favorite.words())
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
     """Return a wrong first attempt that no rule explains as one that does not depend on what is asked."""
-    if trial.label is not Label.WRONG_OBJECT:
+    if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))
     if label is not Label.VISUAL_LAYOUT_BIAS:

@@ -123,7 +123,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
             told = _finished(plan, out, identity, quality)
             _remove_leftover(staging)
             return told
-        with RunLock(staging / LOCK_NAME):
+        with RunLock(staging / LOCK_NAME, output=out):
             remove_parts(staging)
             if out.exists() and not _is_replaced(plan, out, identity):
                 told = _finished(plan, out, identity, quality)

@@ -48,7 +48,7 @@ class RunLock:
     the lock is held do not keep it alive. While it is held, no file is written below its folder by a link that leads
     out of it (:mod:`betterbench.recording.places`), and none once the folder was removed or moved
     (:func:`require_held`): what was written before would be missing beside it. With ``renews`` the owner writes that
-    again, and the lock is taken anew.
+    again, and the lock is taken anew. Messages name the ``output``, where its parts are collected in the folder.
 
     Raises:
         RunConflictError: If somebody else holds the lock, unless it ``waits``.
@@ -57,8 +57,9 @@ class RunLock:
 
     _is_folder = True
 
-    def __init__(self, path: Path, *, waits: bool = False, renews: bool = False) -> None:
+    def __init__(self, path: Path, *, waits: bool = False, renews: bool = False, output: Path | None = None) -> None:
         self._path, self._folder, self._renews = path, path.parent.absolute(), renews
+        self._output = output or path.parent
         self._handle: int | None = None
         self._renewing = threading.Lock()
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
@@ -99,7 +100,7 @@ class RunLock:
     @property
     def _locked(self) -> Path:
         """What is locked, as the user knows it."""
-        return self._path.parent
+        return self._output
 
     def _guard(self) -> None:
         guard(self._folder)
@@ -137,10 +138,7 @@ class RunLock:
 
     def _conflict(self, holder: str) -> str:
         """Return what is said where a process holds the lock."""
-        return (
-            f"{self._path.parent}: another run (process {holder}) is writing here. Wait for it, or choose another "
-            "folder."
-        )
+        return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
         """Raise StorageError if the folder was removed or moved since it was locked: what was written is not together.
