@@ -115,6 +115,26 @@ def test_a_clumsy_hand_is_told_how(rules, how):
     assert weak.startswith("It fails the training conditions too. It goes for the right things, but ")
 
 
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [
+        (["collided"] * 10, "it knocks things over or out of their places; 10 of 10"),
+        (["harm"] * 6 + ["pushed"] * 4, "it knocks things over or out of their places or pushes things away; 6 of 10"),
+        (["goal_not_held"] * 10, ""),
+    ],
+)
+def test_an_arm_that_knocks_things_over_before_any_attempt_is_not_said_to_go_for_the_right_ones(rules, said):
+    """Seen on a policy that sweeps over the table: intention accuracy 33 %, and yet "It goes for the right things"."""
+    wild = {"intention_correct": False, "attempts": ()}
+    trials = [t for s, rule in enumerate(rules) for t in varied([s], Label.EXECUTION_FAILURE, rule=rule, **wild)]
+    conclusion = headline_of(diagnosis(trials)).conclusion
+    assert "goes for the right things" not in conclusion
+    assert conclusion.startswith(f"Its manipulation fails: {said}" if said else "Its manipulation fails; 10 of 10")
+    assert conclusion.endswith("of these trials do not show what it goes for.")
+    aimed = [replace(trial, intention_correct=True) for trial in trials]
+    assert "It goes for the right things, but " in headline_of(diagnosis(aimed)).conclusion
+
+
 def test_a_memorized_order_is_said():
     trials = varied(range(5), Label.ORDER_VIOLATION, rule="memorized_order")
     assert "the step that came next in training" in headline_of(diagnosis(trials)).conclusion
