@@ -27,8 +27,8 @@ LEARNED = PolicyEntry("learned:CHECKPOINT", "A learner that better train has tra
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry(
-        "python:MODULE:CLASS",
-        "Your own class with info, reset and act; arguments follow as ?key=value.",
+        "python:FILE.py:CLASS",
+        "Your own class with info, reset and act, in a file or a module; arguments follow as ?key=value.",
         privileged=False,
     ),
 }
