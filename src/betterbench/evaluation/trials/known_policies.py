@@ -28,7 +28,7 @@ PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry(
         "python:FILE.py:CLASS",
-        "Your own class with info, reset and act, in a file or a module; arguments follow as ?key=value.",
+        "Your own class with info, reset and act; arguments follow as ?key=value.",
         privileged=False,
     ),
 }
