@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -14,7 +16,7 @@ import pytest
 from tests.certification.conftest import make_trial
 
 from betterbench.certification import runner
-from betterbench.certification.runner import certify
+from betterbench.certification.runner import certify, in_workers
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, UnknownNameError, WorkerError
 from betterbench.tasks import TrialId, get_task
 
@@ -163,3 +165,22 @@ def test_a_trial_that_kills_its_worker_is_named_and_the_others_are_kept(tmp_path
     with pytest.raises(WorkerError, match=r"^morning_coffee/T1/2: 3 worker processes died while they ran it"):
         certify(trials, tmp_path, workers=2)
     assert len((tmp_path / "journal.jsonl").read_bytes().splitlines()) >= 2, "the header and a trial"
+
+
+def test_ctrl_c_while_workers_start_is_for_the_first_process_alone():
+    """A worker that was interrupted while it imported printed a traceback; the mask is that of its first moment."""
+    trials = [(signal.SIGUSR1,), (signal.SIGUSR2,)]  # which the work blocks, to return what was blocked before
+    blocked = list(in_workers(trials, 2, functools.partial(signal.pthread_sigmask, signal.SIG_BLOCK)))
+    assert all(signal.SIGINT in before for before in blocked)
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_what_workers_are_at_is_not_waited_for_once_the_command_ends():
+    """Ctrl-C, or a full disk, ended a command only when each worker had ended its trial."""
+    found = in_workers([0.0, 60.0, 61.0], 2, time.sleep)
+    next(found)
+    found.close()
+    until = time.monotonic() + 10.0
+    while multiprocessing.active_children() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not multiprocessing.active_children()

@@ -8,10 +8,13 @@ import json
 import re
 import shutil
 import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
 from betterbench.cli.main import VERBS, main
+from betterbench.errors import StorageError
 from betterbench.recording import RunFolder, read_record
 from betterbench.tasks import all_tasks
 
@@ -222,6 +225,96 @@ def test_a_missing_tracker_is_one_line_with_the_extra(capsys, monkeypatch, small
     status, _, err = run(capsys, "export", str(small_run), "--to", extra, "--out", str(tmp_path))
     assert status == 2
     assert f"setup EXTRAS={extra}" in " ".join(err.split())
+
+
+@pytest.fixture
+def fake_wandb(monkeypatch):
+    """What wandb does with folders: a run makes one of its own in ``dir``, with a link to the latest."""
+    made = SimpleNamespace(stops=False, logged=[])
+
+    class Run:
+        def __init__(self, place):
+            self.place, self.summary = place, {}
+
+        def __enter__(self):
+            self.place.mkdir(parents=True)
+            (self.place.parent / "latest-run").symlink_to(self.place.name)
+            (self.place / "run-1.wandb").write_bytes(b"half")
+            return self
+
+        def log(self, values):
+            if made.stops:
+                raise KeyboardInterrupt
+            made.logged.append((self.summary, values))
+            (self.place / "run-1.wandb").write_bytes(b"whole")
+
+        def __exit__(self, *_):
+            pass
+
+    module = ModuleType("wandb")
+    module.setup = lambda: SimpleNamespace(settings=SimpleNamespace(mode="offline"))
+    module.Settings = lambda **options: options
+    module.Table = lambda **options: options
+    module.teardown = lambda: None
+    module.init = lambda **given: Run(Path(given["dir"]) / "wandb" / f"offline-run-{len(made.logged)}")
+    monkeypatch.setitem(sys.modules, "wandb", module)
+    return made
+
+
+def test_wandb_gets_the_numbers_and_the_trials(capsys, small_run, tmp_path, fake_wandb):
+    out = tmp_path / "a folder"
+    for number in range(2):
+        status, _, err = run(capsys, "export", str(small_run), "--to", "wandb", "--out", str(out))
+        assert status == 0
+        assert f"wandb sync '{out}/wandb/offline-run-{number}'" in err
+    assert sorted(str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()) == [
+        "wandb/offline-run-0/run-1.wandb",
+        "wandb/offline-run-1/run-1.wandb",
+    ]
+    numbers, logged = fake_wandb.logged[0]
+    assert numbers["success_rate/overall/n"] > 0
+    assert len(logged["trials"]["data"]) == 4
+
+
+def test_an_export_to_wandb_is_whole_or_not_there(capsys, small_run, tmp_path, fake_wandb, monkeypatch):
+    """wandb ends well on a full disk, with a file that is cut short, and a run that was killed would be sent later."""
+    from betterbench.cli import trackers
+    from betterbench.recording.durable import DurableFile
+
+    words = ("export", str(small_run), "--to", "wandb", "--out", str(tmp_path))
+    left = tmp_path / ".wandb-killed.part" / "wandb" / "offline-run-9"
+    left.mkdir(parents=True)
+    (tmp_path / ".wandb.abcd1234.part").write_bytes(bytes(9))
+    fake_wandb.stops = True
+    assert run(capsys, *words)[0] == 130
+    assert not list(tmp_path.iterdir())
+    fake_wandb.stops = False
+    asked = []
+
+    class FilledMeanwhile(DurableFile):
+        def __init__(self, path):
+            asked.append(path)
+            if len(asked) == 2:
+                raise StorageError(f"{path}: No space left on device.")
+            super().__init__(path)
+
+    monkeypatch.setattr(trackers, "DurableFile", FilledMeanwhile)
+    status, _, err = run(capsys, *words)
+    assert (status, len(asked)) == (2, 2)
+    assert "No space left on device" in err
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_wandb_follows_no_link_out_of_its_folder(capsys, small_run, tmp_path, fake_wandb):
+    out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
+    out.mkdir()
+    elsewhere.mkdir()
+    (out / "wandb").symlink_to(elsewhere)
+    status, _, err = run(capsys, "export", str(small_run), "--to", "wandb", "--out", str(out))
+    assert status == 2
+    assert "is a link" in err
+    assert not list(elsewhere.iterdir())
+    assert not fake_wandb.logged
 
 
 def test_the_same_command_again_runs_nothing(capsys, small_run):

@@ -5,9 +5,13 @@ from __future__ import annotations
 import json
 
 import pytest
+from tests.resealing import rewrite
 
 from betterbench.cli.main import main
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
+from betterbench.json_form import sealed_form
 from betterbench.recording import JournalEntry, RunFolder
+from betterbench.vqa.knowing import Knowledge
 
 
 def run_verb(capsys, *arguments):
@@ -43,7 +47,7 @@ def older(folder, capsys):
     trial["evidence"] |= {"rule": "old_rule", "text": "It was late."}
     metric = next(m for m in form["metrics"] if (m["name"], m["scope"]) == ("system_failure_rate", "overall"))
     metric |= {"k": 1, "value": 0.5}
-    path.write_text(json.dumps(form))
+    path.write_text(json.dumps(sealed_form(form)))
     return path
 
 
@@ -93,7 +97,7 @@ def test_keep_leaves_the_stored_diagnosis(older, capsys):
 def test_another_version_that_judges_alike_says_so(folder, capsys):
     run_verb(capsys, "diagnose", str(folder))
     path = folder / "diagnosis.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), "package_version": "0.0.1"}))
+    rewrite(path, lambda form: form.update(package_version="0.0.1"))
     _, out, _ = run_verb(capsys, "diagnose", str(folder))
     assert "gives every trial the same label and evidence" in " ".join(out.split())
 
@@ -116,3 +120,37 @@ def test_a_folder_that_cannot_be_written_is_diagnosed_all_the_same(folder, capsy
     assert status == 0
     assert json.loads(out)["policy"] == "scripted"
     assert "not stored" in err
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        PermissionError(13, "Permission denied"),
+        StorageError("RUN: No space left on device."),
+        RunConflictError("RUN: another process is writing to it."),
+        InvalidInputError("RUN", "a link leads out of the folder", "Remove the link"),
+    ],
+    ids=lambda problem: type(problem).__name__,
+)
+def test_what_a_model_knows_is_shown_though_it_cannot_be_kept(folder, tmp_path, capsys, monkeypatch, problem):
+    """Where the two results of the verb cannot be stored, both are printed, with one line each about the reason."""
+
+    def refuse(*_):
+        raise problem
+
+    class Asked:
+        def require_about(self, run):
+            assert run.path == folder
+
+    known = Knowledge("a model", "scripted", (), (), {})
+    monkeypatch.setattr("betterbench.diagnosis.stored.store_diagnosis", refuse)
+    monkeypatch.setattr("betterbench.vqa.knowing.store_knowledge", refuse)
+    monkeypatch.setattr("betterbench.vqa.dataset.read_set", lambda _: Asked())
+    monkeypatch.setattr("betterbench.vqa.asking.read_answers", lambda *_: ())
+    monkeypatch.setattr("betterbench.vqa.knowing.knowledge_of", lambda *_: known)
+    words = ("--answers", str(tmp_path / "answers.jsonl"), "--questions", str(tmp_path), "--json")
+    status, out, err = run_verb(capsys, "diagnose", str(folder), *words)
+    assert status == 0, err
+    assert json.loads(out)["policy"] == "scripted"
+    assert "not stored: " in err
+    assert "the report will not show it: " in err

@@ -16,6 +16,7 @@ import pytest
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
+from betterbench.recording import JournalEntry, RunFolder
 from betterbench.recording.durable import DurableFile, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
 
@@ -72,6 +73,56 @@ def test_a_folder_that_vanishes_while_a_file_is_written_is_named(tmp_path):
         with pytest.raises(StorageError, match=r"x\.json: its folder was removed or moved while this was written"):
             file.finish()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", ["removed", "moved", "moved and made anew", "lock removed"])
+def test_nothing_is_written_beside_what_vanished_with_a_locked_folder(tmp_path, how):
+    """A training whose folder was moved put its checkpoint into a new one without recipe, which no command resumed."""
+    out = tmp_path / "out"
+    with RunLock(out / LOCK_NAME):
+        write_durably(out / "recipe.json", b"{}\n")
+        if how == "removed":
+            shutil.rmtree(out)
+        elif how == "lock removed":
+            (out / LOCK_NAME).unlink()
+        else:
+            out.rename(tmp_path / "elsewhere")
+            if how == "moved and made anew":
+                out.mkdir()
+        with pytest.raises(StorageError, match=r"out: was removed or moved.* run the same command again"):
+            write_durably(out / "checkpoints" / "last", b"weights")
+    assert not (out / "checkpoints").exists()
+    with RunLock(out / LOCK_NAME):
+        write_durably(out / "recipe.json", b"{}\n")
+
+
+def test_a_journal_that_vanishes_with_its_folder_takes_the_lock_anew(tmp_path):
+    """It is written again, and the lock keeps others out as before; a folder that others have taken stays theirs."""
+    run = RunFolder.start(tmp_path / "run", {"trials": [], "policy": "expert"})
+    with run.journal(renews=True) as journal:
+        shutil.rmtree(run.path)
+        journal.restore()
+        run.restore()
+        assert sorted(p.name for p in run.path.iterdir()) == [LOCK_NAME, "journal.jsonl", "run.json"]
+        with pytest.raises(RunConflictError, match="is writing here"):
+            RunLock(run.path / LOCK_NAME)
+        shutil.rmtree(run.path)
+        with RunLock(run.path / LOCK_NAME), pytest.raises(RunConflictError, match="is writing here"):
+            run.restore()
+    assert not (run.path / "run.json").exists()
+
+
+def test_a_run_within_a_folder_that_vanished_makes_nothing_anew(tmp_path):
+    """The set that it belongs to would be without its recipe."""
+    out = tmp_path / "set"
+    entry = JournalEntry("fast_food", "R1", "R1", 0, "error", "broke down")
+    with RunLock(out / LOCK_NAME):
+        run = RunFolder.start(out / "sources", {"policy": "expert"})
+        with run.journal(renews=True) as journal:
+            out.rename(tmp_path / "elsewhere")
+            with pytest.raises(StorageError, match="set: was removed or moved"):
+                journal.append(entry)
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder"])
@@ -182,6 +233,21 @@ def test_ctrl_c_at_the_beginning_is_one_line(tmp_path, at_s):
     said = process.communicate(timeout=60.0)[1]
     assert "Traceback" not in said
     assert process.returncode == 0 or (process.returncode, said.splitlines()[-1]) == (130, "interrupted")
+
+
+def test_ctrl_c_while_a_class_is_made_leaves_the_exit_status(tmp_path):
+    """Dataclasses run code by exec(), which Python remembers until the end of `python -m`."""
+    (tmp_path / "interrupted.py").write_text(
+        "import sys\nfrom betterbench.cli import main as entry\nimport betterbench.cli.main\n"
+        "def run():\n"
+        "    try:\n"
+        "        exec('raise KeyboardInterrupt')\n"
+        "    except KeyboardInterrupt:\n"
+        "        return 130\n"
+        "sys.modules['betterbench.cli.main'].main = run\n"
+        "entry()\n"
+    )
+    assert subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, check=False).returncode == 130
 
 
 def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):

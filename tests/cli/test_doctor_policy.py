@@ -259,3 +259,16 @@ def test_joint_actions_leave_the_scene_as_it_was(monkeypatch):
     np.testing.assert_array_equal(before.joint_positions, after.joint_positions)
     assert np.linalg.norm(np.asarray(aim) - before.ee_position) > 0.01
     assert EE_DELTA.name not in scene.action_space.name
+
+
+@pytest.mark.render
+@pytest.mark.parametrize(("length", "told"), [(1, False), (5, True)])
+def test_where_a_whole_answer_ends_is_said_of_chunks_alone(pushes, length, told):
+    """After one action the arm still lags behind, so its place contradicts how far the action moves."""
+    from betterbench.evaluation.preflight.view import preflight_view
+
+    Pushes.actions = Pushes.actions[:length]
+    found = run_preflight(f"{pushes.address}?preset=openpi_libero", TRIAL, quality="fast")
+    named = [name for name, _ in preflight_view(found).facts]
+    assert ("whole answer" in named) is told
+    assert "moves" in named

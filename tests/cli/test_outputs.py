@@ -573,3 +573,8 @@ def test_a_folder_that_may_not_be_written_is_one_line(made, tmp_path, capsys, na
         said(capsys, FILES[name](made, str(out)) if name in FILES else FOLDERS[name][0](made, str(out)))
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_vqa_names_a_folder_that_is_not_there(tmp_path, capsys):
+    words = ["vqa", str(tmp_path / "gone"), "--ask", "http://127.0.0.1:9/v1"]
+    assert f"{tmp_path / 'gone'} is not a folder" in said(capsys, words)

@@ -15,6 +15,7 @@ import pytest
 
 from betterbench.cli import console, progress
 from betterbench.cli.console import Terminal, complain, print_table, progress_bar
+from betterbench.cli.evaluate import prepare_robot
 from betterbench.cli.main import VERBS, main
 
 WORK = [
@@ -79,6 +80,34 @@ def test_long_work_without_a_terminal_says_now_and_then_how_far_it_is(monkeypatc
     with progress_bar("collect", 120) as (bar, task):
         bar.update(task, completed=15)
     assert capsys.readouterr().err == ""
+
+
+def test_each_step_of_preparing_the_arm_is_named_with_its_own_count(monkeypatch):
+    """The first run of a machine reads ten meshes and then decimates them; "reading, 1/10" must not stand meanwhile."""
+    terminal = Terminal(stderr=True, width=80, force_terminal=True, file=io.StringIO())
+    monkeypatch.setattr(console, "ERR", terminal)
+    seen = []
+
+    class Shown(progress.WorkProgress):
+        def update(self, task_id, **changes):
+            super().update(task_id, **changes)
+            lines = terminal.render_lines(self.get_renderable(), pad=False)
+            seen.append("".join(segment.text for segment in lines[0]))
+
+    def build(name, *, progress):
+        for step in (("reading the arm's meshes", 0, 10), ("reading the arm's meshes", 9, 10)):
+            progress(*step)
+        for done in (0, 1):
+            progress("decimating the arm's meshes", done, 1)
+
+    monkeypatch.setattr(progress, "WorkProgress", Shown)
+    monkeypatch.setattr("betterbench.robots.build_robot_spec", build)
+    prepare_robot("panda")
+    assert ["0/10" in seen[0], "9/10" in seen[1]] == [True, True]
+    assert [line.startswith("decimating the arm's meshes") for line in seen] == [False, False, True, True]
+    assert [" 0/1 " in seen[2], " 1/1 " in seen[3]] == [True, True]
+    left = terminal.file.getvalue()
+    assert left.rstrip().endswith("\x1b[2K"), "the bar goes when the arm is ready"
 
 
 def test_a_long_error_is_broken_between_words_on_a_terminal_and_not_at_all_in_a_log(monkeypatch, capsys):

@@ -98,6 +98,25 @@ def test_a_run_with_a_seed_of_tests_is_no_source(sources, tmp_path):
         amplify(copy, tmp_path / "out", demos=1)
 
 
+def test_a_condition_that_nobody_demonstrated_is_named_with_the_command_that_demonstrates_it(
+    sources, tmp_path, monkeypatch
+):
+    """The demonstrations by hand of one condition go on in their own folder, and not beside those of the expert."""
+    copy = tmp_path / "by hand"
+    shutil.copytree(sources.path, copy)
+    lines = (copy / "journal.jsonl").read_text().splitlines(keepends=True)
+    first = json.loads(lines[0])
+    first.pop("link")
+    (copy / "journal.jsonl").write_text(json.dumps(first) + "\n")
+    kept = first["condition"]
+    missing = "morning_coffee/" + ("train2" if kept == "train1" else "train1")
+    with pytest.raises(InvalidInputError, match=f"{missing}.*better collect --tasks morning_coffee --out RUN"):
+        amplify(copy, tmp_path / "out", demos=1)
+    monkeypatch.setattr(production, "TELEOPERATED", "demonstrator:expert")  # as if a person had given them
+    with pytest.raises(InvalidInputError, match=f"{missing}.*better teleop --tasks morning_coffee --out '.*by hand'"):
+        amplify(copy, tmp_path / "out", demos=1)
+
+
 def test_bad_input_is_one_clear_error(sources, tmp_path):
     for settings, field in ((AmplifierSettings(action_noise=9.0), "--noise"),):
         with pytest.raises(InvalidInputError, match=field):
@@ -124,6 +143,32 @@ def test_a_damaged_source_or_one_of_another_version_is_one_clear_error(sources, 
     assert not (tmp_path / "out").exists()
 
 
+def test_sources_that_change_while_they_are_carried_over_end_it(sources, tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    shutil.copytree(sources.path, copy)
+    hashed = production.set_hash
+
+    def then_changed(run, tasks=None):
+        found = hashed(run, tasks)
+        journal = run.path / "journal.jsonl"
+        journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
+        return found
+
+    monkeypatch.setattr(production, "set_hash", then_changed)
+    with pytest.raises(RecordError, match=f"{re.escape(str(copy))}: its demonstrations have changed"):
+        amplify(copy, tmp_path / "out", demos=1)
+    assert not list((tmp_path / "out").rglob("*.parquet"))
+
+
+def test_the_method_of_a_run_makes_the_same_attempts_again(sources, amplified):
+    (entry, *_) = amplified.entries()
+    record = amplified.read_record(entry.task, entry.condition, entry.seed)
+    notes = attempts_of(amplified.path)[entry.key].notes
+    method = method_of(amplified)
+    again = production.attempt_at(production.scene_of(entry.key, method.quality), len(notes) - 1, method).record
+    assert np.array_equal(again.qpos, record.qpos)
+
+
 def test_stored_segments_are_not_trusted(sources):
     record = next(sources.records())
     (first, *rest) = record.metadata.segments
@@ -141,6 +186,7 @@ def test_the_report_counts_every_attempt(sources, amplified):
     assert sum(t.attempts for t in task.sources.values()) == len(notes)
     assert sum(task.failures.values()) == len(notes) - 4
     page = write_acceptance(amplified, found, {}, {}).read_text()
+    assert "of as many as so few demonstrations can reach" in page
     assert found.sha256 in page
     assert "morning_coffee" in page
     form = json.loads((amplified.path / "acceptance" / "acceptance.json").read_text())
@@ -205,3 +251,20 @@ def test_the_scene_of_a_start_is_freed_before_the_one_after_the_next(sources, tm
     monkeypatch.setattr(production, "scene_of", kept)
     amplify(sources.path, tmp_path / "run", demos=1)
     assert len(scenes) >= 4
+
+
+@pytest.mark.parametrize("how", ["removed", "moved"])
+def test_a_set_whose_folder_vanishes_while_it_is_made_is_whole_all_the_same(sources, tmp_path, record_files, how):
+    out = tmp_path / "out"
+    vanished = []
+
+    def vanish(progress):
+        if progress.done == 2 and not vanished:
+            vanished.append(out)
+            shutil.rmtree(out) if how == "removed" else out.rename(tmp_path / "elsewhere")
+
+    run = collect(["morning_coffee"], out, demos=1, on_progress=vanish)
+    assert vanished
+    assert record_files(run) == record_files(sources)
+    assert set_hash(RunFolder.open(out)) == set_hash(sources)
+    assert len(attempts_of(out)) == len(attempts_of(sources.path))

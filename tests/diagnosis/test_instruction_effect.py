@@ -17,8 +17,10 @@ from betterbench.diagnosis.instruction_effect import (
     tasks_without_effect,
 )
 from betterbench.diagnosis.verdict import Metric
+from betterbench.report.headline import headline_of
 
 MUGS = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4")
+DESKS = tuple(f"train{n}" for n in range(1, 10))
 
 
 def take(stage, choose, names=MUGS, task="morning_coffee", seeds=range(3)):
@@ -43,6 +45,11 @@ def red(s):
 def by_start_pose(s):
     """The choice of a policy that follows the arm's start pose, which only the seed decides."""
     return s.at("near" if s.metadata.seed % 2 else "far")
+
+
+def by_turns(s):
+    """The choice of a policy that takes another place with each seed."""
+    return sorted(s.movable(), key=lambda n: s.positions[n][1])[s.metadata.seed % 3]
 
 
 def nearest(s):
@@ -87,6 +94,19 @@ def test_evidence_counts_the_pairs_and_says_what_decides(stage):
     text = proven[0].evidence.text
     assert "In 12 of 12 pairs of trials that differ in the instruction alone the first target is the same." in text
     assert "such as the arm's start pose" in text
+
+
+def test_a_favorite_place_of_one_task_is_not_the_rule_of_all(stage):
+    """What decides is said once, and the conclusion agrees with it."""
+    desks = take(stage, by_turns, DESKS, "desk_meeting")
+    alone = headline_of(diagnose_records(take(stage, lambda s: s.at("far"))))
+    assert alone.conclusion == "It goes to the same place whatever the instruction says."
+    found = diagnose_records([*take(stage, lambda s: s.at("far")), *desks])
+    assert "What decides instead: neither one place" in found.findings[0]
+    wrong = [t for t in found.trials if t.label is Label.VISUAL_LAYOUT_BIAS]
+    assert {t.task for t in wrong} == {"morning_coffee", "desk_meeting"}
+    assert {t.evidence.rule for t in wrong} == {SAME_TARGET}
+    assert "does not use the instruction" in headline_of(found).conclusion
 
 
 def test_few_pairs_accuse_nobody(stage):

@@ -10,6 +10,7 @@ import pytest
 from betterbench.diagnosis import Label, diagnose_records, diagnose_run
 from betterbench.diagnosis.metrics import compute_metrics
 from betterbench.errors import RecordError, RunConflictError
+from betterbench.interventions.resolve import resolve_condition
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.tasks import THRESHOLDS
 
@@ -97,6 +98,16 @@ def test_another_task_version_is_refused(policies):
     record = policies["right"]("fast_food", "train1", 0)
     record = replace(record, metadata=replace(record.metadata, task_version=99))
     with pytest.raises(RunConflictError, match="version 99"):
+        diagnose_records([record])
+
+
+def test_a_record_without_a_target_of_its_task_is_refused(policies):
+    record = policies["right"]("fast_food", "train1", 0)
+    condition, scene = resolve_condition("fast_food", "train1").condition, record.metadata.scene
+    kind = condition.object(condition.instruction.subgoals[0].target).kind
+    others = tuple(replace(o, kind="nothing") if o.kind == kind else o for o in scene.objects)
+    record = replace(record, metadata=replace(record.metadata, scene=replace(scene, objects=others)))
+    with pytest.raises(RecordError, match=f"the record has no '{kind}'"):
         diagnose_records([record])
 
 

@@ -803,3 +803,96 @@ def test_who_has_closed_once_is_not_said_never_to_close(stage):
     s.close().open()
     found = _come_to(s, _asked(s))
     assert found.evidence.rule != "never_closes"
+
+
+# -- coming to the right thing again and again, and never taking it ---------------------------------------------------
+
+
+def _next_due(s):
+    """The object of the first step that is still to be done."""
+    k = next(k for k, done in enumerate(s.done) if not done)
+    return s.condition.resolve(s.condition.instruction.subgoals[k].reference)[0]
+
+
+def _visit(s, name, *, above=0.0, wait=0.6, times=6):
+    """Comes to where an object is grasped, or above it, with the fingers as they are, and goes far away again."""
+    for _ in range(times):
+        x, y, z = s.grip_point(name)
+        s.over(np.array([x, y]), 0.3).go(x, y, z + above).wait(wait).lift(0.3).go(0.45, 0.0, 0.45)
+    return s
+
+
+MID_TASK = [("dinner_plates", "T2"), ("fast_food", "T1"), ("cheeseburger", "T1"), ("fruit_lunch", "T1")]
+
+
+@pytest.mark.parametrize("wait", [0.1, 0.6, 2.0])
+@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), ("breakfast_table", "train1"), *MID_TASK])
+def test_a_gripper_that_comes_to_the_right_thing_again_and_again_never_closes(stage, task, name, wait):
+    """Also at the rim of a plate, and in a scene that looks half finished: it knows what to take."""
+    s = stage(task, name)
+    found = diagnose_record(_visit(s, _next_due(s), wait=wait).end())
+    assert (found.label, found.kind, found.evidence.rule) == (Label.TIMEOUT, Kind.EXECUTION, "never_closes")
+
+
+@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), *MID_TASK])
+def test_a_gripper_that_closed_once_by_accident_does_not_close_on_the_right_thing(stage, task, name):
+    s = stage(task, name)
+    s.close(0.5).open(0.5)
+    found = diagnose_record(_visit(s, _next_due(s)).end())
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "does_not_close")
+    assert MODES[Label.TIMEOUT].conclude([found]).endswith("its gripper does not close on them.")
+
+
+def test_a_gripper_that_does_one_step_and_does_not_close_for_the_next_is_said_not_to(stage):
+    s = stage("fast_food", "train1")
+    s.serve(0)
+    found = diagnose_record(_visit(s, s.of("fries")).end())
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "does_not_close")
+    assert "has come to the fries" in found.evidence.text
+
+
+@pytest.mark.parametrize(("task", "name"), [("morning_coffee", "train1"), *MID_TASK[1:]])
+def test_coming_down_to_something_else_as_often_is_no_proof_that_it_never_closes(stage, task, name):
+    s = stage(task, name)
+    due = _next_due(s)
+    goals = s.condition.instruction.subgoals
+    asked = {due, *(g.target for g in goals), *(n for g in goals for n in s.condition.resolve(g.reference))}
+    other = next(o.name for o in s.info.objects if o.slot and not o.fixed and o.name not in asked)
+    for _ in range(4):
+        _visit(s, due, times=1)
+        _visit(s, other, times=1)
+    assert diagnose_record(s.end()).evidence.rule != "never_closes"
+
+
+@pytest.mark.parametrize("wait", [0.6, 2.0])
+@pytest.mark.parametrize(("task", "name"), [("dinner_plates", "train1"), ("fast_food", "train1")])
+def test_a_gripper_that_hovers_over_the_right_thing_does_not_come_down(stage, task, name, wait):
+    s = stage(task, name)
+    found = diagnose_record(_visit(s, _next_due(s), above=0.08, wait=wait).end())
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "never_descends")
+    assert "does not come down to it" in found.evidence.text
+    assert MODES[Label.TIMEOUT].conclude([found]).endswith("does not come down to them.")
+
+
+def test_who_comes_down_slowly_is_not_said_to_stay_above(stage):
+    s = stage("morning_coffee", "train1")
+    x, y, z = s.positions[s.of("red mug")]
+    top = z + s.size(s.of("red mug"))[2]
+    found = diagnose_record(s.over(np.array([x, y]), top + 0.12).go(x, y, top + 0.03, speed=0.015).end())
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "step_limit")
+
+
+@pytest.mark.parametrize(("task", "name"), [("fast_food", "train1"), ("fast_food", "T1"), ("dinner_plates", "train1")])
+@pytest.mark.parametrize("holds", [True, False])
+def test_fingers_that_never_open_after_one_grasp_have_failed(stage, task, name, holds):
+    """They lose the thing and come back to it shut, or keep it to the end."""
+    s = stage(task, name)
+    due = _next_due(s)
+    s.grasp(due).lift()
+    if holds:
+        s.over(s.goal(next(k for k, d in enumerate(s.done) if not d)) - s.grip_offset, 0.3).wander(9.0)
+    else:
+        s.lose().lift()
+        _visit(s, due, above=0.02)
+    found = diagnose_record(s.end())
+    assert found.kind is Kind.EXECUTION

@@ -43,6 +43,19 @@ def test_a_callable_leaves_the_records_of_better_eval(tmp_path):
     assert theirs.context["engine"]["name"] == "external"
 
 
+def test_a_run_whose_folder_vanishes_goes_on_and_runs_again_what_is_gone(tmp_path):
+    out = tmp_path / "run"
+    with ExternalRun(plan(), out) as run:
+        first, second = run.plan.trials
+        run.play(first, lambda _: STILL)
+        out.rename(tmp_path / "elsewhere")
+        run.play(second, lambda _: STILL)
+        assert [e.key for e in RunFolder.open(out).entries()] == [second.id]
+        assert list(run.waiting()) == [first]
+        run.play(first, lambda _: STILL)
+    assert len(list(RunFolder.open(out).records())) == 2
+
+
 def test_chunks_are_played_whole_and_asked_for_once(tmp_path):
     asked = []
 

@@ -226,6 +226,25 @@ def test_a_folder_with_other_things_is_left_alone(tiny_plan, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
 
 
+@pytest.mark.parametrize("how", ["removed", "moved"])
+def test_a_run_whose_folder_vanishes_is_finished_to_the_same_bytes(
+    uninterrupted, tiny_plan, tmp_path, run_content, how
+):
+    out = tmp_path / "run"
+    vanished = []
+
+    def vanish(progress):
+        if progress.done == 2 and not vanished:
+            vanished.append(out)
+            shutil.rmtree(out) if how == "removed" else out.rename(tmp_path / "elsewhere")
+
+    run = evaluate(tiny_plan(), out, workers=1, on_progress=vanish)
+    assert vanished
+    assert keys(run) == planned(tiny_plan())
+    assert all(e.status == "done" for e in run.entries())
+    assert run_content(run.path) == run_content(uninterrupted.path)
+
+
 def test_two_runs_into_one_folder_are_refused(uninterrupted, tiny_plan):
     with uninterrupted.journal(), pytest.raises(RunConflictError, match=r"another run .* is writing here"):
         evaluate(tiny_plan(), uninterrupted.path)

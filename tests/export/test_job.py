@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -18,7 +19,8 @@ from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError
 from betterbench.export import ExportPlan, export_dataset, job, layout_of, part, select_demonstrations
 from betterbench.json_form import sealed_form
-from betterbench.recording import RunFolder
+from betterbench.recording import RunFolder, RunLock
+from betterbench.recording.lock import LOCK_NAME
 from betterbench.recording.twins import PAIRS_FILE, pairs_bytes, read_pairs
 from betterbench.shortcuts.lerobot import facts_of_lerobot
 from betterbench.vqa.dataset import write_set
@@ -119,6 +121,15 @@ def test_the_same_command_again_does_nothing_and_another_one_is_refused(demonstr
     (tmp_path / "mine").mkdir()
     with pytest.raises(RunConflictError, match="something else"):
         export_dataset(plan_of(demonstrations.run, tmp_path / "mine"))
+
+
+def test_a_second_export_at_once_is_told_which_output_is_taken(demonstrations, tmp_path):
+    out = tmp_path / "out"
+    with (
+        RunLock(tmp_path / ".out.parts" / LOCK_NAME),
+        pytest.raises(RunConflictError, match=f"^{re.escape(str(out))}: another run"),
+    ):
+        export_dataset(plan_of(demonstrations.run, out))
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing_at_the_place(demonstrations, tmp_path, monkeypatch):
@@ -258,6 +269,7 @@ def test_the_command_line_writes_and_says_how_to_evaluate(demonstrations, tmp_pa
     assert document["bytes"] == sum(file.stat().st_size for file in out.rglob("*") if file.is_file())
     assert document["seconds"] > 0.0
     assert document["evaluate"].startswith("better eval --policy lerobot:CHECKPOINT --quality fast")
+    assert document["evaluate"].endswith(" --tasks morning_coffee --trials 3 --out RUN")
     assert document["evaluate"] in (out / "README.md").read_text()
     assert main([*words[:-1]]) == 0  # it is there already
     assert f"{filesize.decimal(document['bytes'])} on disk, 0:00:0" in capsys.readouterr().out

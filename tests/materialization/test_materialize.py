@@ -19,6 +19,7 @@ from tests.materialization.agreement import (
     pixels_off_the_objects,
 )
 from tests.materialization.conftest import VIEWS
+from tests.resealing import rewrite
 
 from betterbench.assets import categories
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, StorageError, UnknownNameError
@@ -144,9 +145,7 @@ def test_it_resumes_to_the_same_bytes_and_keeps_what_is_there(recorded, made, tm
     assert hashes(again) == hashes(made)
     with pytest.raises(RunConflictError, match=r"materialize\.modalities"):
         materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED), ("rgb",)))
-    settings = json.loads((again / "materialize.json").read_text())
-    settings["renderer"]["renderer"] = "another card"
-    (again / "materialize.json").write_text(json.dumps(settings))
+    rewrite(again / "materialize.json", lambda form: form["renderer"].update(renderer="another card"))
     place(again, VIEWS[0]).unlink()
     with pytest.raises(RunConflictError, match="another card"):
         materialize_run(recorded.run, again, Wanted((*VIEWS, PLACED)))

@@ -229,6 +229,73 @@ def test_more_clients_than_allowed_are_sent_away_and_those_inside_stay():
             assert ask(three, number=1)["answered"] == 1
 
 
+def test_the_client_that_is_silent_longest_is_let_go_when_another_one_waits():
+    with (
+        PolicyServer(Echo, metadata={}, port=0, clients=2, idle_while_full_s=1.0) as server,
+        contextlib.ExitStack() as stack,
+    ):
+        silent, talking = (stack.enter_context(client(server)) for _ in range(2))
+        silent.recv(timeout=PATIENCE_S), talking.recv(timeout=PATIENCE_S)
+        with pytest.raises(InvalidStatus), client(server):  # neither has been silent for long
+            pass
+        time.sleep(1.2)
+        assert ask(talking, number=1)["answered"] == 1
+        waiting = stack.enter_context(client(server))
+        waiting.recv(timeout=PATIENCE_S)
+        assert ask(waiting, number=1)["answered"] == 1
+        assert ask(talking, number=1)["answered"] == 2
+        with pytest.raises(ConnectionClosed) as gone:
+            silent.recv(timeout=PATIENCE_S)
+        assert gone.value.rcvd is not None
+        assert gone.value.rcvd.code == 1001
+        assert "while others wait" in gone.value.rcvd.reason
+
+
+def test_silent_clients_keep_their_slots_while_there_are_others():
+    with PolicyServer(Echo, metadata={}, port=0, clients=2, idle_while_full_s=0.0) as server, client(server) as silent:
+        silent.recv(timeout=PATIENCE_S)
+        with client(server) as other:
+            other.recv(timeout=PATIENCE_S)
+        assert ask(silent, number=1)["answered"] == 1
+
+
+def test_a_client_whose_answer_is_under_way_is_not_silent():
+    begun, go = threading.Event(), threading.Event()
+
+    class Slow(Echo):
+        def answer(self, request):
+            begun.set()
+            go.wait(PATIENCE_S)
+            return super().answer(request)
+
+    with (
+        PolicyServer(Slow, metadata={}, port=0, clients=1, idle_while_full_s=0.0) as server,
+        client(server) as working,
+    ):
+        working.recv(timeout=PATIENCE_S)
+        working.send(msgpack.packb({"number": 1}))
+        assert begun.wait(PATIENCE_S)
+        with pytest.raises(InvalidStatus), client(server):
+            pass
+        go.set()
+        assert msgpack.unpackb(working.recv(timeout=PATIENCE_S), strict_map_key=False)["answered"] == 1
+
+
+def test_a_silent_client_that_answers_no_closing_frame_is_let_go_too():
+    with (
+        PolicyServer(Echo, metadata={}, port=0, clients=1, idle_while_full_s=0.0) as server,
+        socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE_S) as asleep,
+    ):
+        asleep.sendall(
+            b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        assert until(lambda: bool(server._silent_since))
+        with client(server) as waiting:
+            waiting.recv(timeout=PATIENCE_S)
+            assert ask(waiting, number=1)["answered"] == 1
+
+
 def test_those_who_say_nothing_are_taken_in_turns_and_the_server_can_still_stop():
     with PolicyServer(Echo, metadata={}, port=0, clients=1) as server, contextlib.ExitStack() as stack:
         for _ in range(60):

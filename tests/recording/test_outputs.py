@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 from betterbench.json_form import NotOrdinaryError, open_ordinary, read_ordinary
 from betterbench.recording import LineJournal, RunLock, write_durably
 from betterbench.recording.durable import DurableFile, remove_parts
@@ -205,3 +205,42 @@ def test_a_folder_and_a_pipe_are_not_read(tmp_path):
     assert read_ordinary(tmp_path / "file") == b"1"
     with pytest.raises(FileNotFoundError):
         open_ordinary(tmp_path / "none")
+
+
+@pytest.mark.parametrize("what", ["end", "write", "error"])
+def test_an_output_that_was_moved_while_it_was_written_is_not_called_whole(what, tmp_path):
+    """Nothing is written to a new folder at the old place; an error of the command itself is what there is to say."""
+    out, moved = tmp_path / "out", tmp_path / "moved"
+
+    def write():
+        with OutputFolder(out, "report"):
+            write_durably(out / "a.txt", b"1")
+            out.rename(moved)
+            if what == "error":
+                raise ZeroDivisionError
+            if what == "write":
+                write_durably(out / "b.txt", b"2")
+
+    if what == "error":
+        with pytest.raises(ZeroDivisionError):
+            write()
+    else:
+        with pytest.raises(StorageError, match="out: was removed or moved"):
+            write()
+    assert not out.exists()
+    assert sorted(p.name for p in moved.iterdir()) == [LOCK_NAME, LIST_NAME, "a.txt"]
+
+
+def test_a_set_of_questions_that_was_moved_while_it_was_made_is_not_called_whole(tmp_path):
+    from betterbench.vqa.dataset import begun_set
+
+    out = tmp_path / "set"
+
+    def write():
+        with begun_set(out, {}):
+            out.rename(tmp_path / "moved")
+
+    with pytest.raises(StorageError, match=r"set: was removed or moved"):
+        write()
+    with begun_set(tmp_path / "moved", {}) as complete:
+        assert not complete

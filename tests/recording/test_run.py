@@ -164,8 +164,9 @@ def test_a_full_disk_leaves_the_journal_as_it_was(tmp_path, monkeypatch) -> None
 
         with monkeypatch.context() as patch:
             patch.setattr("os.pwrite", half)
-            with pytest.raises(OSError, match="No space left"):
+            with pytest.raises(OSError, match="No space left") as told:
                 journal.append(entry(1))
+        assert told.value.filename == str(path)
         assert path.read_bytes() == before
         journal.append(entry(1))
     assert [e.seed for e in read_journal(path)] == [0, 1]

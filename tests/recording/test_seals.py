@@ -21,9 +21,12 @@ from betterbench.demonstrations.attempt import AttemptNote
 from betterbench.demonstrations.production import ATTEMPTS, AttemptJournal, StartOutcome, attempts_of
 from betterbench.diagnosis.confusion import Calibration
 from betterbench.diagnosis.power_matrix import PowerMatrix
+from betterbench.diagnosis.stored import StoredDiagnosis, store_diagnosis
+from betterbench.diagnosis.verdict import Metric, RunDiagnosis
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.export.job import SOURCE_FILE, stored_source
-from betterbench.json_form import open_seal, sealed_form
+from betterbench.json_form import open_seal, read_bounded, sealed_form
+from betterbench.materialization.folder import SETTINGS_FILE, ModalityFolder, Wanted, read_settings
 from betterbench.recording import Journal, JournalEntry, RunFolder, read_journal
 from betterbench.recording.modalities import header as headers
 from betterbench.recording.modalities.columns import view_columns
@@ -191,6 +194,20 @@ def exported(folder):
     return folder / SOURCE_FILE
 
 
+def diagnosed(folder):
+    known = RunDiagnosis(
+        "random", (), (Metric("success_rate", "overall", 1, 3, 1 / 3, 0.1, 0.8),), (), (), {"halt_time": 3.0}, {}
+    )
+    run = RunFolder.start(folder / "run", {"policy": "random", "trials": []})
+    return store_diagnosis(run, known)
+
+
+def modality_settings(folder):
+    views = tuple(ViewSpec(name, 8, 6) for name in ("front", "wrist"))
+    ModalityFolder(folder / "m", Wanted(views, ("depth",), "fast", {"gl": "x"}))
+    return folder / "m" / SETTINGS_FILE
+
+
 def packaged(package, name):
     def make(folder):
         (folder / name).write_bytes(resources.files(package).joinpath("data", name).read_bytes())
@@ -212,6 +229,10 @@ KINDS = {
     "answers": Kind(answers, lambda p: read_answers(p, read_set(p.parent)).answers, loses=True),
     "modalities": Kind(modality, seen),
     "frames": Kind(frames, frames_of),
+    "diagnosis.json": Kind(
+        diagnosed, lambda p: StoredDiagnosis.from_json(read_bounded(p, max_bytes=1 << 20, cure="x"), where=p.name)
+    ),
+    "materialize.json": Kind(modality_settings, lambda p: read_settings(p.parent)),
     "origin of an export": Kind(exported, lambda p: stored_source(p.parent.parent)),
     "calibration": Kind(
         packaged("betterbench.diagnosis", "calibration.json"),

@@ -115,6 +115,26 @@ def test_a_clumsy_hand_is_told_how(rules, how):
     assert weak.startswith("It fails the training conditions too. It goes for the right things, but ")
 
 
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [
+        (["collided"] * 10, "it knocks things over or out of their places; 10 of 10"),
+        (["harm"] * 6 + ["pushed"] * 4, "it knocks things over or out of their places or pushes things away; 6 of 10"),
+        (["goal_not_held"] * 10, ""),
+    ],
+)
+def test_an_arm_that_knocks_things_over_before_any_attempt_is_not_said_to_go_for_the_right_ones(rules, said):
+    """Seen on a policy that sweeps over the table: intention accuracy 33 %, and yet "It goes for the right things"."""
+    wild = {"intention_correct": False, "attempts": ()}
+    trials = [t for s, rule in enumerate(rules) for t in varied([s], Label.EXECUTION_FAILURE, rule=rule, **wild)]
+    conclusion = headline_of(diagnosis(trials)).conclusion
+    assert "goes for the right things" not in conclusion
+    assert conclusion.startswith(f"Its manipulation fails: {said}" if said else "Its manipulation fails; 10 of 10")
+    assert conclusion.endswith("of these trials do not show what it goes for.")
+    aimed = [replace(trial, intention_correct=True) for trial in trials]
+    assert "It goes for the right things, but " in headline_of(diagnosis(aimed)).conclusion
+
+
 def test_a_memorized_order_is_said():
     trials = varied(range(5), Label.ORDER_VIOLATION, rule="memorized_order")
     assert "the step that came next in training" in headline_of(diagnosis(trials)).conclusion
@@ -222,3 +242,30 @@ def test_who_has_not_come_to_a_first_grasp_is_not_said_to_do_the_right_things():
     trials = varied(range(8), Label.TIMEOUT, attempts=())
     assert headline_of(diagnosis(trials)).conclusion == "It runs out of time before its first grasp."
     assert headline_of(diagnosis(varied(range(8), Label.TIMEOUT))).conclusion.startswith("It does the right things")
+
+
+def test_two_failures_are_no_habit():
+    """Two of two are more than 20 % by the exact test, and still too few to say what a policy does."""
+    two, three = (
+        [trial("morning_coffee", "L3", seed=k, label=Label.LEXICAL_KINEMATIC_SHORTCUT) for k in range(n)]
+        for n in (2, 3)
+    )
+    assert headline_of(diagnosis(two)).conclusion.startswith("Nothing to conclude yet")
+    assert headline_of(diagnosis(three)).conclusion.startswith("It maps words to motions")
+    alone = [trial("morning_coffee", None, seed=k, label=Label.WRONG_OBJECT) for k in range(2)]
+    assert headline_of(diagnosis(alone)).conclusion.startswith("Nothing to conclude yet")
+
+
+def test_who_solves_the_variations_and_fails_in_training_is_not_without_failure():
+    solved = [trial("morning_coffee", "L3", seed=k) for k in range(6)]
+    trained = [
+        trial("morning_coffee", None, seed=k, label=Label.VISUAL_LAYOUT_BIAS if k < 3 else Label.SUCCESS)
+        for k in range(6)
+    ]
+    conclusion = headline_of(diagnosis(solved + trained)).conclusion
+    assert "No failure" not in conclusion
+    assert "fails 3 of 6 training trials" in conclusion
+    few = headline_of(diagnosis(solved + trained[2:4])).conclusion
+    assert "fails 1 of 2 training trials" in few
+    assert "In training" not in few
+    assert headline_of(diagnosis(solved + trained[3:])).conclusion.startswith("No failure found")

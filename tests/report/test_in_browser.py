@@ -127,7 +127,7 @@ def test_figures_of_one_row_stand_on_one_line(chromium, size, tmp_path):
           return Object.values(rows).map(r => [r.number.map(b => b.bottom), r.detail.map(b => b.top)]);
         })()"""
     )
-    assert sum(len(numbers) for numbers, _ in rows) == 6
+    assert sum(len(numbers) for numbers, _ in rows) == 7
     for numbers, details in rows:
         assert max(numbers) - min(numbers) <= 1.0
         assert max(details) - min(details) <= 1.0

@@ -465,3 +465,41 @@ def test_a_tie_with_look_alikes_of_the_same_rule_is_not_called_most_often():
     assert headline.failure is not None
     assert headline.failure.lead == "The rule behind most failures"
     assert "explains 2 look-alikes" in headline.failure.share
+
+
+def _with_pairs(pairs, same):
+    """Returns a run with pairs that differ in the instruction alone; in so many the first target is the same."""
+    trials = []
+    for seed in range(pairs):
+        first = {"first_attempt": "red_mug", "first_slot": "near", "scene": f"scene {seed}"}
+        trials.append(trial("morning_coffee", None, seed=seed, intended_any=("red_mug",), axis=None, **first))
+        taken = {"first_attempt": "red_mug" if seed < same else "blue_mug", "scene": f"scene {seed}"}
+        label = Label.WRONG_OBJECT if seed < same else Label.SUCCESS
+        trials.append(trial("morning_coffee", "L1", seed=seed, intended_any=("blue_mug",), label=label, **taken))
+    return diagnosis(trials)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "same", "said"),
+    [
+        (0, 0, "does not show whether the instruction is used"),
+        (1, 1, "in 0 of 1 pair of trials that differs in the instruction alone; fewer than 10 pairs do not show"),
+        (9, 9, "in 0 of 9 pairs of trials that differ in the instruction alone; fewer than 10 pairs do not show"),
+        (12, 12, "in 0 of 12 pairs of trials that differ in the instruction alone: the instruction is not used"),
+        (12, 0, "in 12 of 12 pairs of trials that differ in the instruction alone: the instruction is used"),
+        (12, 5, "as it may by chance: this does not show whether the instruction is used"),
+    ],
+)
+@pytest.mark.parametrize("several", [False, True])
+def test_the_page_shows_the_instruction_effect_with_its_pairs_and_one_sentence(tmp_path, pairs, same, said, several):
+    run = _with_pairs(pairs, same) if pairs else diagnosis([trial(seed=seed) for seed in range(3)])
+    other = replace(run_of("zoo:inertia", seeds=2), policy="other")
+    page = write_report([run, other] if several else [run], tmp_path).read_text()
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page[: page.index('id="reading"')]))
+    assert said in text
+    assert "Instruction effect" in text
+    if pairs:
+        metric = run.metric("instruction_effect", "overall")
+        assert (metric.k, metric.n) == (pairs - same, pairs)
+        assert f"{metric.k}/{metric.n}" in text
+        assert f"{100 * metric.low:.0f} to {100 * metric.high:.0f}" in text

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scripted_operator import DROP_M, LIFT_M
 
 from betterbench.geometry import Pose, rotate
 from betterbench.teleop.page import GIZMO_M
@@ -115,6 +116,22 @@ class BrowserOperator:
         while (said := self.wait_for("waiting")) != before:
             before = said
             time.sleep(0.5)
+
+    def pack(self, grasp: Sequence[float], above: Sequence[float]) -> None:
+        """Take an object at a place from above, and let go of it in the lunchbox."""
+        x, y, z = grasp
+        self.drag_to((x, y, z + 0.12))
+        self.drag_to(grasp)
+        self.press("Space")
+        self.wait_for("Open gripper")
+        self.settle()
+        self.drag_to((x, y, z + LIFT_M))
+        self.wait_for("waiting for you · holds")
+        self.drag_to(above)
+        self.drag_to((above[0], above[1], above[2] - DROP_M))
+        self.press("Space")
+        self.wait_for("Close gripper")
+        self.wait_for("waiting", "done: save it")
 
     def _until(self, expression: str, *, timeout_s: float = 120.0) -> None:
         until = time.monotonic() + timeout_s

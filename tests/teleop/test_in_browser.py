@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "report"))
 
 from browser_operator import BrowserOperator
 from chromium import COMMAND, browser
-from scripted_operator import CONDITION, DROP_M, ITEMS, LIFT_M, TASK, above_spot, fresh_scene, grasp_of
+from scripted_operator import CONDITION, ITEMS, TASK, above_spot, fresh_scene, grasp_of
 
 from betterbench.geometry import distance
 from betterbench.recording import RunFolder, read_record
@@ -51,23 +51,6 @@ def teleop(tmp_path):
         process.communicate()
 
 
-def pack(operator, grasp, above):
-    """Take an object at a place from above, and let go of it in the lunchbox."""
-    x, y, z = grasp
-    operator.drag_to((x, y, z + 0.12))
-    operator.drag_to(grasp)
-    operator.press("Space")
-    operator.wait_for("Open gripper")
-    operator.settle()
-    operator.drag_to((x, y, z + LIFT_M))
-    operator.wait_for("waiting for you · holds")
-    operator.drag_to(above)
-    operator.drag_to((above[0], above[1], above[2] - DROP_M))
-    operator.press("Space")
-    operator.wait_for("Close gripper")
-    operator.wait_for("waiting", "done: save it")
-
-
 def test_fruit_is_packed_by_dragging_the_gizmo_and_saved(teleop, tmp_path):
     process, url = teleop
     session = TeleopSession(fresh_scene())
@@ -83,7 +66,7 @@ def test_fruit_is_packed_by_dragging_the_gizmo_and_saved(teleop, tmp_path):
         assert distance(operator.tool.position, began.position) < 0.001
         for number, (item, grasp) in enumerate(zip(ITEMS, grasps, strict=True)):
             above = above_spot(session, number, grasp).position
-            pack(operator, grasp.position, above)
+            operator.pack(grasp.position, above)
             operator.wait_for(f"✔ pack {item}")
             if number == 0:
                 operator.drag_to(above)

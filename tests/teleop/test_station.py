@@ -178,6 +178,10 @@ def test_a_demonstration_is_saved_and_the_same_command_goes_on(tmp_path, monkeyp
         with monkeypatch.context() as broken:
             broken.setattr(RunFolder, "write_record", lambda *_: (_ for _ in ()).throw(full))
             assert desk.tap("save").said[-1].startswith("not saved, and not lost:")
+        store.run.path.rename(tmp_path / "elsewhere")
+        assert "run: was removed or moved" in desk.tap("save").said[-1]
+        assert not store.run.path.exists()
+        (tmp_path / "elsewhere").rename(store.run.path)
         assert store.saved == 0
         assert desk.tap("save").said[-1] == f"saved records/{TASK}/train1/{first.seed}.parquet"
         assert desk.station.start == second

@@ -11,7 +11,7 @@ from demonstrating import STEPS, add_record, start_run
 from short_records import TRIALS, short_records
 from small_recipes import tiny
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import InvalidInputError, RecordError
 from betterbench.learned.tokens import moment_of
 from betterbench.training.data import PHASES, moving_rows, read_training_set, scales_of
 
@@ -46,6 +46,20 @@ def test_each_frame_shows_its_state_and_is_answered_by_its_action(run_of, record
         assert np.array_equal(data.actions[rows][:, :6], record.applied[1:, :6].astype(np.float32))
         assert set(data.actions[rows][:, 6]) <= {-1.0, 1.0}
     assert {PHASES[i] for i in data.phases} <= set(PHASES)
+
+
+def test_a_record_that_is_exchanged_while_others_are_read_is_not_trained_on(run_of, records):
+    run = run_of()
+
+    def exchange(done, _):
+        if done == 1:
+            run.journal_path.unlink()
+            for record in (records[0], dataclasses.replace(records[1], action=-records[1].action)):
+                add_record(run, record)
+
+    recipe = tiny(data=[str(run.path)], validation=0.0)
+    with pytest.raises(RecordError, match="is not the record that the journal lists"):
+        read_training_set(recipe, on_read=exchange)
 
 
 def test_a_start_knows_all_that_the_data_show_and_may_know_more(records, tmp_path):

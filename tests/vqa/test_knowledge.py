@@ -6,6 +6,7 @@ import json
 import shutil
 
 import pytest
+from tests.resealing import rewrite
 from tests.vqa.small import SIZE, small_run
 
 from betterbench.cli.main import main
@@ -14,11 +15,12 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.json_form import sealed_form
 from betterbench.llm import ScriptedChat
+from betterbench.recording import RunFolder
 from betterbench.vqa.asking import ask_set, read_answers
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.freeform import ModelText, StateClaim, describe_images, facts_of, parsed_texts, why_dropped
-from betterbench.vqa.knowing import KnowledgeStanding, knowledge_of
+from betterbench.vqa.knowing import KnowledgeStanding, knowledge_of, read_knowledge, store_knowledge
 from betterbench.vqa.moment import Moment
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]
@@ -103,6 +105,25 @@ def test_the_verbs_put_answers_beside_deeds_and_on_the_page(failing, decisive, t
     page = (tmp_path / "page" / "index.html").read_text()
     assert "Does it know what it fails to do?" in page
     assert "wise" in page
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda counts: counts.pop("not_asked"), "not one per standing"),
+        (lambda counts: counts.update(guessed=0), "not one per standing"),
+        (lambda counts: counts.update(not_asked=7), "trials, not of"),
+        (lambda counts: counts.update(not_asked=-1), "not one per standing"),
+    ],
+)
+def test_stored_knowledge_that_does_not_add_up_is_refused(change, problem, failing, decisive, tmp_path):
+    diagnosis, whole = diagnose_run(failing), answered(decisive, tmp_path, lambda q: q.reply, "wise")
+    run = tmp_path / "run"
+    shutil.copytree(failing.path, run)
+    store_knowledge(RunFolder.open(run), knowledge_of(diagnosis, decisive, whole))
+    rewrite(run / "knowledge.json", lambda form: change(form["labels"][0]["counts"]))
+    with pytest.raises(RecordError, match=problem):
+        read_knowledge(RunFolder.open(run))
 
 
 def test_what_was_not_answered_yet_is_not_asked_and_not_kept(failing, decisive, tmp_path, capsys):

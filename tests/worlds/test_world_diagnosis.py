@@ -12,11 +12,13 @@ from tests.resealing import rewrite
 
 from betterbench.calibration.truth import true_label
 from betterbench.cli.output.page import build_report
-from betterbench.diagnosis import diagnose_run, foreign
+from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
 from betterbench.diagnosis.foreign import untold_by
+from betterbench.diagnosis.instruction_effect import SAME_THING
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.report.headline import headline_of
 from betterbench.report.page import write_report
 from betterbench.report.trust import trust_of
 from betterbench.tasks.labels import all_labels
@@ -77,6 +79,19 @@ def test_a_policy_with_one_fault_gets_its_label(run_of, policy, label, failures)
         evidence = found["libero_object-00/swap/0"].evidence
         assert "'cube' was picked in training: it is at the ball" in evidence.text
         assert not found["libero_object-00/swap/0"].intention_correct
+
+
+def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
+    run = run_of("zoo:layout", tasks=["0"])
+    assert {t.label for t in diagnose_run(run).trials} == {"wrong_object"}, "one task shows no place"
+    monkeypatch.setattr(favorite_thing, "LEAST_ASKED", 1)
+    monkeypatch.setattr(favorite_thing, "LEAST_PAIRS", 3)
+    monkeypatch.setattr(favorite_thing, "_ALPHA", 0.2)
+    found = diagnose_run(run)
+    assert {t.label for t in found.trials} == {"visual_layout_bias"}
+    assert {t.evidence.rule for t in found.trials} == {SAME_THING}
+    assert "It goes for the ball wherever one stands, whatever the instruction says: in 3 of 3" in found.findings[0]
+    assert "one kind of thing wherever that stands" in headline_of(found).conclusion
 
 
 @pytest.mark.parametrize(

@@ -70,11 +70,11 @@ class VersionedJournal(LineJournal):
     form: ClassVar[str]
     """What the first line says that the journal is."""
 
-    def __init__(self, path: Path, versions: CertificateVersions) -> None:
+    def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions
         self._header = JournalHeader(self.form, versions.package, versions.suite, versions.engine)
         self._link = link_after("", asdict(self._header))
-        super().__init__(path)
+        super().__init__(path, renews=renews)
 
     def _append_form(self, form: dict[str, Any]) -> None:
         if self.is_empty:

@@ -6,7 +6,6 @@ import json
 import logging
 import multiprocessing
 import platform
-import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import partial
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TypeVar
 
@@ -26,7 +26,7 @@ from betterbench.errors import InvalidInputError, WorkerError
 from betterbench.interventions import resolve_condition
 from betterbench.json_form import sealed_form
 from betterbench.recording import RetryLedger, write_durably
-from betterbench.recording.worker_process import prepare_process
+from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
@@ -146,15 +146,19 @@ def _pooled(
     """Yield the findings of one pool, which holds ``pending``: all suspects one by one, or all waiting trials."""
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=_prepare_worker) as pool:
+    started: set[BaseProcess] = set()
+    with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=prepare_process) as pool:
         try:
             while True:
                 if not alone:
                     new = ledger.take(2 * workers - len(pending))
                 else:
                     new = [ledger.take_suspect()] if ledger.suspects and not pending else []
-                for trial in new:
-                    pending[pool.submit(work, trial)] = trial
+                with interrupts_blocked():  # the process that starts others decides what happens at Ctrl-C
+                    others = set(multiprocessing.active_children()) - started
+                    for trial in new:
+                        pending[pool.submit(work, trial)] = trial
+                    started |= set(multiprocessing.active_children()) - others
                 if not pending:
                     return
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)
@@ -165,10 +169,6 @@ def _pooled(
                     yield found
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
+            for process in started:  # Python would wait for what they are at
+                process.kill()
             raise
-
-
-def _prepare_worker() -> None:
-    """Prepare a worker; Ctrl-C is for the first process alone, which decides."""
-    prepare_process()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

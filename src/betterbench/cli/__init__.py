@@ -38,4 +38,7 @@ def main() -> None:
     except KeyboardInterrupt:  # while modules are imported; from then on run() says how to go on
         sys.stderr.write("interrupted\n")
         status = EXIT_INTERRUPTED
+    # Python remembers a KeyboardInterrupt that left exec("..."), as of a dataclass, though it was caught further out,
+    # and `python -m` then ends by SIGINT in place of the status. The next exec() of a text makes it forget.
+    exec("")  # noqa: S102
     sys.exit(status)

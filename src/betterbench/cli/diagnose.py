@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from betterbench.cli.console import OUT, print_json, say
-from betterbench.errors import BetterError, InvalidInputError, RunConflictError, StorageError
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 
 if TYPE_CHECKING:
     from betterbench.diagnosis import RunDiagnosis
@@ -91,12 +93,24 @@ def _store(folder: RunFolder, result: RunDiagnosis) -> None:
     """Keep the diagnosis in the folder of the run, or say why it cannot be kept."""
     from betterbench.diagnosis import stored
 
-    try:
+    with _said_if_not_kept("not stored", stored.stored_path(folder)):
         stored.store_diagnosis(folder, result)
-    except BetterError as error:
-        say(f"not stored: {error}")
+
+
+@contextmanager
+def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
+    """Say why a result cannot be kept in the run, and go on: it is printed all the same.
+
+    Args:
+        consequence: The message's beginning.
+        path: The file that is written.
+    """
+    try:
+        yield
+    except (InvalidInputError, RunConflictError, StorageError) as error:
+        say(f"{consequence}: {error}")
     except OSError as error:
-        say(f"not stored: {stored.stored_path(folder)} cannot be written ({error.strerror})")
+        say(f"{consequence}: {path} cannot be written ({error.strerror})")
 
 
 def _print(
@@ -128,7 +142,7 @@ def _knowledge(
     """Return what the model that answered knows of the run, and store it for the report."""
     from betterbench.vqa.asking import read_answers
     from betterbench.vqa.dataset import SET_NAME, read_set
-    from betterbench.vqa.knowing import knowledge_of, store_knowledge
+    from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge
 
     if questions is None and not (answers.absolute().parent / SET_NAME).exists():
         problem = f"there is no set of questions beside {answers}"
@@ -139,10 +153,6 @@ def _knowledge(
     if not known.is_complete:
         say("Not stored for the report: not every question has an answer yet. Ask the rest with better vqa SET --ask.")
     elif not keep:
-        try:
+        with _said_if_not_kept("the report will not show it", knowledge_path(folder)):
             store_knowledge(folder, known)
-        except (RunConflictError, StorageError) as error:
-            say(f"the report will not show it: {error}")
-        except OSError as error:
-            say(f"the report will not show it: {folder.path} cannot be written ({error.strerror})")
     return known

@@ -298,6 +298,7 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of CALVIN, after saying how it is run."""
     from betterbench.calvin import STEPS_PER_SUBTASK
     from betterbench.evaluation.planning.world_plan import make_chain_plan
+    from betterbench.statistics.wording import plural
     from betterbench.worlds import calvin_command
 
     _refuse_changed(
@@ -323,7 +324,7 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     )
     made_of = "" if plan.world is None else "; ".join(f"{k}: {v}" for k, v in plan.world.versions.items())
     say(
-        f"{len(plan.trials)} chains of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
+        f"{plural(len(plan.trials), 'chain')} of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
         f"instructions. {made_of}."
     )
     return plan
@@ -332,6 +333,7 @@ def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
 def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of LIBERO, after saying how it is run."""
     from betterbench.evaluation.planning.world_plan import make_world_plan
+    from betterbench.statistics.wording import plural
     from betterbench.worlds import protocol_named, suite_named
     from betterbench.worlds.libero import OURS
 
@@ -350,7 +352,8 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
     by = protocol_named(world.protocol)
     steps = by.steps[suite_named(chosen.suite).base]
     say(
-        f"{len(plan.trials)} trials of {chosen.suite}, protocol {by.name}: {by.settling_steps} settling steps, then at "
+        f"{plural(len(plan.trials), 'trial')} of {chosen.suite}, protocol {by.name}: "
+        f"{by.settling_steps} settling steps, then at "
         f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
     )
     return plan
@@ -359,6 +362,7 @@ def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan
 def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
     from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
+    from betterbench.statistics.wording import plural
     from betterbench.worlds import PlusSettings, plus_command, protocol_named, suite_named
 
     known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
@@ -380,7 +384,8 @@ def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
     steps = by.steps[suite_named(chosen.suite).base]
     counts = Counter(trial.axis for trial in plan.trials)
     say(
-        f"{len(plan.trials)} trials of {chosen.suite} ({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
+        f"{plural(len(plan.trials), 'trial')} of {chosen.suite} "
+        f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
         f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
         f"{world.libero_plus_sentences} sentences."
     )
@@ -429,13 +434,13 @@ def prepare_robot(name: str) -> None:
     from betterbench.robots import build_robot_spec
 
     with ExitStack() as stack:
-        shown: list[Callable[[int], None]] = []
+        shown: list[Callable[..., None]] = []
 
         def on_progress(what: str, done: int, planned: int) -> None:
             if not shown:
-                bar, task = stack.enter_context(progress_bar(what, planned))
-                shown.append(lambda completed: bar.update(task, completed=completed))
-            shown[0](done)
+                bar, task = stack.enter_context(progress_bar(what, planned, stays=False))
+                shown.append(lambda **changes: bar.update(task, **changes))
+            shown[0](description=what, completed=done, total=planned)
 
         build_robot_spec(name, progress=on_progress)
 

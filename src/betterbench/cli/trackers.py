@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import tempfile
 import warnings
 from collections import Counter
 from pathlib import Path
 from typing import Literal
 
+from betterbench.cli.console import say
 from betterbench.diagnosis import RunDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
+from betterbench.quoting import shell_line
 from betterbench.recording import write_durably
+from betterbench.recording.durable import PART_SUFFIX, DurableFile, remove_parts_of
 from betterbench.recording.outputs import mark_of, require_replaceable
 
 EVENTS_NAME = "events.out.tfevents.0.betterbench"
 """The one file of a run for TensorBoard, which reads whatever has "tfevents" in its name."""
+
+_WANDB_PREFIX = ".wandb-"
+_LEAST_ROOM = 1 << 20
+"""Bytes that have to be free where wandb writes, besides the table of trials; the log of a run has some 20 kB."""
 
 
 def tracked_numbers(diagnosis: RunDiagnosis) -> dict[str, float]:
@@ -90,6 +100,11 @@ def _to_tensorboard(numbers: dict[str, float], file: Path) -> None:
 
 
 def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, name: str, project: str) -> None:
+    """Write one run, whole or not at all, beside those of earlier exports.
+
+    wandb ends as usual when the disk is full, and what did not fit is missing. So there has to be room before and
+    after. What a killed export left would be sent with the rest by ``wandb sync``; the run is put in its place last.
+    """
     import wandb
 
     config = {"policy": diagnosis.policy, "versions": diagnosis.versions, "thresholds": diagnosis.thresholds}
@@ -98,6 +113,37 @@ def _to_wandb(diagnosis: RunDiagnosis, numbers: dict[str, float], out: Path, nam
         [t.task, t.variation or t.condition, t.seed, t.success, t.label.value, t.progress, t.steps]
         for t in diagnosis.trials
     ]
-    with wandb.init(project=project, name=name, dir=str(out), config=config, job_type="evaluation") as run:
-        run.summary.update(numbers)
-        run.log({"trials": wandb.Table(columns=columns, data=rows)})
+    room = _LEAST_ROOM + 4 * len(json.dumps([config, numbers, rows]))
+    place = out / "wandb"
+    if place.is_symlink():
+        raise InvalidInputError("--out", f"{place} is a link", "Remove it, or name another folder")
+    for left in out.glob(f"{_WANDB_PREFIX}*{PART_SUFFIX}"):
+        shutil.rmtree(left, ignore_errors=True)
+    remove_parts_of(place)
+    _require_room(place, room)
+    with tempfile.TemporaryDirectory(
+        prefix=_WANDB_PREFIX, suffix=PART_SUFFIX, dir=out, ignore_cleanup_errors=True
+    ) as apart:
+        offline = wandb.setup().settings.mode == "offline"
+        quiet = wandb.Settings(silent=True) if offline else None  # it says how to send a folder that is moved below
+        with wandb.init(
+            project=project, name=name, dir=apart, config=config, job_type="evaluation", settings=quiet
+        ) as run:
+            run.summary.update(numbers)
+            run.log({"trials": wandb.Table(columns=columns, data=rows)})
+        wandb.teardown()  # its process writes until then
+        _require_room(place, room)
+        place.mkdir(exist_ok=True)
+        for made in (Path(apart) / "wandb").iterdir():
+            if made.is_dir() and not made.is_symlink():  # a link names the latest run
+                made.replace(place / made.name)
+                if offline:
+                    say(f"send it with: {shell_line(['wandb', 'sync', place / made.name])}", whole=True)
+
+
+def _require_room(place: Path, size: int) -> None:
+    """Raise StorageError if a file of so many bytes does not fit on the disk; none is left behind."""
+    with DurableFile(place) as tried:
+        tried.file.write(bytes(size))
+        tried.file.flush()
+        os.fsync(tried.file.fileno())

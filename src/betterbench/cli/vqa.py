@@ -150,6 +150,8 @@ def _made(
     folder = run if source is None else source
     if folder is None:
         raise InvalidInputError("better vqa", "names no folder", "Give a run or a set, or --run RUN")
+    if not folder.is_dir():
+        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Name the folder of a run or of a set")
     if run is None and (folder / "set.json").exists():
         return read_set(folder), None
     if out is None:

@@ -194,6 +194,10 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
         steps = t.steps / t.attempts.accepted if t.attempts.accepted else 0.0
         covered = sum(c.filled for c in t.coverage) / len(t.coverage)
         lines.append(f"| {markdown_text(t.task)} | {t.attempts} | {t.starts} | {steps:.0f} | {100.0 * covered:.0f} % |")
+    said = (
+        "Levels covered: share of the levels that have a demonstration, of as many as so few demonstrations can reach."
+    )
+    lines += ["", said]
     for t in found.tasks:
         lines += ["", f"## {markdown_text(t.task)}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
         lines += [*_coverage_lines(t), *_source_lines(t)]

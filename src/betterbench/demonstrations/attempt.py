@@ -30,7 +30,7 @@ from betterbench.tasks.demonstrated import demonstrated
 LASTING_STEPS = 4
 """Control steps after the end of an episode in which its goal has to hold on: 0.2 s, after the dwell of 0.5 s."""
 
-EXPERT, AMPLIFIED = "demonstrator:expert", "demonstrator:amplified"
+EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
 """What the records of demonstrations name as their policy."""
 
 

@@ -27,6 +27,7 @@ from betterbench.demonstrations.amplifier import AmplifierSettings, SourceChoice
 from betterbench.demonstrations.attempt import (
     AMPLIFIED,
     EXPERT,
+    TELEOPERATED,
     AttemptNote,
     DemonstrationAttempt,
     amplify_attempt,
@@ -50,6 +51,7 @@ from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
 from betterbench.interventions.regimes import Regime, in_regime
 from betterbench.json_form import open_form, read_form, strict_form
+from betterbench.quoting import shell_word
 from betterbench.recording import Journal, JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.durable import on_disk
 from betterbench.recording.line_journal import complete_lines, say_lost_tail
@@ -82,6 +84,7 @@ class Method:
         attempts: Most attempts at one start.
         sources: Folder of the run with the source demonstrations; "" for the expert.
         sources_hash: Hash of that set; "" likewise.
+        source_tasks: Tasks whose demonstrations that hash is of; none likewise.
         settings: How sources are carried over.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
@@ -99,6 +102,7 @@ class Method:
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
     regime: Regime = "training"
     twins: bool = False
+    source_tasks: tuple[str, ...] = ()
 
     def task(self, name: str) -> Task:
         """Return a task with the conditions that are demonstrated as its training conditions."""
@@ -161,6 +165,7 @@ def method_of(run: RunFolder) -> Method:
         str(quality.get("name")) if isinstance(quality, dict) else "standard",
         regime=form.regime,
         twins=form.twins,
+        source_tasks=tuple(dict.fromkeys(trial.task for trial in run.planned)) if form.sources else (),
     )
 
 
@@ -225,7 +230,7 @@ class AttemptJournal(VersionedJournal):
 
     def __init__(self, path: Path, versions: CertificateVersions) -> None:
         self.found: dict[TrialId, StartOutcome] = {}
-        super().__init__(path, versions)
+        super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
         """Append what became of a start and force it to disk."""
@@ -333,7 +338,8 @@ def amplify(
     regime = method_of(run).regime if "demonstrations" in run.plan else "training"
     for name in named:
         _check_sources(run, in_regime(get_task(name), regime))
-    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), set_hash(run, named), chosen, regime=regime)
+    hashed = set_hash(run, named)
+    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), hashed, chosen, regime=regime, source_tasks=named)
     return _produce(method, named, out, demos=demos, workers=workers, on_progress=on_progress)
 
 
@@ -343,6 +349,8 @@ def _check_sources(run: RunFolder, task: Task) -> None:
     for condition in task.training:
         if not library.of_condition(condition.name):
             cure = f"Collect some: better collect --tasks {task.id} --out RUN"
+            if run.plan["policy"] == TELEOPERATED:
+                cure = f"Demonstrate it too: better teleop --tasks {task.id} --out {shell_word(run.path)}"
             raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
 
 
@@ -378,7 +386,7 @@ def _produce(
         with on_disk(out), ExitStack() as stack:
             plan, context = _plan(method, [s for chain in chains for s in chain], workers)
             run = RunFolder.start(out, plan, context=context)
-            journal = stack.enter_context(run.journal())
+            journal = stack.enter_context(run.journal(renews=True))
             attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
             _say_lost(journal, attempts)
             reopen_lost(run, journal)
@@ -388,8 +396,10 @@ def _produce(
             for produced in _produced(run, method, due, workers):
                 _note(produced, journal, attempts)
                 tell(produced.outcome)
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # what somebody has removed meanwhile
+            is_whole = not any(changed) or not reopen_lost(run, journal)
             found = dict(attempts.found)
-        if chains == _chains(wanted, found, method):
+        if is_whole and chains == _chains(wanted, found, method):
             return run
 
 
@@ -479,7 +489,7 @@ def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> No
 def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     """Try one start until an attempt is accepted, and write its record; run by a worker."""
     load_sources(method.task_files)
-    run = RunFolder.open(Path(out))
+    run = RunFolder(Path(out), {}, {})  # whose description may be gone for a moment
     began = time.perf_counter()
     scene = scene_of(trial, method.quality)
     setup_s = time.perf_counter() - began
@@ -509,12 +519,21 @@ def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttemp
     """Make one attempt at a start; the same number gives the same attempt."""
     if method.policy == EXPERT:
         return collect_attempt(scene, number, twins=method.twins)
-    return amplify_attempt(scene, number, _library(method.sources, scene.task.id), method.settings)
+    library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
+    return amplify_attempt(scene, number, library, method.settings)
 
 
 @functools.lru_cache(maxsize=4)
-def _library(sources: str, task: str) -> Library:
-    return load_library(RunFolder.open(Path(sources)), task)
+def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
+    """Return the sources of a task; RecordError if they are not those of the hash, as where somebody adds to them."""
+    run = RunFolder.open(Path(sources))
+    library = load_library(run, task)
+    if set_hash(run, tasks) != sha256:  # looked at last: what was added before is in the library, and seen here
+        raise RecordError(
+            f"{sources}: its demonstrations have changed since they began to be carried over. Once nothing writes "
+            "there any more, run the same command again, into another folder."
+        )
+    return library
 
 
 def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> str:

@@ -94,6 +94,11 @@ SHOVED_AGAIN = threshold(
     "Times that an empty gripper moves the right thing aside from which it fails to take it, if it never grasps it. A "
     "wrong thing is gone for where it is moved more often, or pushed: an arm may run into it on its way.",
 )  # fmt: skip
+COMES_DOWN = threshold(
+    "comes_down", 0.035, "m",
+    "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery are "
+    "lower than the fingers that take them.",
+)  # fmt: skip
 RUNS_INTO = threshold(
     "runs_into", 3, "1",
     "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in vain "
@@ -150,6 +155,42 @@ def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
     if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
         return None
     return next(s for s in stays if s.object == chosen)
+
+
+def comes_down_to(trace: Trace, first: int) -> int | None:
+    """Return the object that an open gripper comes down to from a row on, where closing would take it, or None.
+
+    It is there for a moment in all, and seldom where closing would take something else.
+    """
+    free = ~trace.closing & (trace.held < 0)
+    feet = trace.positions[:, :, 2]
+    tops = feet + np.array([o.size_m[2] for o in trace.info.objects])
+    low = (trace.tool[:, 2, None] <= np.maximum(tops, feet + COMES_DOWN)) & free[:, None]
+    items = [i for i in trace.items if i not in trace.targets]
+    times: Counter[int] = Counter()
+    for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
+        if row < first:
+            continue
+        reach, gaps = trace.within_reach(row, trace.tool[row]), trace.box_distances(row, trace.tool[row])
+        near = [i for i in items if low[row, i] and reach[i] and not trace.there[row, i]]
+        if near:
+            times[min(near, key=lambda i: (float(gaps[i]), i))] += 1
+    if not times:
+        return None
+    chosen = max(times, key=lambda i: (times[i], -i))
+    enough = times[chosen] >= max(trace.steps(THRESHOLDS.stop_time), STAY_SHARE * times.total())
+    return chosen if enough else None
+
+
+def stays_above(trace: Trace, first: int, i: int) -> bool:
+    """Tell whether an open gripper stays over an object from a row on, and comes no lower the longer it is there."""
+    rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
+    if len(rows) < trace.steps(STAY_TIME):
+        return False
+    heights = trace.tool[rows, 2] - trace.positions[rows, i, 2] - trace.info.objects[i].size_m[2]
+    halves = np.array_split(heights, 2)
+    lowered = float(np.median(halves[0]) - np.median(halves[1]))
+    return float(heights.min()) > BESIDE and lowered <= THRESHOLDS.rest_travel
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:

@@ -9,6 +9,13 @@ from betterbench.diagnosis.trial import Choice
 _NEARLY_ALL = 0.9
 """Share of the first attempts that something has to explain before it is named in place of the instruction."""
 
+_BY_PLACE = "its place"
+
+
+def may_be_place(decider: str) -> bool:
+    """Tell whether what decides may be the place of a thing, as far as the trials separate it."""
+    return decider.startswith(_BY_PLACE)
+
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
     """Return what decides in place of the instruction where it is not used, as far as the trials separate it.
@@ -18,7 +25,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]
     found = {
-        "its place": all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
+        _BY_PLACE: all(_usual([c.slot for c in mine if c.slot is not None]) for mine in choices.values()),
         "what it is": all(_usual([c.thing for c in mine if c.thing]) for mine in choices.values()),
         "its color": _usual([c.color for c in things]) is not None,
         "that it is nearest to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every]) == "True",

@@ -34,6 +34,10 @@ said not to use the instruction."""
 SAME_TARGET = "same_target_whatever_the_instruction"
 """Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""
 
+SAME_THING = "same_thing_whatever_the_instruction"
+"""Rule of evidence of a wrong first attempt at a thing that a policy goes for wherever it stands
+(:mod:`betterbench.diagnosis.favorite_thing`)."""
+
 _PLACE_DIGITS = 4
 """Decimals of the positions [m] and rotations by which two initial states are compared: 0.1 mm."""
 
@@ -136,6 +140,24 @@ def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:
 def effect_words(effect: Metric) -> str:
     """Return the sentence that counts the pairs of an instruction effect."""
     return f"In {_counted(effect)} the first target is the same."
+
+
+def effect_sentence(effect: Metric | None) -> str:
+    """Return what an instruction effect shows, in one sentence: used, not used, or not decided."""
+    if effect is None or not effect.n:
+        return (
+            "No two trials of this run differ in the instruction alone and ask for different first targets, so it does "
+            "not show whether the instruction is used."
+        )
+    pairs = "pair of trials that differs" if effect.n == 1 else "pairs of trials that differ"
+    seen = f"The first target changes in {effect.k or 0} of {effect.n} {pairs} in the instruction alone"
+    if is_unused(effect):
+        return f"{seen}: the instruction is not used."
+    if effect.n < LEAST_PAIRS:
+        return f"{seen}; fewer than {LEAST_PAIRS} pairs do not show whether the instruction is used."
+    if (effect.low or 0.0) > USED:
+        return f"{seen}: the instruction is used, rightly or wrongly."
+    return f"{seen}, as it may by chance: this does not show whether the instruction is used."
 
 
 def effect_findings(unused: Mapping[str, Metric], decider: str) -> Iterator[str]:

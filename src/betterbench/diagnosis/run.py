@@ -10,11 +10,13 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.diagnosis.decider import decider_of
+from betterbench.diagnosis.decider import decider_of, may_be_place
+from betterbench.diagnosis.favorite_thing import FavoriteThing, favorite_thing
 from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
 from betterbench.diagnosis.instruction_effect import (
     SAME_TARGET,
+    SAME_THING,
     effect_findings,
     effect_words,
     tasks_without_effect,
@@ -303,6 +305,13 @@ def _diagnose(
         else t
         for t in found
     )
+    favorites = {} if foreign is None else _favorites(found, choices, group)
+    found = tuple(
+        _wherever_it_stands(t, trials.readings[t.trial_id], favorites[group[t.task]])
+        if group[t.task] in favorites and t.trial_id in trials.readings
+        else t
+        for t in found
+    )
     waiting = tuple(_without_record(trial, policy, None, foreign) for trial in trials.pending)
     broken = sorted(str(trial) for trial, reason in trials.missing.items() if reason)
     decided = trials.until_decided
@@ -313,7 +322,11 @@ def _diagnose(
         notes = (*notes, f"A base suite shows what training showed: to learn why the policy succeeds, {untold}.")
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided),
-        findings=(*effect_findings(unused, decider), *find_findings(found, rules)),
+        findings=(
+            *effect_findings(unused, decider),
+            *(favorite.finding(suite) for suite, favorite in favorites.items()),
+            *find_findings(found, rules),
+        ),
         notes=(*(() if decided is None else decided.notes()), *notes), thresholds=THRESHOLDS.to_json(),
         versions=versions, waiting=waiting, until_decided=decided,
     )  # fmt: skip
@@ -333,14 +346,45 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
     A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
+    So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
     """
+    if reading.choice is None or reading.choice.correct:
+        return trial
+    if trial.label is Label.VISUAL_LAYOUT_BIAS and may_be_place(decider):
+        return trial
+    return _not_by_instruction(trial, reading, SAME_TARGET, f"{effect_words(effect)} What decides instead: {decider}.")
+
+
+def _favorites(
+    found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
+) -> dict[str, FavoriteThing]:
+    """Return the thing that a policy goes for wherever it stands, of each suite in which no rule explains that."""
+    favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
+    unexplained = {
+        (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
+        for t in found
+        if t.label is Label.WRONG_OBJECT and str(t.trial_id) in choices.get(group[t.task], {})
+    }
+    return {suite: f for suite, f in favorites.items() if f is not None and (suite, f.kind) in unexplained}
+
+
+def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
+    """Return the diagnosis of a trial of a policy that goes for one thing wherever it stands."""
     if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
+        return trial
+    if reading.choice.thing != favorite.kind:
+        return trial
+    return _not_by_instruction(trial, reading, SAME_THING, favorite.words())
+
+
+def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
+    """Return a wrong first attempt that no rule explains as one that does not depend on what is asked."""
+    if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))
     if label is not Label.VISUAL_LAYOUT_BIAS:
         return trial
-    text = f"{evidence.text} {effect_words(effect)} What decides instead: {decider}."
-    return replace(trial, label=label, evidence=replace(evidence, rule=SAME_TARGET, text=text))
+    return replace(trial, label=label, evidence=replace(evidence, rule=rule, text=f"{evidence.text} {why}"))
 
 
 def _without_record(trial: TrialId, policy: str, reason: str | None, foreign: ForeignRun | None) -> TrialDiagnosis:

@@ -13,12 +13,12 @@ from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 import betterbench
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import RecordError
-from betterbench.json_form import open_form, read_bounded, read_form
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
 from betterbench.recording import RunFolder, write_durably
 from betterbench.recording.metadata import dump_json
 
-STORED_SCHEMA_VERSION = 1
-"""Version of ``diagnosis.json``; it moves when an older reader would misunderstand a newer file."""
+STORED_SCHEMA_VERSION = 2
+"""Version of ``diagnosis.json``; the second has a seal, and the first is read with a warning."""
 
 _MAX_BYTES = 256 * 1024 * 1024
 _CURE = "Restore the file, or move it elsewhere to store a new one"
@@ -75,7 +75,7 @@ class StoredMetric:
 
 
 def _readable(version: object) -> object:
-    if isinstance(version, int) and not isinstance(version, bool) and version != STORED_SCHEMA_VERSION:
+    if isinstance(version, int) and not isinstance(version, bool) and version not in (1, STORED_SCHEMA_VERSION):
         raise ValueError(f"is {version} and not {STORED_SCHEMA_VERSION}: another version of betterbench wrote the file")
     return version
 
@@ -112,9 +112,11 @@ class StoredDiagnosis:
         """Read the JSON document; errors call it ``where``.
 
         Raises:
-            RecordError: If the schema version is another one, or a field is missing or of the wrong type.
+            RecordError: If it was changed after it was written, the schema version is another one, or a field is
+                missing or of the wrong type.
         """
-        file = read_form(_FILE, raw, where=where, cure=_CURE, raises=RecordError)
+        form = open_seal(raw, where=where, cure=_CURE, raises=RecordError, since=("schema_version", 2))
+        file = read_form(_FILE, form, where=where, cure=_CURE, raises=RecordError)
         for what, keys in (
             ("trials", [t.key for t in file.trials]),
             ("metrics", [(m.name, m.scope) for m in file.metrics]),
@@ -131,7 +133,7 @@ class StoredDiagnosis:
 
 def _stored_form(diagnosis: RunDiagnosis) -> dict[str, Any]:
     versions = {"schema_version": STORED_SCHEMA_VERSION, "package_version": betterbench.__version__}
-    return {**versions, **diagnosis.to_json()}
+    return sealed_form(json.loads(dump_json({**versions, **diagnosis.to_json()})))
 
 
 def stored_path(run: RunFolder) -> Path:
@@ -145,10 +147,11 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
+        StorageError: If the disk is full, broken or protected.
         InvalidInputError: If the place is a link that leads out of the folder.
     """
     path = stored_path(run)
-    form = json.loads(dump_json(_stored_form(diagnosis)))
+    form = _stored_form(diagnosis)
     with run.locked():
         write_durably(path, json.dumps(form, indent=1, ensure_ascii=False).encode() + b"\n")
     return path

@@ -89,7 +89,7 @@ def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
             added to a record changes nothing.
 
     Raises:
-        RecordError: If the record lacks a predicate of a movable object.
+        RecordError: If the record lacks a predicate of a movable object, or an object of the condition.
     """
     info = record.metadata.scene
     rows = min(len(record), step_limit + 1)
@@ -162,7 +162,11 @@ def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whe
 
 
 def _index_of_kind(info: SceneInfo, kind: str) -> int:
-    return next(i for i, o in enumerate(info.objects) if o.kind == kind)
+    """Return the index of the first object of a kind; raises RecordError if none is there."""
+    found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
+    if found is None:
+        raise RecordError(f"scene: the record has no {kind!r}, which its condition has; record the trial again.")
+    return found
 
 
 def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vector], ...]:

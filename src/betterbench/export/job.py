@@ -11,7 +11,7 @@ import contextlib
 import hashlib
 import logging
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -31,6 +31,7 @@ from betterbench.export.selection import ChosenTrial, Selection
 from betterbench.export.video import VIDEO_SETTINGS, require_even
 from betterbench.json_form import open_seal, read_ordinary, sealed_form
 from betterbench.policies.presets import NATIVE
+from betterbench.quoting import shell_word
 from betterbench.recording import Record, RunFolder, RunLock, write_durably
 from betterbench.recording.durable import on_disk, remove_parts
 from betterbench.recording.item_threads import in_threads
@@ -40,7 +41,7 @@ from betterbench.recording.outputs import require_replaceable
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.twins import read_pairs
 from betterbench.scenes.stage import quality_preset
-from betterbench.tasks import TrialId
+from betterbench.tasks import TrialId, suite_tasks
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 
@@ -122,7 +123,7 @@ def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | No
             told = _finished(plan, out, identity, quality)
             _remove_leftover(staging)
             return told
-        with RunLock(staging / LOCK_NAME):
+        with RunLock(staging / LOCK_NAME, output=out):
             remove_parts(staging)
             if out.exists() and not _is_replaced(plan, out, identity):
                 told = _finished(plan, out, identity, quality)
@@ -314,7 +315,7 @@ def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_
 
 def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
     trial = demonstration.trial
-    return run.read_record(trial.task, trial.condition, trial.seed)
+    return run.read_record(trial.task, trial.condition, trial.seed, digest=demonstration.digest)
 
 
 def _check_rate(record: Record) -> None:
@@ -406,7 +407,7 @@ def origin_of(
         "quality": quality,
         "images": form,
         "video": VIDEO_SETTINGS if form == "video" else None,
-        "evaluate": evaluation_command(layout, quality),
+        "evaluate": evaluation_command(layout, quality, {str(e.about["task"]) for e in episodes}),
         "left_out": left_out,
         "layout": layout.to_json(),
         "episodes": [{**e.about, "record": e.record} for e in episodes],
@@ -425,8 +426,11 @@ def is_split(trials: Sequence[TrialId], train: int) -> bool:
     return len(first) == train > 0 and held_out == chosen and list(trials) == first + last
 
 
-def evaluation_command(layout: DatasetLayout, quality: str) -> str:
-    """Return the command that evaluates a policy that was trained on a layout, with its address left open."""
+def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
+    """Return the command that evaluates a policy that was trained on a layout, with its address left open.
+
+    It plays the whole suite where all tasks of the suite are demonstrated, and a few trials of the tasks otherwise.
+    """
     name = layout.adapter.name
     words = ["better eval --policy"]
     own = {"lerobot": "lerobot:CHECKPOINT", NATIVE.name: "python:FILE.py:CLASS"}
@@ -437,7 +441,11 @@ def evaluation_command(layout: DatasetLayout, quality: str) -> str:
         words.append(f"--action-space {layout.adapter.answer.space}")
     if quality != "standard":
         words.append(f"--quality {quality}")
-    return " ".join([*words, "--suite better60 --out RUN"])
+    if set(suite_tasks("better60")) <= set(tasks):
+        words.append("--suite better60")
+    else:
+        words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
+    return " ".join([*words, "--out RUN"])
 
 
 def _told(plan: ExportPlan, out: Path, made: int, quality: str) -> Exported:
@@ -450,5 +458,5 @@ def _told(plan: ExportPlan, out: Path, made: int, quality: str) -> Exported:
         sum(path.stat().st_size for path in files),
         made,
         plan.selection.left_out,
-        evaluation_command(plan.layout, quality),
+        evaluation_command(plan.layout, quality, {str(about["task"]) for about in source["episodes"]}),
     )

@@ -6,13 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import TypeAdapter
 
 from betterbench.assets import categories
 from betterbench.errors import RecordError, RunConflictError
-from betterbench.json_form import read_bounded, read_form, read_ordinary, strict_form
+from betterbench.json_form import NO_TRUTH, open_seal, read_bounded, read_form, read_ordinary, sealed_form, strict_form
 from betterbench.recording import RunFolder, first_difference, write_durably
 from betterbench.recording.durable import PART_SUFFIX
 from betterbench.recording.metadata import dump_json
@@ -21,8 +21,8 @@ from betterbench.recording.modalities.spec import MODALITIES, Modality, ViewSpec
 from betterbench.scenes.stage import quality_preset, require_cameras
 from betterbench.tasks import TrialId
 
-SETTINGS_VERSION: Literal[1] = 1
-"""Version of the settings of a folder."""
+SETTINGS_VERSION: Literal[2] = 2
+"""Version of the settings of a folder; the second has a seal."""
 SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
 _MAX_BYTES = 1 << 20
 
@@ -41,7 +41,7 @@ class Wanted:
     modalities: tuple[Modality, ...] = MODALITIES
     quality: str | None = None
     renderer: Mapping[str, str] | None = None
-    format_version: Literal[1] = SETTINGS_VERSION
+    format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
 
     def __post_init__(self) -> None:
         """Refuse what cannot be drawn."""
@@ -140,7 +140,10 @@ def read_settings(path: Path) -> Wanted:
     """Return what a folder of modalities holds; RecordError if it is none or damaged."""
     cure = "Name a folder that better materialize wrote"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
-    return read_form(_WANTED, data, where=str(path / SETTINGS_FILE), cure=cure, raises=RecordError)
+    where = str(path / SETTINGS_FILE)
+    form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))
+    found = read_form(_WANTED, form, where=where, cure=cure, raises=RecordError)
+    return replace(found, format_version=SETTINGS_VERSION)
 
 
 def _form(wanted: Wanted) -> dict[str, object]:
@@ -148,7 +151,7 @@ def _form(wanted: Wanted) -> dict[str, object]:
 
 
 def _text(wanted: Wanted) -> bytes:
-    return json.dumps(json.loads(dump_json(_form(wanted))), indent=2).encode() + b"\n"
+    return json.dumps(sealed_form(json.loads(dump_json(_form(wanted)))), indent=2).encode() + b"\n"
 
 
 def _is_ours(path: Path) -> bool:

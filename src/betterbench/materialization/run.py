@@ -90,7 +90,7 @@ def materialize_run(
     Raises:
         RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
         RecordError: If records or scenes are missing or damaged; the other trials are done before.
-        StorageError: If the disk is full.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         MissingDependencyError: If no off-screen OpenGL works here.
     """
     began, tally = time.monotonic(), _Tally()
@@ -98,7 +98,7 @@ def materialize_run(
     done = 0
     list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
     require_free_place(out)
-    with RunLock(out.absolute() / LOCK_NAME):
+    with RunLock(out.absolute() / LOCK_NAME) as lock:
         folder = ModalityFolder(out, wanted)
         folder.remove_parts()
         writer = _Writer(run, folder, tally)
@@ -118,6 +118,7 @@ def materialize_run(
                 break
             if not fresh:
                 time.sleep(_POLL_S)
+        lock.require_in_place()
     if tally.problems:
         more = len(tally.problems) - 1
         raise RecordError(tally.problems[0] + (f" {more} more trials could not be read either." if more else ""))

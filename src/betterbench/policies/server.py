@@ -41,6 +41,9 @@ MAX_REQUEST_BYTES = 64 * 1024 * 1024
 """Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
 """How long a client may be silent before its connection is closed and what it holds is given back [s]."""
+IDLE_WHILE_FULL_S = 600.0
+"""How long a client may be silent while all slots are taken and another client waits [s]. Between two questions a
+policy loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
 
 _AWAY_CODE = 1001
 _ERROR_CODE = 1011
@@ -78,18 +81,23 @@ class PolicyServer:
         clients: int | None = MAX_CLIENTS,
         on_stop: Callable[[], None] | None = None,
         budget: FrameBudget | None = None,
+        idle_while_full_s: float = IDLE_WHILE_FULL_S,
     ) -> None:
         """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
 
         A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
         None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all
-        clients have sent and got no answer to. Raises InvalidInputError if it cannot listen there.
+        clients have sent and got no answer to. When all slots are taken and another client arrives, the client that has
+        been silent longest is let go, if that is longer than ``idle_while_full_s`` [s]. Raises InvalidInputError if it
+        cannot listen there.
         """
         self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
         self._clients, self._budget = clients, budget or FrameBudget()
+        self._idle_while_full_s = idle_while_full_s
         self._greeting = encode_openpi(dict(metadata))
         self._lock = threading.Lock()
         self._open: dict[ServerConnection, threading.Thread] = {}
+        self._silent_since: dict[ServerConnection, float] = {}
         self._thread: threading.Thread | None = None
         self._server: Server = serve(
             self._converse,
@@ -176,12 +184,29 @@ class PolicyServer:
         return None
 
     def _room_made(self) -> bool:
-        """Drop clients that are stuck within a message, and tell whether that has made room soon."""
+        """Drop a client that is stuck within a message or silent for long, and tell whether that has made room soon."""
         self._budget.cut_stuck()
-        end = time.monotonic() + _ROOM_S
-        while self._full() and time.monotonic() < end and self._budget.is_dropping:
+        is_let_go = self._let_silent_go()
+        end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
+        while self._full() and time.monotonic() < end and (is_let_go or self._budget.is_dropping):
             time.sleep(_PAUSE_S)
         return not self._full()
+
+    def _let_silent_go(self) -> bool:
+        """Close the connection of the client that has been silent longest, if that is too long while others wait."""
+        with self._lock:
+            if self._clients is None or len(self._open) < self._clients or not self._silent_since:
+                return False
+            longest = min(self._silent_since, key=self._silent_since.__getitem__)
+            if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
+                return False
+            # No other newcomer closes it again, and its thread, which a frame may have woken, answers no more.
+            del self._silent_since[longest]
+        logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
+        # In a thread, because closing waits for the answer of a client that may have gone to sleep.
+        closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
+        threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
+        return True
 
     def _full(self, more: int = 1) -> bool:
         """Tell whether so many more clients would be too many."""
@@ -201,7 +226,7 @@ class PolicyServer:
                 connection.close(_FULL_CODE, "This server has as many clients as it may.")
                 return
             connection.send(self._greeting)
-            while (frame := _next_frame(connection)) is not None:
+            while (frame := self._next_frame(connection)) is not None:
                 # May load weights, which the deadline of a dial is not made for, and which an idle client needs not.
                 session = session or self._make_session()
                 began = time.perf_counter()
@@ -225,9 +250,23 @@ class PolicyServer:
         finally:
             with self._lock:
                 self._open.pop(connection, None)
+                self._silent_since.pop(connection, None)
             if session is not None:
                 session.close()
             logger.info("%s left after %d answers", client, answered)
+
+    def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
+        """Return the next frame of a client; None if it has been silent for too long, whose connection is closed."""
+        with self._lock:
+            self._silent_since[connection] = time.monotonic()
+        try:
+            frame = connection.recv(timeout=IDLE_S)
+        except TimeoutError:
+            connection.close(_AWAY_CODE, "This client was silent for too long.")
+            return None
+        with self._lock:
+            is_let_go = self._silent_since.pop(connection, None) is None
+        return None if is_let_go else frame
 
     def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
         """Return the reply to a frame; raise InvalidInputError if the frame is not a request."""
@@ -239,15 +278,6 @@ class PolicyServer:
                 "the request", f"it is a {type(request).__name__}", "Send a map, as openpi's client"
             )
         return dict(session.answer(request))
-
-
-def _next_frame(connection: ServerConnection) -> str | bytes | None:
-    """Return the next frame of a client; None if it has been silent for too long, whose connection is closed."""
-    try:
-        return connection.recv(timeout=IDLE_S)
-    except TimeoutError:
-        connection.close(_AWAY_CODE, "This client was silent for too long.")
-        return None
 
 
 def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket

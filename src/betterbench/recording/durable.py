@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from betterbench.errors import STORAGE_CURES, StorageError
-from betterbench.recording.lock import LOCK_NAME, is_locked
+from betterbench.recording.lock import LOCK_NAME, is_locked, require_held
 from betterbench.recording.places import claim_of, naming, require_guarded
 
 PART_SUFFIX = ".part"
@@ -35,7 +35,8 @@ class DurableFile:
         part: Where it is until it is finished, for a library that writes to a file of its own.
 
     Raises:
-        StorageError: If the disk is full, broken or protected, here or while the context manager is open.
+        StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
+            folder that this process has locked was removed or moved.
         OSError: If the place cannot be written for another reason; it names the file, and not its part.
         InvalidInputError: If a link leads out of the folder that this process has locked.
         RunConflictError: If something stands there that the owner of the folder did not write.
@@ -44,6 +45,7 @@ class DurableFile:
     def __init__(self, path: Path) -> None:
         self._path, self._claim = path, claim_of(path)
         require_guarded(path)
+        require_held(path)
         if self._claim is not None:
             self._claim.require_ours(path)
         with on_disk(path), naming(path):

@@ -78,10 +78,10 @@ class Journal(LineJournal):
         RecordError: If a line is corrupt, or a trial is finished twice.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, renews: bool = False) -> None:
         self._entries: dict[TrialId, JournalEntry] = {}
         self._link = ""
-        super().__init__(path)
+        super().__init__(path, renews=renews)
 
     def _take_in(self, lines: list[bytes]) -> None:
         self._entries, self._link = _last_entries(self._path, lines)

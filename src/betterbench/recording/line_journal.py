@@ -17,9 +17,9 @@ from typing import Any, Self
 from betterbench.errors import RecordError
 from betterbench.json_form import form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
 from betterbench.recording.durable import sync_folder, write_durably
-from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked
+from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
 from betterbench.recording.metadata import dump_json
-from betterbench.recording.places import open_in_place
+from betterbench.recording.places import naming, open_in_place
 
 MAX_BYTES = 1 << 30
 """Largest journal that is read; a line takes some 600 bytes."""
@@ -36,24 +36,26 @@ class LineJournal:
     Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
     :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
     disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
-    again. With ``alone`` the file is locked, and not its folder.
+    again. With ``alone`` the file is locked, and not its folder. With ``renews`` that holds for the whole folder too,
+    whose owner makes the other files anew; otherwise StorageError is raised.
     """
 
-    def __init__(self, path: Path, *, alone: bool = False) -> None:
+    def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
         self._path = path = path.absolute()
-        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME)
+        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME, renews=renews)
         self._handle: int | None = None
         try:
             lines, self._length = complete_lines(path)
             self._content = bytearray(b"".join(line + b"\n" for line in lines))
             self._take_in(lines)
-            self._handle = open_in_place(path)
-            if os.fstat(self._handle).st_size > self._length:
-                _require_begun(path, os.pread(self._handle, 1, self._length))
-                logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
-                os.ftruncate(self._handle, self._length)
-            os.fsync(self._handle)
-            sync_folder(path.parent)
+            with naming(path):
+                self._handle = open_in_place(path)
+                if os.fstat(self._handle).st_size > self._length:
+                    _require_begun(path, os.pread(self._handle, 1, self._length))
+                    logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
+                    os.ftruncate(self._handle, self._length)
+                os.fsync(self._handle)
+                sync_folder(path.parent)
         except BaseException:
             self.close()
             raise
@@ -72,26 +74,30 @@ class LineJournal:
         if self._handle is None:
             msg = f"{self._path}: the journal is closed"
             raise ValueError(msg)
+        require_held(self._path)
         if not self._stands_there(self._handle):
             self._write_again(self._handle)
         line = dump_json(form) + b"\n"
         try:
             written = 0
-            while written < len(line):
-                written += os.pwrite(self._handle, line[written:], self._length + written)
-            os.fsync(self._handle)
+            with naming(self._path):
+                while written < len(line):
+                    written += os.pwrite(self._handle, line[written:], self._length + written)
+                os.fsync(self._handle)
         except OSError:
             os.ftruncate(self._handle, self._length)
             raise
         self._length += len(line)
         self._content += line
 
-    def restore(self) -> None:
-        """Write the file again if somebody else has removed, replaced or changed it since it was opened."""
-        if self._handle is None:
-            return
-        if not self._stands_there(self._handle) or os.pread(self._handle, self._length, 0) != self._content:
-            self._write_again(self._handle)
+    def restore(self) -> bool:
+        """Write the file again if somebody else has removed, replaced or changed it since it was opened; tell so."""
+        if self._handle is None or (
+            self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
+        ):
+            return False
+        self._write_again(self._handle)
+        return True
 
     def _stands_there(self, handle: int) -> bool:
         """Tell whether the open file is still the one at its path, and as long as it was written."""

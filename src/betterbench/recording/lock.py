@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import threading
 import time
-import weakref
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from betterbench.errors import RunConflictError
+from betterbench.errors import RunConflictError, StorageError
 from betterbench.recording.places import guard, is_claimed_here, naming, open_in_place, require_guarded, unguard
 
 LOCK_NAME = ".lock"
@@ -46,34 +46,61 @@ class RunLock:
 
     The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
     the lock is held do not keep it alive. While it is held, no file is written below its folder by a link that leads
-    out of it (:mod:`betterbench.recording.places`).
+    out of it (:mod:`betterbench.recording.places`), and none once the folder was removed or moved
+    (:func:`require_held`): what was written before would be missing beside it. With ``renews`` the owner writes that
+    again, and the lock is taken anew. Messages name the ``output``, where its parts are collected in the folder.
 
     Raises:
         RunConflictError: If somebody else holds the lock, unless it ``waits``.
         InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
     """
 
-    def __init__(self, path: Path, *, waits: bool = False) -> None:
-        self._path, self._folder = path, path.parent.absolute()
+    _is_folder = True
+
+    def __init__(self, path: Path, *, waits: bool = False, renews: bool = False, output: Path | None = None) -> None:
+        self._path, self._folder, self._renews = path, path.parent.absolute(), renews
+        self._output = output or path.parent
         self._handle: int | None = None
+        self._renewing = threading.Lock()
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
             return
         require_guarded(path)
-        with naming(self._locked):
-            self._handle = self._taken(waits=waits)
-            try:
-                os.ftruncate(self._handle, 0)
-                os.pwrite(self._handle, f"{os.getpid()}\n".encode("ascii"), 0)
-            except OSError:
-                self._close()
-                raise
-        _HELD.add(self)
+        self._handle = self._noted(waits=waits)
+        _HELD.append(self)
         self._guard()
+
+    def _noted(self, *, waits: bool) -> int:
+        """Return the descriptor of the locked file, which says who holds it."""
+        with naming(self._locked):
+            handle = self._taken(waits=waits)
+            try:
+                os.ftruncate(handle, 0)
+                os.pwrite(handle, f"{os.getpid()}\n".encode("ascii"), 0)
+            except OSError:
+                os.close(handle)
+                raise
+        return handle
+
+    def require_folder(self, path: Path) -> None:
+        """Raise StorageError if a file lies in the folder that is locked, and that is not there any more.
+
+        With ``renews``, take the lock anew; raises RunConflictError if somebody else has taken it.
+        """
+        if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
+            return
+        if _stands_at(self._path, self._handle):
+            return
+        if not self._renews:
+            raise StorageError(self._lost(f"{path.name} is not written"))
+        with self._renewing:
+            if not _stands_at(self._path, self._handle):
+                lost, self._handle = self._handle, self._noted(waits=False)
+                os.close(lost)
 
     @property
     def _locked(self) -> Path:
         """What is locked, as the user knows it."""
-        return self._path.parent
+        return self._output
 
     def _guard(self) -> None:
         guard(self._folder)
@@ -111,9 +138,21 @@ class RunLock:
 
     def _conflict(self, holder: str) -> str:
         """Return what is said where a process holds the lock."""
+        return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
+
+    def require_in_place(self) -> None:
+        """Raise StorageError if the folder was removed or moved since it was locked: what was written is not together.
+
+        To be called last, when a command would end as if its output were whole.
+        """
+        if self._handle is not None and not _stands_at(self._path, self._handle):
+            raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
+
+    def _lost(self, consequence: str) -> str:
+        """Return what is said where the locked folder is not there any more."""
         return (
-            f"{self._path.parent}: another run (process {holder}) is writing here. Wait for it, or choose another "
-            "folder."
+            f"{self._locked}: was removed or moved, or its {self._path.name}, while this command writes there, so "
+            f"{consequence}. Put the folder back, or run the same command again."
         )
 
     def release(self) -> None:
@@ -127,6 +166,8 @@ class RunLock:
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
+        if self in _HELD:
+            _HELD.remove(self)
 
     def __enter__(self) -> Self:
         return self
@@ -139,6 +180,8 @@ class RunLock:
 
 class FileLock(RunLock):
     """An exclusive lock on a single file, beside it (``.NAME.lock``); it is removed when it is released."""
+
+    _is_folder = False
 
     def __init__(self, file: Path, *, waits: bool = False) -> None:
         self._file = file
@@ -167,6 +210,15 @@ class FileLock(RunLock):
         super().release()
 
 
+def require_held(path: Path) -> None:
+    """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
+
+    Locks of this process are meant; raises RunConflictError if somebody else has taken one that is renewed.
+    """
+    for lock in tuple(_HELD):
+        lock.require_folder(path)
+
+
 def _stands_at(path: Path, handle: int) -> bool:
     """Tell whether an open file is still the one at a path."""
     ours = os.fstat(handle)
@@ -190,12 +242,12 @@ def _lock_exclusively(handle: int) -> None:
             return
 
 
-_HELD: weakref.WeakSet[RunLock] = weakref.WeakSet()
+_HELD: list[RunLock] = []
 
 
 def _forget_in_child() -> None:
     """Close inherited locks in a forked process; the parent keeps its own."""
-    for lock in list(_HELD):
+    for lock in tuple(_HELD):
         lock._close()
 
 

@@ -146,6 +146,7 @@ class OutputFolder:
         RunConflictError: If the folder holds other files, a file of it was changed since it was written, or another
             process writes there.
         InvalidInputError: If a link leads out of it.
+        StorageError: At the end, if it was removed or moved meanwhile.
     """
 
     def __init__(
@@ -163,12 +164,13 @@ class OutputFolder:
         self._known: dict[str, tuple[str, ...]] = {}
         self._fresh: dict[str, str] = {}
         self._stack = ExitStack()
+        self._lock: RunLock | None = None
         self.thread, self._noting = threading.get_ident(), threading.Lock()
 
     def __enter__(self) -> Self:
         self._known = self._checked()
         with ExitStack() as stack:
-            stack.enter_context(RunLock(self.path / LOCK_NAME))
+            self._lock = stack.enter_context(RunLock(self.path / LOCK_NAME))
             stack.callback(self._leave_nothing)
             self._known = self._checked()
             remove_parts(self.path)
@@ -183,6 +185,8 @@ class OutputFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         with self._stack:
+            if self._lock is not None and error is None:
+                self._lock.require_in_place()
             if self._fresh and error is None:  # what stood in a file before is no longer ours
                 self._known |= {name: (digest,) for name, digest in self._fresh.items()}
                 self._store()

@@ -97,6 +97,11 @@ class RunFolder:
         object.__setattr__(self, "path", self.path.absolute())
         object.__setattr__(self, "_planned", _planned(self.plan))
 
+    @property
+    def planned(self) -> tuple[TrialId, ...]:
+        """The trials of the plan, in its order; none if it does not list them."""
+        return tuple(self._planned or ())
+
     @classmethod
     def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
         """Create a run, or resume the one in the folder if it has the same plan, or one with fewer of the same trials.
@@ -188,15 +193,16 @@ class RunFolder:
         """
         return self._rewritten(self.plan, {**self.context, **changes})
 
-    def restore(self) -> None:
-        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened."""
+    def restore(self) -> bool:
+        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened; tell so."""
         path, content = self.path / "run.json", _run_json(self.plan, self.context)
         with contextlib.suppress(OSError, ValueError):
             unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
             if json.loads(read_ordinary(path)) in (json.loads(content), unsealed):
-                return
+                return False
         logger.warning("%s was removed or changed by somebody else and is written again", path)
         write_durably(path, content)
+        return True
 
     def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
         """Write a plan that holds this one and more, and return the run."""
@@ -213,12 +219,15 @@ class RunFolder:
             write_durably(self.path / "run.json", _run_json(form["plan"], form["context"]))
         return RunFolder(self.path, form["plan"], form["context"])
 
-    def journal(self) -> Journal:
+    def journal(self, *, renews: bool = False) -> Journal:
         """Open the journal for appending, which locks the folder until it is closed.
+
+        With ``renews`` it goes on where somebody removes or moves the folder meanwhile; the caller then restores the
+        run and runs the trials again whose records are gone.
 
         Raises what Journal does, and RecordError if the journal lists what is not planned.
         """
-        journal = Journal(self.journal_path)
+        journal = Journal(self.journal_path, renews=renews)
         try:
             self._check_entries(journal.entries)
         except BaseException:
@@ -300,15 +309,18 @@ class RunFolder:
         write_record(record, path)
         return path
 
-    def read_record(self, task: str, condition: str, seed: int) -> Record:
+    def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read a trial's record.
+
+        Whoever has noted the ``digest`` of the file before gives it: the run may have changed since. Otherwise it is
+        that of the journal.
 
         Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
         policy or action space, or with other bytes than when it was written.
         """
         trial = TrialId(task, condition, seed)
         path = self.record_path(task, condition, seed)
-        record = read_record(path, digest=self._digest(self.entry(trial)))
+        record = read_record(path, digest=digest or self._digest(self.entry(trial)))
         self._check_record(path, trial, record.metadata)
         return record
 

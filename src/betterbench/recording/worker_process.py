@@ -1,14 +1,27 @@
-"""What a worker process of a run or of a certification does first."""
+"""How a worker process of a run or of a certification is started, and what it does first."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import multiprocessing
 import os
+import signal
 import sys
 import threading
+from collections.abc import Iterator
 
 from betterbench.errors import line_start
+
+
+@contextlib.contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C in this thread for a while, and permanently in processes that are started meanwhile."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def prepare_process() -> None:

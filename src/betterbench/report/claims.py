@@ -20,6 +20,9 @@ USUAL_SHARE = 0.2
 """Share of failed trials that a kind of failure has to exceed, by an exact binomial test at the usual level, to be
 called what the policy does where no illusion gap shows it: in training too, or without training twins."""
 
+FEW = 3
+"""Least number of trials that show a habit: of a policy, of one task where failures are rare, and of one axis."""
+
 MOST_PAIRS = 100
 """Most pairs of one variation that are advised."""
 
@@ -88,7 +91,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
     """Return whether a kind of failure is what a policy does in training, where nothing else was run."""
     p = _above(count, n, USUAL_SHARE)
     test = f"failed training trials against {100 * USUAL_SHARE:.0f} % (exact binomial)"
-    return Grounds(p <= DEFAULT_ALPHA, test, p)
+    return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
@@ -109,7 +112,7 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
     """Return whether a failure of some conditions is a habit; corrected for the number of conditions of the run."""
     p = min(1.0, conditions * _above(count, n, USUAL_SHARE))
     test = f"failed trials against {100 * USUAL_SHARE:.0f} % (exact binomial, times {plural(conditions, 'condition')})"
-    return Grounds(p <= DEFAULT_ALPHA, test, p)
+    return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
@@ -131,7 +134,7 @@ def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -
     if gap.p_value is not None and (gap.value or 0.0) > 0.0 and gap.p_value <= DEFAULT_ALPHA:
         return Grounds(True, "illusion gap over all variations", gap.p_value)
     p = _above(count, n, USUAL_SHARE)
-    if p <= DEFAULT_ALPHA:
+    if count >= FEW and p <= DEFAULT_ALPHA:
         return Grounds(True, f"failed variation trials against {100 * USUAL_SHARE:.0f} % (exact binomial)", p)
     if gap.p_value is None:
         return Grounds(False, f"failed variation trials against {100 * USUAL_SHARE:.0f} %", p, *_deciding(diagnosis))

@@ -8,10 +8,12 @@ from dataclasses import asdict, dataclass, replace
 
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
 from betterbench.diagnosis.foreign import untold_by
+from betterbench.diagnosis.instruction_effect import effect_sentence
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.claims import (
     DESCRIBED,
+    FEW,
     Grounds,
     claim_of_failure,
     claim_of_habit,
@@ -34,9 +36,6 @@ WEAK_SHARE = 0.5
 """Success rate on training conditions below which a policy has not learned the task well enough to judge its reasoning
 by its success; what it attempts first can still be judged."""
 
-
-FEW = 3
-"""Least number of trials that show a habit: of one task where failures are rare, and of one axis."""
 
 ANYWHERE = (Label.EARLY_HALT, Label.EXECUTION_FAILURE, Label.TIMEOUT)
 """Labels that say nothing about where a policy fails."""
@@ -97,6 +96,8 @@ class Headline:
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
+        effect: The instruction effect, over pairs of trials that differ in the instruction alone.
+        effect_sentence: What the instruction effect shows.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
         breakdown: How most trials ended where the policy itself failed to run.
@@ -112,6 +113,8 @@ class Headline:
     gap: Figure
     intention: Figure
     grasps: Figure
+    effect: Figure
+    effect_sentence: str
     needless: Figure
     failure: Failure | None
     segments: tuple[Segment, ...]
@@ -140,6 +143,7 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
     intention = Figure.of(diagnosis.metric("intention_accuracy", "overall"))
     varied = [trial for trial in diagnosis.trials if trial.variation is not None]
     conclusion, family, claim = _conclusion(diagnosis, training, gap)
+    effect = diagnosis.metric("instruction_effect", "overall")
     breakdown = _breakdown(varied)
     sentences = [
         _numbers(training, variations, gap),
@@ -157,6 +161,8 @@ def headline_of(diagnosis: RunDiagnosis) -> Headline:
         gap,
         intention,
         Figure.of(diagnosis.metric("distractor_grasp_rate", "overall"), noun="grasps"),
+        Figure.of(effect, noun="pairs"),
+        effect_sentence(effect),
         Figure.of(diagnosis.metric("success_with_a_needless_step", "overall")),
         leading_failure(varied),
         segments_of([trial for trial in diagnosis.even_trials if trial.variation is not None]),
@@ -261,7 +267,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         text = f"it solved {training.count()} training trials and {solved} trials of variations"
         return f"{NOTHING_YET}: {text}.", Kind.UNFINISHED.value, weak_claim
     if main is None:
-        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+        return _no_failure(trials, len(varied))
     habit = _habit(trials)
     if rare:
         text = f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed."
@@ -290,6 +296,22 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
             before = "It has not learned the training conditions."
         return f"{before} {text}", entry.family, claim
     return text, entry.family, claim
+
+
+def _no_failure(trials: Sequence[TrialDiagnosis], solved: int) -> tuple[str, str, Grounds]:
+    """Return what a run says that solves every variation; failures of its training trials are not kept back."""
+    trained = [trial for trial in trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
+    failed = [trial for trial in trained if _has_failed(trial)]
+    main = main_failure(trained)
+    if main is None or len(failed) <= RARE_SHARE * len(trained):
+        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+    counts = f"{len(failed)} of {plural(len(trained), 'training trial')}"
+    text = f"It solves every variation that was run ({plural(solved, 'trial')}) and fails {counts}"
+    claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(trained))
+    if not claim.supported:
+        return f"{text}.", Kind.UNFINISHED.value, claim
+    said = _of_several(LEGEND[main].conclude([trial for trial in failed if trial.label is main]), failed, main)
+    return f"{text}. In training: {said[0].lower()}{said[1:]}", LEGEND[main].family, claim
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:

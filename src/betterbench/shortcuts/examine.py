@@ -212,7 +212,8 @@ def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataRe
     audited = [_audit_group(name, found) for name, found in groups.items() if len(found) >= FEWEST]
     if not audited:
         most = max(map(len, groups.values()), default=0)
-        problem = f"the largest group has {most} demonstrations, and {FEWEST} are needed to say anything"
+        number = f"{most} demonstration{'' if most == 1 else 's'}"
+        problem = f"the largest group has {number}, and {FEWEST} are needed to say anything"
         raise InvalidInputError(source, problem, "Give more demonstrations")
     judged = list(_judged(audited))
     few = {name: len(found) for name, found in groups.items() if len(found) < FEWEST}

@@ -14,13 +14,12 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from betterbench.errors import BetterError, RecordError, TrainingError, described
-from betterbench.evaluation.workers.pool import interrupts_blocked
 from betterbench.learned.address import FILE_NAME as CHECKPOINT
 from betterbench.learned.address import PREFIX, checkpoint_of
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.policies.policy_process import exit_text
 from betterbench.recording.parquet import file_digest
-from betterbench.recording.worker_process import prepare_process
+from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
 
 _STOP_S = 5.0

@@ -148,15 +148,18 @@ def run_study(
     Raises:
         RunConflictError: If another process works in the folder, or a stage was made by another plan.
         InvalidInputError: If a trial is not certified.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
         BetterError: Whatever stops a stage; what was done before stays.
     """
     out = out.absolute()
     _require_certified(plan, certificate)
     with ExitStack() as stack:
         with on_disk(out):
-            stack.enter_context(RunLock(out / LOCK_NAME))
+            lock = stack.enter_context(RunLock(out / LOCK_NAME))
             remove_parts(out / STAGES)
-        return _Study(plan, out, workshop, on_progress).run()
+        result = _Study(plan, out, workshop, on_progress).run()
+        lock.require_in_place()
+        return result
 
 
 def _require_certified(plan: StudyPlan, certificate: Path | None) -> None:

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from betterbench.demonstrations.attempt import AttemptNote, DemonstrationAttempt, judge_attempt
+from betterbench.demonstrations.attempt import TELEOPERATED, AttemptNote, DemonstrationAttempt, judge_attempt
 from betterbench.episodes import TrialContext, describe
 from betterbench.errors import InvalidInputError
 from betterbench.experts.motion import CLOSE, FREE, OPEN
@@ -24,8 +24,6 @@ from betterbench.tasks import GoalTracker, Truth
 from betterbench.tasks.relations import arm_still
 from betterbench.teleop.steering import Reach, Steering, is_finite, unit
 
-TELEOPERATED = "demonstrator:teleoperated"
-"""What the records name as their policy."""
 ARRIVED_M, ARRIVED_RAD = 0.002, 0.02
 """Distance from its target within which the commanded pose counts as there [m, rad]."""
 RESTING_M_S = 0.01

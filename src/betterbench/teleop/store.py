@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from betterbench.demonstrations.attempt import DemonstrationAttempt
+from betterbench.demonstrations.attempt import TELEOPERATED, DemonstrationAttempt
 from betterbench.demonstrations.failure import FailureKind
 from betterbench.demonstrations.production import Method
 from betterbench.demonstrations.starts import Start, planned_starts
@@ -24,7 +24,6 @@ from betterbench.recording.parquet import file_digest
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import Expected, get_task
-from betterbench.teleop.session import TELEOPERATED
 
 FIRST_TELEOPERATED_SEED = 500_000_000
 """First seed of teleoperated demonstrations unless another one is asked for: far from those of other demonstrators."""

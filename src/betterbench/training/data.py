@@ -184,7 +184,7 @@ def _episodes(
 ) -> Iterator[_Episode]:
     for number, demonstration in enumerate(chosen, 1):
         trial, run = demonstration.trial, runs[demonstration.run]
-        record = run.read_record(trial.task, trial.condition, trial.seed)
+        record = run.read_record(trial.task, trial.condition, trial.seed, digest=demonstration.digest)
         rows = moving_rows(record, longest_pause)
         yield _Episode(trial, record, rows, _actions(record, trial, run.path)[rows])
         if on_read is not None:

@@ -120,7 +120,7 @@ def train(
         RunConflictError: If the folder holds another training, or another process writes to it.
         TrainingError: If the loss is not finite; what was saved before stays.
         InvalidInputError: If the saved state is damaged, or the device cannot be used.
-        StorageError: If the disk is full; what was saved before stays.
+        StorageError: If the disk is full; what was saved before stays. Or if the folder was removed or moved meanwhile.
     """
     world = TrainingProcesses.here()
     require_place(out, device)
@@ -140,16 +140,20 @@ def train(
     if (code := code_of("family", recipe.family)) is not None:
         form["learner"] = code
     with contextlib.ExitStack() as stack:
+        lock: RunLock | None = None
         if world.rank == 0:
             with on_disk(out):
-                stack.enter_context(RunLock(out / LOCK_NAME))
+                lock = stack.enter_context(RunLock(out / LOCK_NAME))
             _keep_recipe(form, out)
             if code is not None:
                 keep_copies(out)
             remove_parts(out)
         stack.enter_context(_deterministic(recipe.threads))
         stack.enter_context(_together(world, device))
-        return _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
+        trained = _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
+        if lock is not None:
+            lock.require_in_place()
+        return trained
 
 
 def require_place(out: Path, device: str) -> None:

@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Protocol
 
 from pydantic import TypeAdapter
@@ -234,7 +235,7 @@ def make_set(
         RunConflictError: If the folder holds another set or other files, or is being written to.
         InvalidInputError: If the run has no record, or its seeds are of demonstrations and of trials.
         RecordError: If a record or a scene cannot be read.
-        StorageError: If the disk is full.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
     """
     trials = trials_of(run, options.tasks)
     purpose = purpose_of(trials)
@@ -303,6 +304,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
     def __init__(self, out: Path, plan: dict[str, Any]) -> None:
         self._out, self._plan = out, {"schema_version": SET_SCHEMA_VERSION, **plan}
         self._stack = ExitStack()
+        self._lock: RunLock | None = None
 
     def __enter__(self) -> bool:
         """Lock, compare, and write the plan; raises what :func:`make_set` raises."""
@@ -313,8 +315,7 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
         others = [p for p in there if p.name != ".lock" and not p.name.endswith(PART_SUFFIX)]
         if others and not file.exists():
             raise RunConflictError(f"{out}: the folder holds other files and no set. Choose an empty or a new folder.")
-        lock = RunLock(out / ".lock")
-        self._stack.callback(lock.release)
+        self._lock = self._stack.enter_context(RunLock(out / ".lock"))
         try:
             plan = json.loads(dump_json(self._plan))
             _require_same(file, plan)
@@ -328,8 +329,13 @@ class begun_set(AbstractContextManager[bool]):  # noqa: N801 - used like a funct
             raise
         return False
 
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Unlock; raises StorageError if the folder was removed or moved and nothing else went wrong."""
+        with self._stack:
+            if self._lock is not None and error is None:
+                self._lock.require_in_place()
 
 
 def _require_same(file: Path, plan: dict[str, Any]) -> None:

@@ -71,6 +71,15 @@ class LabelKnowledge:
     counts: dict[str, int]
     chance: float
 
+    def __post_init__(self) -> None:
+        """Refuse counts that do not divide the trials into all standings; raises InvalidInputError."""
+        if set(self.counts) != set(KnowledgeStanding) or min(self.counts.values()) < 0:
+            names = ", ".join(KnowledgeStanding)
+            raise InvalidInputError(self.label, "its counts are not one per standing", f"Expected {names}")
+        if sum(self.counts.values()) != self.n:
+            problem = f"its counts are of {sum(self.counts.values())} trials, not of {self.n}"
+            raise InvalidInputError(self.label, problem, "Count again")
+
     @property
     def knows(self) -> Rate:
         """Share of the trials that were asked about in which the decision was known."""
@@ -205,6 +214,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
     Raises:
         OSError: If the folder cannot be written.
         RunConflictError: If another process is writing to the run.
+        StorageError: If the disk is full, broken or protected.
         InvalidInputError: If the place is a link that leads out of the folder.
     """
     form = sealed_form({"version": 2, "sentence": known.sentence, **asdict(known)})

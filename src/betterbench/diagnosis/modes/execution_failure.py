@@ -61,6 +61,14 @@ def _untold(trial: TrialDiagnosis) -> str:
     return where or ("between two objects" if trial.intention_correct is None and trial.attempts else "")
 
 
+def _aims_right(trial: TrialDiagnosis) -> bool:
+    """Return whether a trial shows that the policy went for what was asked: by its first attempt, or by its rule.
+
+    What is knocked over or brushed against may be anything, so these rules alone show no aim.
+    """
+    return trial.intention_correct is True or _HOW.get(trial.evidence.rule, _KNOCKS) != _KNOCKS
+
+
 def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     """Return how the manipulation fails in nearly all trials, if one or two ways tell it, or that nothing tells it.
 
@@ -77,7 +85,12 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     ways = Counter(_HOW.get(trial.evidence.rule, "") for trial in told).most_common(2)
     named = ways[:1] if ways[0][1] >= SHARE_OF_ALL * len(trials) else ways
     known = all(way for way, _ in named) and sum(count for _, count in named) >= SHARE_OF_ALL * len(trials)
-    return f"It goes for the right things, but {' or '.join(way for way, _ in named)}." if known else ""
+    how = " or ".join(way for way, _ in named) if known else ""
+    aimless = sum(not _aims_right(trial) for trial in trials)
+    if aimless > (1.0 - SHARE_OF_ALL) * len(trials):
+        said = f": it {how.replace('them', 'things')}" if how else ""
+        return f"Its manipulation fails{said}; {aimless} of {len(trials)} of these trials do not show what it goes for."
+    return f"It goes for the right things, but {how}." if how else ""
 
 
 def _about(trials: Sequence[TrialDiagnosis]) -> str:

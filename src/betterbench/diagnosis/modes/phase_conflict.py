@@ -6,6 +6,7 @@ import numpy as np
 
 from betterbench.diagnosis.approaches import (
     closes_in_part,
+    comes_down_to,
     comes_nearer,
     comes_shut,
     find_stays,
@@ -52,6 +53,8 @@ def _find(trial: TrialView) -> Evidence | None:
         return episode.evidence("freeze_in_mid_task_scene", text, rows=halt)
     if halt is not None or episode.condition.expected is not Expected.SUCCEED:
         return None
+    if comes_down_to(episode.trace, episode.idle_from) in episode.wanted(episode.idle_from):
+        return None  # it knows what to take, and fails to close its gripper
     stay = next((step for step in episode.others if step.means is Means.STAY), None)
     if stay is not None:
         return _comes_and_goes(episode, stay)
@@ -71,9 +74,17 @@ def _goes_somewhere(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
 
 
 def _all_asked(episode: EpisodeAnalysis, rows: tuple[int, int]) -> bool:
-    """Tell whether a way leads between several objects that may all be taken now, and over nothing else."""
+    """Tell whether a way leads over objects that may all be taken now, and over nothing else.
+
+    Over one of them alone it comes and goes, which is to and fro where the scene looks half finished.
+    """
     over = {stay.object for stay in find_stays(episode.trace, rows[0])}
-    return len(over) > 1 and over <= set(episode.wanted(rows[0]))
+    if not over or not over <= set(episode.wanted(rows[0])):
+        return False
+    if len(over) > 1:
+        return True
+    back = any(returns_to(episode.trace, episode.idle_from, i) for i in over)
+    return back and not episode.condition.mid_task_look
 
 
 def _comes_and_goes(episode: EpisodeAnalysis, stay: Step) -> Evidence | None:

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import STAY_TIME
+from betterbench.diagnosis.approaches import STAY_TIME, comes_down_to, stays_above
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.trace import place_middle
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import rotate
 from betterbench.statistics.wording import listed
-from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.thresholds import threshold
@@ -28,6 +27,8 @@ OVER_GOAL = threshold(
 _BY_MECHANISM = sharper_by_rule(
     {
         "never_closes": "It goes for the right things, but its gripper never closes on them.",
+        "does_not_close": "It goes for the right things, but its gripper does not close on them.",
+        "never_descends": "It goes over the right things, but its gripper does not come down to them.",
         "never_opens": "It brings the right things to their places, but its gripper never opens there.",
     }
 )
@@ -46,7 +47,7 @@ def _sharper(trials: Sequence[TrialDiagnosis]) -> str:
     definition="Every attempt was right, or nothing else was gone for, and the step limit was reached.",
     conclusion="It does the right things, but runs out of time.",
     sharper=_sharper,
-    finding="Does the right things until the step limit ends the trial",
+    finding="Attempts nothing wrong until the step limit ends the trial",
 )
 def _find(trial: TrialView) -> Evidence | None:
     """Return the evidence of a timeout, if nothing else explains the trial."""
@@ -62,24 +63,24 @@ def _find(trial: TrialView) -> Evidence | None:
 
 def _stuck(episode: EpisodeAnalysis, last: int) -> tuple[str, str] | None:
     """Return the rule and the clause of a gripper that never closes on the right thing, or never lets go of it."""
-    trace = episode.trace
+    trace, first = episode.trace, episode.idle_from
+    reached = comes_down_to(trace, first)
+    if reached is not None and reached in episode.wanted(first):
+        kind = episode.kind(reached)
+        if not trace.closing.any():
+            return "never_closes", f"with a gripper that has come to the {kind}, the right target, and never closes"
+        return (
+            "does_not_close",
+            f"with a gripper that has come to the {kind}, the right target, and does not close on it",
+        )
     stay = _stay(episode)
-    if stay is not None and not trace.closing.any() and _comes_within_reach(episode, stay):
-        kind = episode.kind(stay)
-        return "never_closes", f"with a gripper that has come to the {kind}, the right target, and never closes"
+    if stay is not None and stays_above(trace, first, stay):
+        return "never_descends", f"{_over(episode, stay)}, and does not come down to it"
     held = int(trace.held[last])
     if held < 0 or not _kept_at_its_place(episode, held, last):
         return None
     kind = episode.kind(held)
     return "never_opens", f"with the {kind} in a gripper that has come to the right place with it and never opens"
-
-
-def _comes_within_reach(episode: EpisodeAnalysis, i: int) -> bool:
-    """Tell whether the gripper was for a while where closing would have taken an object; who hovers over it was not."""
-    trace = episode.trace
-    low = trace.tool[:, 2] <= trace.positions[:, i, 2] + trace.info.objects[i].size_m[2]
-    rows = sum(bool(trace.within_reach(row, trace.tool[row])[i]) for row in np.flatnonzero(low).tolist())
-    return rows >= trace.steps(THRESHOLDS.stop_time)
 
 
 def _kept_at_its_place(episode: EpisodeAnalysis, held: int, last: int) -> bool:
@@ -106,6 +107,10 @@ def _stay(episode: EpisodeAnalysis) -> int | None:
     return next((s.at for s in episode.others if s.means is Means.STAY and s.at is not None), None)
 
 
+def _over(episode: EpisodeAnalysis, i: int) -> str:
+    return f"while the open gripper stays over the {episode.kind(i)}, the right target"
+
+
 def _course(episode: EpisodeAnalysis, last: int) -> str:
     """Return a clause that says on which course the policy was."""
     held = int(episode.trace.held[last])
@@ -113,5 +118,5 @@ def _course(episode: EpisodeAnalysis, last: int) -> str:
         return f"with the {episode.kind(held)} in the gripper"
     stay = _stay(episode)
     if stay is not None:
-        return f"while the open gripper stays over the {episode.kind(stay)}, the right target"
+        return _over(episode, stay)
     return "although every attempt was right" if episode.steps else "on the way to a first attempt"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from betterbench.diagnosis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.instruction_effect import SAME_TARGET
+from betterbench.diagnosis.instruction_effect import SAME_TARGET, SAME_THING
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
 from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.verdict import Evidence
@@ -33,9 +33,12 @@ def _exposed(x: Exposure) -> bool:
     "of the scene or of the arm's start picks; decided over pairs of trials.",
     conclusion="It goes to the same place whatever the instruction says.",
     sharper=sharper_by_rule(
-        {SAME_TARGET: "It does not use the instruction: its first target stays the same where only that changes."}
+        {
+            SAME_TARGET: "It does not use the instruction: its first target stays the same where only that changes.",
+            SAME_THING: "It goes for one kind of thing wherever that stands, whatever the instruction says.",
+        }
     ),
-    finding="Goes to the same place whatever the instruction",
+    finding="Goes to the same place or thing whatever the instruction",
     rule=PLACE,
     needs_rule=True,
     exposed_by=_exposed,

@@ -88,13 +88,14 @@ def preflight_view(found: PreflightCheck) -> PreflightView:
 def _facts(found: PreflightCheck, first: np.ndarray, whole: np.ndarray) -> tuple[tuple[str, str], ...]:
     """Return lines about an answer that moves the end effector so far [m], with its first action and as a whole."""
     space, action, out = action_space(found.info.action_space), found.actions[0], found.clipped
+    ends = (("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),)
     return (
         ("answer", f"{_counted(len(found.actions))} of {space.dim} numbers, {space.name}"),
         ("first action", _listed(action, space.components)),
         ("moves", f"{_listed(100.0 * first, ('x', 'y', 'z'), digits=1)} cm"),
         ("turns", _turn_text(action, space)),
         ("gripper", _gripper_text(action)),
-        ("whole answer", f"ends {_listed(100.0 * whole, ('x', 'y', 'z'), digits=1)} cm from here"),
+        *(ends if len(found.actions) > 1 else ()),
         ("out of range", f"{out} of {_counted(len(found.actions))}, clipped" if out else "nothing"),
         ("axes", "x away from the robot (toward this camera), y to its left (right in the image), z up"),
     )

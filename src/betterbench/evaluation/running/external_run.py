@@ -202,6 +202,8 @@ class ExternalRun:
     def _keep(self, entry: JournalEntry) -> None:
         self.entry, self.start = entry, None
         with on_disk(self.folder.path), _locked(self.folder) as journal:
+            if not (self.folder.path / "run.json").exists():  # somebody has removed or moved the folder meanwhile
+                self.folder.restore()
             if not journal.is_done(entry.key):
                 journal.append(entry)
 

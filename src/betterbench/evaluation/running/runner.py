@@ -135,7 +135,7 @@ def evaluate(
             context = run_context(plan, policy=declared, engine=_engine_form(engine, settings))
             run = RunFolder.start(out, plan.to_json(), context=context)
             run = same_policy(run, declared, allow_changed=allow_changed_policy)
-            journal = stack.enter_context(run.journal())
+            journal = stack.enter_context(run.journal(renews=True))
             reopen_lost(run, journal)
         settings = replace(settings, trials=sum(not journal.is_done(t.id) for t in plan.trials))
         for left in reversed(range(MAX_PASSES)):
@@ -160,11 +160,10 @@ def _check_policy(plan: Plan, info: PolicyInfo, engine: str) -> None:
 
 
 def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
-    """Write again what a policy in a process of this machine may have removed, and return whether trials are lost."""
+    """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
     with on_disk(run.path):
-        run.restore()
-        journal.restore()
-        return runs_apart(policy) and reopen_lost(run, journal) > 0
+        changed = [run.restore(), journal.restore()]
+        return (any(changed) or runs_apart(policy)) and reopen_lost(run, journal) > 0
 
 
 def _record(

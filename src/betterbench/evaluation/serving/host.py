@@ -20,10 +20,9 @@ from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
-from betterbench.evaluation.workers.pool import interrupts_blocked
 from betterbench.interface import PolicyInfo
 from betterbench.policies.connection import LONGEST_WAIT_S
-from betterbench.recording.worker_process import prepare_process
+from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 
 logger = logging.getLogger(__name__)
 

@@ -27,7 +27,7 @@ LEARNED = PolicyEntry("learned:CHECKPOINT", "A learner that better train has tra
 PREFIXES = {
     "replay": PolicyEntry("replay:RUN", "Plays the recorded actions of another run, open loop.", privileged=False),
     "python": PolicyEntry(
-        "python:MODULE:CLASS",
+        "python:FILE.py:CLASS",
         "Your own class with info, reset and act; arguments follow as ?key=value.",
         privileged=False,
     ),

@@ -6,7 +6,6 @@ import contextlib
 import itertools
 import logging
 import multiprocessing
-import signal
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection, wait
@@ -21,7 +20,7 @@ from betterbench.evaluation.workers.worker import Worker, even_share
 from betterbench.graphics import take_device
 from betterbench.policies.policy_process import exit_text
 from betterbench.recording import JournalEntry, RetryLedger
-from betterbench.recording.worker_process import prepare_process
+from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)
@@ -224,16 +223,6 @@ def start_worker(settings: RunSettings) -> WorkerProcess:
         process.start()
     theirs.close()
     return WorkerProcess(process, ours, turn=settings.turn, envs=settings.envs)
-
-
-@contextlib.contextmanager
-def interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C in this thread for a while, and permanently in processes that are started meanwhile."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def work(settings: RunSettings, connection: Connection) -> None:

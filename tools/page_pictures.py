@@ -1,0 +1,102 @@
+"""Take the pictures of our pages that the documentation shows, in a headless Chromium.
+
+The report is that of the whole suite, one trial per variation; the page of teleoperation is that of two packed items.
+
+Example:
+    better eval --policy zoo:lexical --trials 1 --out runs/lexical
+    better report runs/lexical
+    python tools/page_pictures.py report runs/lexical/report/index.html --out docs/pictures/report.jpg
+    python tools/page_pictures.py teleop runs/by_hand --out docs/pictures/teleop.jpg
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from betterbench.teleop.session import TeleopSession
+
+TESTS = Path(__file__).resolve().parents[1] / "tests"
+sys.path[:0] = [str(TESTS / "report"), str(TESTS / "teleop")]
+
+from browser_operator import BrowserOperator  # type: ignore[import-not-found]  # noqa: E402 - of the tests, which are no package
+from chromium import browser  # type: ignore[import-not-found]  # noqa: E402
+from scripted_operator import CONDITION, ITEMS, TASK, above_spot, fresh_scene, grasp_of  # type: ignore[import-not-found]  # noqa: E402
+
+REPORT_SIZE, TELEOP_SIZE = (1200, 700), (1280, 720)
+"""Sizes of the pictures [px]."""
+
+LAPTOP = (1440, 840)
+"""Size at which the report is shown [px]: its first screen with the film; it is scaled to the size of the picture."""
+
+REPORT_QUALITY, TELEOP_QUALITY = 82, 85
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+_DISMISS_NOTICE = "document.querySelectorAll('.mantine-Notification-closeButton').forEach(b => b.click()); 1"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write one picture; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("page", choices=("report", "teleop"))
+    parser.add_argument("source", type=Path, help="the report's index.html, or a new folder for the demonstration")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args(arguments)
+    with tempfile.TemporaryDirectory() as profile:
+        if options.page == "report":
+            png, size, quality = report_page(options.source, Path(profile)), REPORT_SIZE, REPORT_QUALITY
+        else:
+            png, size, quality = teleop_page(options.source, Path(profile)), TELEOP_SIZE, TELEOP_QUALITY
+    picture = Image.open(io.BytesIO(png)).convert("RGB").resize(size, Image.Resampling.LANCZOS)
+    picture.save(options.out, quality=quality, optimize=True)
+    print(options.out)
+    return 0
+
+
+def report_page(page: Path, profile: Path) -> bytes:
+    """Return the first screen of a report as PNG."""
+    with browser(profile) as chromium:
+        chromium.open(page, *LAPTOP)
+        chromium.wait_until("[...document.images].filter(i => i.src && i.offsetParent).every(i => i.complete)")
+        return bytes(chromium.screenshot())
+
+
+def teleop_page(run: Path, profile: Path) -> bytes:
+    """Return the page of ``better teleop`` as PNG, after both items are packed; the demonstration is saved in a run."""
+    command = [sys.executable, "-m", "betterbench.cli", "teleop", "--tasks", TASK, "--condition", CONDITION]
+    command += ["--out", str(run), "--port", "0", "--devices", "none"]
+    session = TeleopSession(fresh_scene())
+    grasps = [grasp_of(session, item)[0] for item in ITEMS]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        url = next(iter(process.stdout or ())).removeprefix("open ").strip()
+        with browser(profile, SOFTWARE_GL) as chromium:
+            operator: Any = BrowserOperator(chromium, url, width=TELEOP_SIZE[0], height=TELEOP_SIZE[1])
+            for number, grasp in enumerate(grasps):
+                above = above_spot(session, number, grasp).position
+                operator.pack(grasp.position, above)
+                if number == 0:
+                    operator.drag_to(above)
+            operator.wait_for("done: save it")
+            chromium.value(_DISMISS_NOTICE)
+            time.sleep(2.0)
+            png = bytes(chromium.screenshot())
+            operator.click("Save")
+            operator.wait_for("all saved")
+        return png
+    finally:
+        process.terminate()
+        process.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
