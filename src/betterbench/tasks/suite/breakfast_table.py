@@ -48,7 +48,7 @@ def breakfast_table() -> a.Task:
     look_alike = (a.remove(SPOON), a.move(CUP, RIGHT_EDGE), a.add(TUMBLER, FRONT))
     exchanged = "spoon where the fork lay, fork where the spoon lay"
     return a.Task(
-        version=4,
+        version=5,
         title="Laying the Breakfast Table",
         template=a.PATTERNED_ARRANGEMENT,
         slots=(*OUTSIDE, BACK_LEFT, BACK, FRONT_LEFT, FRONT_RIGHT, TABLE_RIGHT, TABLE_LEFT),

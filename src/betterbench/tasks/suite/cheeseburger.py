@@ -44,7 +44,7 @@ def cheeseburger() -> a.Task:
     two_patties = (a.replace(CHEESE, PATTY_2), a.repeat(stack(PATTY, PATTY_2, TOP)))
     no_patty, cheese_first = a.instruct(stack(CHEESE, LETTUCE, TOP)), a.instruct(stack(CHEESE, PATTY, TOP))
     return a.Task(
-        version=4,
+        version=5,
         title="Assembling a Cheeseburger",
         template=a.LOGICAL_ASSEMBLY,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),

@@ -50,7 +50,7 @@ def dinner_plates() -> a.Task:
     whole = (a.chain(WHOLE_STACK),)
     finish = "whole stack asked for, red already on white"
     return a.Task(
-        version=3,
+        version=4,
         title="Stacking Dinner Plates",
         template=a.RECURSIVE_STACKING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, STAND_RIGHT, STAND_MIDDLE),

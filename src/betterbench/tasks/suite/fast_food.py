@@ -40,7 +40,7 @@ def fast_food() -> a.Task:
     """
     one_left = "one burger at the start"
     return a.Task(
-        version=5,
+        version=6,
         title="Packing a Fast Food Order",
         template=a.LOOSE_PACKING,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),

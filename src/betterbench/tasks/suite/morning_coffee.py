@@ -40,7 +40,7 @@ def morning_coffee() -> a.Task:
     look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
     done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL
     return a.Task(
-        version=3,
+        version=4,
         title="Preparing Morning Coffee",
         template=a.CONSTRAINED_POSITIONING,
         slots=(NEAR, FAR, STAND),

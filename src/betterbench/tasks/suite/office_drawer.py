@@ -53,7 +53,7 @@ def office_drawer() -> a.Task:
     cabinet, block = "cabinet at its other position", "stapler-shaped block where the stapler stood"
     blocked, stapler_down = "open upper drawer blocks the lower one", a.instruct(load((STAPLER, LOWER)))
     return a.Task(
-        version=3,
+        version=4,
         title="Filing Office Supplies",
         template=a.CONTAINER_LOADING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, CABINET_BACK, CABINET_FRONT),

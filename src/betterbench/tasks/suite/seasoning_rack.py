@@ -53,7 +53,7 @@ def seasoning_rack() -> a.Task:
     exchanged = (*plain, a.swap(PLAIN_SALT, PLAIN_PEPPER))
     alike = "same cap and body on every jar, salt and pepper exchanged"
     return a.Task(
-        version=3,
+        version=4,
         title="Filling the Seasoning Rack",
         template=a.PRECISION_INSERTION,
         slots=(FIRST, SECOND, THIRD, STAND),
