@@ -86,7 +86,7 @@ def test_a_thing_that_is_gone_for_whatever_is_asked(run_of, monkeypatch):
     assert {t.label for t in diagnose_run(run).trials} == {"wrong_object"}, "one task shows no place"
     monkeypatch.setattr(favorite_thing, "LEAST_ASKED", 1)
     monkeypatch.setattr(favorite_thing, "LEAST_PAIRS", 3)
-    monkeypatch.setattr(favorite_thing, "_ALPHA", 0.2)
+    monkeypatch.setattr(favorite_thing, "LEVEL", 0.2)
     found = diagnose_run(run)
     assert {t.label for t in found.trials} == {"visual_layout_bias"}
     assert {t.evidence.rule for t in found.trials} == {SAME_THING}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from betterbench.diagnosis.trial import Choice
 
@@ -12,13 +13,34 @@ _NEARLY_ALL = 0.9
 _BY_PLACE = "its place"
 
 
-def may_be_place(decider: str) -> bool:
-    """Tell whether what decides may be the place of a thing, as far as the trials separate it."""
-    return decider.startswith(_BY_PLACE)
+@dataclass(frozen=True, slots=True)
+class Decider:
+    """What decides in place of the instruction, as far as the trials separate it.
+
+    Attributes:
+        names: What may decide, each by itself; empty if it is none of what is looked for.
+    """
+
+    names: tuple[str, ...]
+
+    @property
+    def may_be_place(self) -> bool:
+        """Whether it may be the place of a thing."""
+        return _BY_PLACE in self.names
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        if not self.names:
+            return (
+                "neither one place, one kind of thing, one color nor the nearest thing: something else that stays the "
+                "same within a seed, such as the arm's start pose"
+            )
+        more = "" if len(self.names) == 1 else ", which these trials do not separate"
+        return f"{' or '.join(self.names)}{more}"
 
 
-def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
-    """Return what decides in place of the instruction where it is not used, as far as the trials separate it.
+def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
+    """Return what decides in place of the instruction where it is not used.
 
     ``choices`` are the first attempts of each task. A place and a kind of thing may be another one in each task.
     """
@@ -30,14 +52,7 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> str:
         "its color": _usual([c.color for c in things]) is not None,
         "that it is nearest to the gripper at the start": _usual([str(c.slot == c.nearest) for c in every]) == "True",
     }
-    names = [name for name, holds in found.items() if holds and every]
-    if not names:
-        return (
-            "neither one place, one kind of thing, one color nor the nearest thing: something else that stays the same "
-            "within a seed, such as the arm's start pose"
-        )
-    more = "" if len(names) == 1 else ", which these trials do not separate"
-    return f"{' or '.join(names)}{more}"
+    return Decider(tuple(name for name, holds in found.items() if holds and every))
 
 
 def _usual(names: Sequence[str]) -> str | None:

@@ -12,16 +12,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from betterbench.diagnosis.instruction_effect import LEAST_PAIRS, USED
+from betterbench.diagnosis.instruction_effect import LEAST_PAIRS, LEVEL, USED
 from betterbench.diagnosis.trial import Choice
 from betterbench.statistics import Rate
 from betterbench.statistics.unpaired import binomial_probabilities
 
 LEAST_ASKED = 3
 """Kinds of things that were asked for in vain, from which on no word that is mistaken for another explains it."""
-
-_ALPHA = 0.025
-"""Level of the test, which is one-sided: that of the instruction effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +69,7 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
     if rate.n < LEAST_PAIRS or len(asked) < LEAST_ASKED:
         return None
     p = float(binomial_probabilities(rate.n, USED)[rate.k :].sum())
-    return FavoriteThing(kind, rate, len(asked)) if p * len(wrong) < _ALPHA else None
+    return FavoriteThing(kind, rate, len(asked)) if p * len(wrong) < LEVEL else None
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:

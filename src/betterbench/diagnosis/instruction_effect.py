@@ -31,6 +31,9 @@ USED = 0.5
 """Instruction effect of a policy that picks one of two things at random: what has to be excluded before a policy is
 said not to use the instruction."""
 
+LEVEL = 0.025
+"""Level of the one-sided tests that the instruction is not used: that of one side of a 95 % interval."""
+
 SAME_TARGET = "same_target_whatever_the_instruction"
 """Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""
 
@@ -120,7 +123,7 @@ def is_unused(effect: Metric | None, *, tests: int = 1) -> bool:
     """
     if effect is None or effect.p_value is None:
         return False
-    return effect.n >= LEAST_PAIRS and effect.p_value * tests < 0.025
+    return effect.n >= LEAST_PAIRS and effect.p_value * tests < LEVEL
 
 
 def tasks_without_effect(trials: Sequence[TrialDiagnosis]) -> dict[str, Metric]:

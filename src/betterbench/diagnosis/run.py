@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from betterbench.diagnosis.decider import decider_of, may_be_place
+from betterbench.diagnosis.decider import Decider, decider_of
 from betterbench.diagnosis.favorite_thing import FavoriteThing, favorite_thing
 from betterbench.diagnosis.findings import find_findings, find_notes
 from betterbench.diagnosis.foreign import BASE, NOTE, PLUS_NOTE, TWINS_CURE, ForeignRun, suite_of, untold_by
@@ -323,7 +323,7 @@ def _diagnose(
     return RunDiagnosis(
         policy=policy, trials=found, metrics=compute_metrics(found, decided),
         findings=(
-            *effect_findings(unused, decider),
+            *effect_findings(unused, str(decider)),
             *(favorite.finding(suite) for suite, favorite in favorites.items()),
             *find_findings(found, rules),
         ),
@@ -342,7 +342,7 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
     return replace(reading.diagnosis, label=label, evidence=evidence)
 
 
-def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: str) -> TrialDiagnosis:
+def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
     A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
@@ -350,7 +350,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
     """
     if reading.choice is None or reading.choice.correct:
         return trial
-    if trial.label is Label.VISUAL_LAYOUT_BIAS and may_be_place(decider):
+    if trial.label is Label.VISUAL_LAYOUT_BIAS and decider.may_be_place:
         return trial
     return _not_by_instruction(trial, reading, SAME_TARGET, f"{effect_words(effect)} What decides instead: {decider}.")
 
