@@ -9,7 +9,7 @@ CABINET = a.fixture("cabinet", category="drawer_cabinet", fixed=True)
 UPPER, LOWER = a.drawer("upper", "upper_drawer", CABINET), a.drawer("lower", "lower_drawer", CABINET)
 
 LEFT_BACK, LEFT_FRONT = a.Slot("left_back", 0.38, -0.22), a.Slot("left_front", 0.56, -0.21)
-RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.46, -0.20), a.Slot("right_front", 0.64, -0.19)
+RIGHT_BACK, RIGHT_FRONT = a.Slot("right_back", 0.46, -0.20), a.Slot("right_front", 0.64, -0.22)
 CABINET_BACK, CABINET_FRONT = (
     a.Slot(f"cabinet_{name}", x, 0.25, yaw=-1.0472, jitter_m=0.0, yaw_jitter=0.0)
     for name, x in (("back", 0.44), ("front", 0.54))
