@@ -63,7 +63,9 @@ def view(task_id: str, anchor: str, size: int) -> Image.Image:
 def main(arguments: list[str]) -> None:
     """Write the picture."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("docs/pictures/sides.jpg"), help="where the picture is written")
+    parser.add_argument(
+        "--out", type=Path, default=Path("docs/pictures/sides.jpg"), help="where the picture is written"
+    )
     parser.add_argument("--size", type=int, default=440, help="side of each of the two views [pixel]")
     wanted = parser.parse_args(arguments)
     views = [view(task, anchor, wanted.size) for task, anchor in SHOWN]
