@@ -270,7 +270,12 @@ class EpisodeAnalysis:
         gone, rest = rows
         if self.trace.serves[rest, :, i].any() or self.slipped(step):
             return None
-        place = self.trace.placed(rest, i) or self._loosely_placed(step, i, rows)
+        place = self.trace.placed(rest, i)
+        if place is not None and self.state is not None and relation(place.relation).wide:
+            there = self.trace.info.objects[place.target].name
+            if relation(place.relation).brought(self.state(rest), self.name(i), there) != place.region:
+                place = None  # it merely stands at that side
+        place = place or self._loosely_placed(step, i, rows)
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
@@ -288,7 +293,7 @@ class EpisodeAnalysis:
             state = self.state(row)
             for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
                 wanted = relation(kind)
-                region = None if wanted.counted else wanted.anyhow(state, name, objects[t].name)
+                region = None if wanted.counted else wanted.brought(state, name, objects[t].name)
                 if region is None:
                     continue
                 if self._is_asked_at(i, kind, t, region):

@@ -6,7 +6,7 @@ from betterbench.tasks.axes import Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot, TargetRegion
 from betterbench.tasks.operations import add, chain, draw_out, instruct, move, preplace, remove, repeat, replace, swap
 from betterbench.tasks.registry import task
-from betterbench.tasks.relations.beside import BESIDE, SIDES
+from betterbench.tasks.relations.beside import BESIDE, CLOSE_TO, SIDES
 from betterbench.tasks.relations.closed import CLOSED
 from betterbench.tasks.relations.in_hole import IN_HOLE
 from betterbench.tasks.relations.inside import INSIDE
@@ -114,9 +114,18 @@ def ordered(text: str, *steps: Subgoal) -> Instruction:
     return Instruction(text, steps, ordered=True)
 
 
-def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str]) -> Instruction:
-    """Return the instruction to put things to sides of an anchor, in any order."""
-    parts = [f"the {thing.kind} {SIDES[side]} the {anchor.kind}" for thing, side in steps]
+def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = False) -> Instruction:
+    """Return the instruction to put things to sides of an anchor, in any order.
+
+    Args:
+        anchor: What the sides are of.
+        *steps: Which thing goes to which side.
+        close: Whether the instruction says "next to": for a plate, at which only what lies close to it counts.
+    """
+    at = f"the {anchor.kind}"
+    parts = [
+        f"the {thing.kind} {CLOSE_TO[side].format(at) if close else f'{SIDES[side]} {at}'}" for thing, side in steps
+    ]
     goals = (subgoal(f"{t.name}_{side}", BESIDE, t, anchor, side, word=t.kind) for t, side in steps)
     return Instruction(f"Put {', '.join(parts[:-1])} and {parts[-1]}.", tuple(goals))
 

@@ -116,10 +116,15 @@ class Targets:
         )
 
     def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
-        """Return where every subject is in any posture; ``strictly`` are the places that are known already."""
+        """Return where every subject is in any posture; ``strictly`` are the places that are known already.
+
+        Where a relation is wide, what merely stands at that side has not been brought there.
+        """
         return tuple(
             tuple(
-                w.relation.loosely(state, name, w.target) if place is None and w.relation.loosely else place
+                w.relation.loosely(state, name, w.target)
+                if w.relation.loosely and (place is None or w.relation.wide)
+                else place
                 for name, place in zip(w.subjects, places, strict=True)
             )
             for w, places in zip(self.watches, strictly, strict=True)

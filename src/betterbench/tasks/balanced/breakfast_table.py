@@ -24,6 +24,7 @@ from betterbench.tasks.suite.breakfast_table import (
     SPOON,
     TABLE_LEFT,
     TABLE_RIGHT,
+    laid,
 )
 
 CROSSED = (
@@ -55,7 +56,7 @@ def balanced_breakfast_table() -> list[Condition]:
                 if (number + row) % 2:
                     around[EGG] = FRONT if row else FRONT_RIGHT
                 steps = [(piece, side[piece]) for piece in pair]
-                found.append(a.condition({**_layout(number, row, shift, steps), **around}, a.arranged(PLATE, *steps)))
+                found.append(a.condition({**_layout(number, row, shift, steps), **around}, laid(*steps)))
     return found
 
 

@@ -72,6 +72,7 @@ class Relation:
     counted: bool = False
     falls: bool = False
     pairwise: bool = False
+    wide: bool = False
 
     @property
     def carried(self) -> bool:
@@ -86,6 +87,14 @@ class Relation:
         """Return the target region at which an object is, strictly or in any other posture, or None."""
         place = self.where(state, name, target)
         return place if place is not None or self.loosely is None else self.loosely(state, name, target)
+
+    def brought(self, state: WorldState, name: str, target: str) -> str | None:
+        """Return the target region to which an object was brought unasked, in any posture, or None."""
+        return (
+            self.anyhow(state, name, target)
+            if self.loosely is None or not self.wide
+            else self.loosely(state, name, target)
+        )
 
     def label(self, name: str, target: str, region: str = "") -> str:
         """Return the name of a predicate: "inside(burger_1, box)", "in_hole(salt, rack.hole_1)"."""

@@ -26,6 +26,12 @@ LAYOUTS = (
 )
 F, C, S = (FORK, "left"), (CUP, "upper_right"), (SPOON, "right")
 
+
+def laid(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
+    """Return the instruction to lay pieces next to the plate."""
+    return a.arranged(PLATE, *steps, close=True)
+
+
 BY_KIND = "Known pieces are found among tableware in another arrangement."
 BY_ANCHOR = "A side is relative to the plate, not a place on the table."
 NEW_PAIR = "A known piece and a known side are combined in a new way."
@@ -41,10 +47,10 @@ def breakfast_table() -> a.Task:
     Sides are those of somebody who sits in front of the plate, as the front camera does.
 
     Randomizations: each piece within 15 mm and 9 degrees of its slot, the plate within 8 mm; the look of everything.
-    Success: cutlery lies along the front-to-back axis of the plate.
+    Success: each piece lies next to the plate, and cutlery points away from the eater.
     """
     other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))
-    other_sides = (a.instruct(a.arranged(PLATE, (SPOON, "left"), (CUP, "right"))),)
+    other_sides = (a.instruct(laid((SPOON, "left"), (CUP, "right"))),)
     look_alike = (a.remove(SPOON), a.move(CUP, RIGHT_EDGE), a.add(TUMBLER, FRONT))
     exchanged = "spoon where the fork lay, fork where the spoon lay"
     return a.Task(
@@ -52,13 +58,13 @@ def breakfast_table() -> a.Task:
         title="Laying the Breakfast Table",
         template=a.PATTERNED_ARRANGEMENT,
         slots=(*OUTSIDE, BACK_LEFT, BACK, FRONT_LEFT, FRONT_RIGHT, TABLE_RIGHT, TABLE_LEFT),
-        training=a.conditions(LAYOUTS, (a.arranged(PLATE, *pair) for pair in ((F, C), (S, F), (C, S)))),
+        training=a.conditions(LAYOUTS, (laid(*pair) for pair in ((F, C), (S, F), (C, S)))),
         variations=(
             a.Variation("L1", other_order, "dense set rearranged over the same slots", BY_KIND),
             a.Variation("L2", (a.move(PLATE, TABLE_LEFT),), "plate at its other position", BY_ANCHOR, "train2"),
             a.Variation("R1", other_sides, "spoon left, cup right", NEW_PAIR, "train3"),
             a.Variation("O1", (a.swap(FORK, SPOON),), exchanged, FORK_OR_SPOON),
             a.Variation("O2", look_alike, "tumbler of the cup's color where the cup stood", LOOK_ALIKE),
-            a.Variation("T1", (a.chain(a.arranged(PLATE, F, C, S)),), "three pieces in one instruction", LONGER),
+            a.Variation("T1", (a.chain(laid(F, C, S)),), "three pieces in one instruction", LONGER),
         ),
     )

@@ -38,7 +38,7 @@ def desk_meeting() -> a.Task:
     Sides are those of somebody who sits in front of the laptop, as the front camera does.
 
     Randomizations: each object within 15 mm and 9 degrees of its slot, the laptop within 10 mm; the look of everything.
-    Success: the mouse lies along the laptop.
+    Success: each object stands anywhere at its side of the laptop, turned any way.
     """
     pairs = itertools.permutations(TRAINED.items(), 2)
     look_alike = (a.remove(SPEAKER), a.move(MOUSE, FRONT_3), a.add(SOAP, FRONT_1))

@@ -1,0 +1,84 @@
+"""Scenes that were judged blind from image and instruction: ``judged_blind.txt`` says how, and holds the judgments."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from tests.tasks.arranging import arranged, condition_of
+
+from betterbench.tasks import GoalTracker, get_task
+from betterbench.tasks.relations import relation
+
+LEAST_AGREEMENT = 0.98
+
+
+class Scene(NamedTuple):
+    kind: str
+    setting: str
+    pair: str
+    region: str
+    arrangement: str
+    votes: str
+    instruction: str
+
+    @property
+    def accepted(self) -> bool:
+        return self.votes.count("y") >= 2
+
+
+def _scenes() -> list[Scene]:
+    lines = (Path(__file__).parent / "judged_blind.txt").read_text().splitlines()
+    return [Scene(*(cell.strip() for cell in line.split("|"))) for line in lines if line and line[0] != "#"]
+
+
+SCENES = _scenes()
+SAID = [scene for scene in SCENES if "without" not in scene.kind]
+"""Scenes with an instruction as the suite gives it."""
+
+
+def accepts(scene: Scene) -> bool:
+    start, state = arranged(scene.setting, scene.arrangement)
+    if scene.kind == "harm":
+        condition = condition_of(scene.setting)
+        tracker = GoalTracker(condition, state.info, template=get_task(condition.task).template, control_rate_hz=20.0)
+        tracker.update(start)
+        for _ in range(6):  # a quarter second after it was put there, everything is at rest
+            truth = tracker.update(state)
+        return truth.goal
+    thing, target = scene.pair.split(" > ")
+    return relation(scene.kind.split(",")[0]).where(state, thing, target) == scene.region.removeprefix("-")
+
+
+@pytest.fixture(scope="module")
+def disagreed() -> list[Scene]:
+    return [scene for scene in SAID if accepts(scene) is not scene.accepted]
+
+
+def test_goals_and_harm_are_what_a_person_accepts(disagreed):
+    agreement = 1.0 - len(disagreed) / len(SAID)
+    assert agreement >= LEAST_AGREEMENT, f"{agreement:.3f}: {disagreed}"
+
+
+def test_the_disagreements_are_known(disagreed):
+    """A spoon with its middle at the upper right, whose handle reaches down along the plate, is also on its right."""
+    assert [(s.pair, s.region) for s in disagreed] == [("spoon > plate", "right")]
+
+
+def test_every_relation_and_harm_is_judged_with_both_verdicts():
+    counts = Counter((scene.kind, scene.accepted) for scene in SAID)
+    assert len(SAID) >= 60
+    for kind in ("beside", "inside", "on_plate", "in_hole", "on_ring", "layer", "closed", "harm"):
+        assert counts[kind, False] >= 2, kind
+        assert counts[kind, True] >= 1 or kind == "in_hole", kind  # none of the jars that were let go slid in
+    sides = Counter((s.pair.split(" > ")[1], s.region) for s in SAID if s.kind == "beside")
+    assert len(sides) == 6
+    assert min(sides.values()) >= 10
+
+
+def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
+    """Tables are laid from slots that lie there, so the instruction has to say more than the side."""
+    far = [s for s in SCENES if "without" in s.kind and s.accepted and not accepts(s)]
+    assert len(far) >= 5
