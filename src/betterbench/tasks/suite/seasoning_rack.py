@@ -51,6 +51,7 @@ def seasoning_rack() -> a.Task:
     look_alike = (a.remove(PAPRIKA), a.move(SALT, THIRD), a.add(PILLS, FIRST))
     plain = (a.replace(SALT, PLAIN_SALT), a.replace(PEPPER, PLAIN_PEPPER), a.replace(PAPRIKA, PLAIN_PAPRIKA))
     exchanged = (*plain, a.swap(PLAIN_SALT, PLAIN_PEPPER))
+    row = "three jars in a row, pepper and paprika exchanged"
     alike = "same cap and body on every jar, salt and pepper exchanged"
     return a.Task(
         version=4,
@@ -62,8 +63,8 @@ def seasoning_rack() -> a.Task:
             a.Variation("L1", (a.swap(SALT, PEPPER),), "salt and pepper exchanged", BY_KIND, "train4"),
             a.Variation("L2", filled, "the other holes filled, salt in the pepper's slot", BY_HOLE, mid_task_look=True),
             a.Variation("R1", (crossed,), "salt into the right hole, paprika into the left", NEW_PAIR, "train6"),
-            a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE, "train4"),
             a.Variation("O2", exchanged, alike, LABELS, "train4"),
-            a.Variation("T1", (a.chain(insert(S, P, R)),), "three jars in a row", LONGER, "train4"),
+            a.Variation("T1", (a.swap(PEPPER, PAPRIKA), a.chain(insert(S, P, R))), row, LONGER, "train4"),
         ),
     )
