@@ -26,7 +26,7 @@ LOOKING_AT_WHAT_IS_DONE = [
 MOST_BY_WORD, MOST_WITHOUT_LANGUAGE = 20, 8
 
 Step = tuple[str, str, str, str, str]
-"""What is brought, or the slot that it is picked from; relation, target, region, and the slot above which that stands."""
+"""What is brought, or the slot that it is picked from; relation, target, region, and the slot of the target."""
 
 each_variation = pytest.mark.parametrize(("task", "name"), VARIATIONS, ids=["/".join(v) for v in VARIATIONS])
 
@@ -133,3 +133,14 @@ def test_the_chance_of_guessing_is_the_share_of_instructions_that_lead_to_succes
     """A step that is done at the start is none to guess, and whoever finished on the way has succeeded."""
     if get_task(task).variation(name).expected is Expected.SUCCEED:
         assert chance_of(task, name) == pytest.approx(share_without_language(task, name))
+
+
+@pytest.mark.physics
+def test_color_does_not_tell_jars_apart_that_only_their_labels_should():
+    _, condition, _ = start("seasoning_rack", "O2")
+    assert {o.color for o in condition.objects if o.role == "item"} == {"gray"}
+    assert walk("expert", "seasoning_rack", "O2").success
+    by_color = walk("zoo:color", "seasoning_rack", "O2")
+    assert getattr(by_color.decisions[0], "object", None) == "plain_pepper", "what stands in the salt's slot"
+    assert by_color.truth is not None
+    assert not any(color in condition.instruction.text for color in ("white", "black", "red"))

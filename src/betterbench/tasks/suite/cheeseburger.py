@@ -42,7 +42,10 @@ def cheeseburger() -> a.Task:
     """
     look_alike = (a.remove(LETTUCE), a.move(CHEESE, THIRD), a.add(SPONGE, SECOND))
     two_patties = (a.replace(CHEESE, PATTY_2), a.swap(PATTY, LETTUCE), a.repeat(stack(PATTY, PATTY_2, TOP)))
-    begun, there = (a.preplace(PATTY, BASE, "1"), a.move(LETTUCE, FIRST)), "patty already on the bun, lettuce where it lay"
+    begun, there = (
+        (a.preplace(PATTY, BASE, "1"), a.move(LETTUCE, FIRST)),
+        "patty already on the bun, lettuce where it lay",
+    )
     no_patty, cheese_first = a.instruct(stack(CHEESE, LETTUCE, TOP)), a.instruct(stack(CHEESE, PATTY, TOP))
     return a.Task(
         version=5,

@@ -37,7 +37,7 @@ def fruit_lunch() -> a.Task:
     Randomizations: each fruit within 15 mm and 9 degrees of its slot; the look of everything.
     Success: in O1 there is no apple, and success means that the block is not attempted.
     """
-    look_alike = (a.preplace(LEMON, LUNCHBOX), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
+    look_alike = (a.remove(LEMON), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
     packed = (a.preplace(APPLE, LUNCHBOX), a.move(ORANGE, FIRST))
     two_apples = (a.replace(LEMON, APPLE_2), a.repeat(BOTH_APPLES))
     absent, there = "red block where the apple lay, and no apple", "apple already in the lunchbox, orange where it lay"

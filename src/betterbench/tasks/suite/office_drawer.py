@@ -52,7 +52,10 @@ def office_drawer() -> a.Task:
     look_alike = (a.remove(TAPE), a.move(STAPLER, LEFT_FRONT), a.add(BLOCK, LEFT_BACK))
     both = "load both drawers and close them, stapler and tape exchanged"
     cabinet, block = "cabinet at its other position", "stapler-shaped block where the stapler stood"
-    blocked, stapler_down = "open upper drawer blocks the lower one, stapler and tape exchanged", a.instruct(load((STAPLER, LOWER)))
+    blocked, stapler_down = (
+        "open upper drawer blocks the lower one, stapler and tape exchanged",
+        a.instruct(load((STAPLER, LOWER))),
+    )
     return a.Task(
         version=4,
         title="Filing Office Supplies",
@@ -64,7 +67,14 @@ def office_drawer() -> a.Task:
             a.Variation("L2", (a.move(CABINET, CABINET_FRONT),), cabinet, BY_CABINET, "train3"),
             a.Variation("R1", (stapler_down,), "stapler into the lower drawer", NEW_PAIR),
             a.Variation("O1", look_alike, block, LOOK_ALIKE, "train2"),
-            a.Variation("T1", (a.draw_out(UPPER, OPEN_M), a.swap(STAPLER, TAPE)), blocked, IN_THE_WAY, "train3", mid_task_look=True),
+            a.Variation(
+                "T1",
+                (a.draw_out(UPPER, OPEN_M), a.swap(STAPLER, TAPE)),
+                blocked,
+                IN_THE_WAY,
+                "train3",
+                mid_task_look=True,
+            ),
             a.Variation("T2", (a.swap(STAPLER, TAPE), a.chain(load(*steps))), both, LONGER),
         ),
     )

@@ -2,10 +2,10 @@
 
 from betterbench.tasks import authoring as a
 
-JARS = (("white", "salt"), ("black", "pepper"), ("red", "paprika"))
-SALT, PEPPER, PAPRIKA = (a.item(name, f"{color} {name} jar", "spice_jar", color) for color, name in JARS)
+JARS = {"salt": "white", "pepper": "black", "paprika": "red"}
+SALT, PEPPER, PAPRIKA = (a.item(name, f"{name} jar", "spice_jar", color) for name, color in JARS.items())
 PLAIN_SALT, PLAIN_PEPPER, PLAIN_PAPRIKA = (
-    a.item(f"plain_{name}", f"{color} {name} jar", "plain_jar", color) for color, name in JARS
+    a.item(f"plain_{name}", f"{name} jar", f"plain_{name}_jar", "gray") for name in JARS
 )
 PILLS = a.distractor("pill_bottle")
 RACK = a.fixture("rack", category="spice_rack", fixed=True)
@@ -20,7 +20,7 @@ def insert(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
     """Return the instruction to put jars into holes of the rack, in any order."""
     parts = [f"the {jar.kind} into the {HOLES[hole]} hole" for jar, hole in steps]
     text = ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
-    words = [jar.kind.split()[1] for jar, _ in steps]
+    words = [jar.kind.split()[0] for jar, _ in steps]
     goals = (
         a.subgoal(f"{word}_{hole}", a.IN_HOLE, jar, RACK, hole, word=word)
         for word, (jar, hole) in zip(words, steps, strict=True)
