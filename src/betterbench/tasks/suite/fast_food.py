@@ -38,11 +38,9 @@ def fast_food() -> a.Task:
     Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
     is packed, and always a burger comes first.
     """
-    look_alike = (a.replace(BURGER, BLOCK), a.swap(FRIES, DRINK))
-    one_left = (a.remove(BURGER_2), a.move(FRIES, SECOND))
+    one_left = (a.remove(BURGER_2), a.swap(FRIES, DRINK))
     exchanged = (a.swap(FRIES, DRINK), a.chain(ALL))
-    block = "round block where the first burger stood, fries and drink exchanged"
-    left = "one burger at the start, fries where the other stood"
+    left = "one burger at the start, fries and drink exchanged"
     longer = "both burgers, fries and drink (A→A→B→C), fries and drink exchanged"
     return a.Task(
         version=6,
@@ -54,7 +52,7 @@ def fast_food() -> a.Task:
             a.Variation("L1", (a.swap(BURGER, FRIES),), "burger and fries exchanged", BY_KIND),
             a.Variation("R1", (a.instruct(FRIES_DRINK),), "fries, then drink (B→C)", NEW_ORDER),
             a.Variation("R2", (a.instruct(DRINK_FRIES),), "drink, then fries (C→B)", NEW_ORDER, "train2"),
-            a.Variation("O1", look_alike, block, LOOK_ALIKE),
+            a.Variation("O1", (a.replace(BURGER, BLOCK),), "round block where the first burger stood", LOOK_ALIKE),
             a.Variation("T1", one_left, left, PROGRESS, mid_task_look=True),
             a.Variation("T2", exchanged, longer, LONGER),
         ),
