@@ -23,7 +23,7 @@ LOOKING_AT_WHAT_IS_DONE = [
 ]
 """The variations that a replay of their own seed's demonstration solved, because nothing else had moved."""
 EITHER_BURGER = ("fast_food", "O1")
-"""The one variation that a demonstration still solves: one that takes the second burger, which stands where it stood."""
+"""The one variation that some demonstrations solve: those that take the second burger, which stays in its slot."""
 MOST_BY_WORD, MOST_WITHOUT_LANGUAGE = 20, 8
 
 Step = tuple[str, str, str, str, str]

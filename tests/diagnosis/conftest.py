@@ -73,6 +73,7 @@ LOOKS = {  # size, color, shape
     "plain_pepper_jar": ((0.043, 0.043, 0.085), "gray", "cylinder"),
     "plain_paprika_jar": ((0.043, 0.043, 0.085), "gray", "cylinder"),
     "pill_bottle": ((0.043, 0.043, 0.085), "white", "cylinder"),
+    "serving_plate": ((0.196, 0.196, 0.0205), "white", "round"),
     "dinner_plate": ((0.158, 0.158, 0.0205), "white", "round"),
     "shallow_bowl": ((0.142, 0.142, 0.060), "red", "round"),
 }
@@ -110,7 +111,7 @@ REGIONS = {
     "spice_rack": tuple(Region(f"hole_{k}", (0.0, y, 0.006), (0.004, 0.004, 0.035)) for k, y in HOLES),
     **{
         plate: (Region("floor", (0.0, 0.0, 0.0105), (0.075, 0.075, 0.001)),)
-        for plate in ("dinner_plate", "shallow_bowl")
+        for plate in ("dinner_plate", "serving_plate", "shallow_bowl")
     },
 }
 LAYERS = ("bun_bottom", "bun_top", "patty", "cheese_slice", "lettuce_leaf", "sponge")
