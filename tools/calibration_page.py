@@ -150,7 +150,7 @@ better calibrate --power --out runs/power
 This command measures it again and writes a page; it can be interrupted and resumed. Replays play demonstrations, whose
 seeds begin at 1,000,000, and never the trial's own twin. A blind probe gets as many trials on each variation as Holm's
 correction over all cells needs to flag a variation that the probe always solves: 7 where chance is a quarter, 14 where
-it is a half.
+it is a half. The probe without language gets 14 at least, because few guesses are often right by luck.
 
 A faulty rule **fails** a variation if it solves at most half of its trials. A variation **claims to expose** a label if
 some rule fails it by a decision with that label. A **control cell** is a variation that no rule fails except
@@ -159,6 +159,9 @@ variation claims to expose, the blind probes and the replays; the **margin** is 
 ceiling. Where only one instruction makes sense in a scene, a policy without the instruction reaches 100 %. Such a
 variation leaves no margin and is no evidence about language, only about vision. A rule that passes with an unneeded
 step is not claimed to be exposed by the success rate; *success with a needless step* counts it.
+
+The card of each variation says in one sentence which ability a pass does not show: that of a policy without it that
+passes more than half of the trials, or more than a quarter if it moves without looking. The last table lists them all.
 
 """
 NOT_MEASURED = "Not measured yet for this version of the suite.\n"

@@ -69,7 +69,9 @@ ACCEPTED: dict[str, str] = {
     "patty": "patty|meat|burger|hamburger",
     "pill_bottle": "pill|pills|medicine|bottle|vitamin",
     "place_plate": "plate|dish",
-    "plain_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
+    "plain_paprika_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
+    "plain_pepper_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
+    "plain_salt_jar": "jar|shaker|spice|salt|pepper|paprika|bottle|can",
     "round_block": "block|blocks|peg|cylinder|disc|disk|puck|log|piece|token|checker|stamp",
     "salt_shaker": "salt|shaker|pepper",
     "serving_plate": "plate|dish|platter",
@@ -107,9 +109,9 @@ REFUSED: dict[str, str] = {
     "mug": "glass|tumbler|machine",
     "patty": "cookie|biscuit|cheeseburger",
     "pill_bottle": "salt|pepper|paprika|spice",
-    "plain_jar black": "salt|paprika|chili|" + _NOT_A_JAR,
-    "plain_jar red": "salt|black|" + _NOT_A_JAR,
-    "plain_jar white": "pepper|paprika|chili|" + _NOT_A_JAR,
+    "plain_pepper_jar": "salt|paprika|chili|" + _NOT_A_JAR,
+    "plain_paprika_jar": "salt|black|" + _NOT_A_JAR,
+    "plain_salt_jar": "pepper|paprika|chili|" + _NOT_A_JAR,
     "round_block": "burger|bun|bread|cookie|cookies|biscuit|food|box",
     "salt_shaker": "pepper|paprika|chili|" + _NOT_A_JAR,
     "serving_plate": "bowl",
@@ -147,10 +149,8 @@ SAME_COLOR: dict[str, str] = {
 
 PART_COLORS: dict[str, str] = {
     "egg_cup": r"^(brown|tan|beige|orange) (?=egg in )",
-    "plain_jar": r"\b(gray|grey|silver) ",
 }
-"""Colors of a part that are said in front of the whole, by category: of the egg in its cup, of the steel of a jar whose
-label has the color."""
+"""Colors of a part that are said in front of the whole, by category: of the egg in its cup."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.power_matrix import Key, packaged_power_matrix
 from betterbench.interventions import vary
+from betterbench.report.not_shown import not_shown
 from betterbench.statistics import percent
 from betterbench.tasks import (
     TEMPLATES,
@@ -330,6 +331,7 @@ def _card(task: Task, variation: Variation) -> list[str]:
         *broken,
         f"- can expose: {', '.join(f'`{label}`' for label in exposed_labels(task.id, variation.name))}",
         f"- power: {_power((task.id, variation.name))}",
+        *_not_shown((task.id, variation.name)),
         f"- construct validity: {validity_text(task.id, variation.name)}",
         "",
     ]
@@ -350,6 +352,14 @@ def _power(key: Key) -> str:
         "; its scene leaves one instruction that makes sense, so it proves nothing about language" if guessed else ""
     )
     return f"{control}failed by {failing}; shortcut ceiling {rate}, by `{ceiling.pretender}`{alone}{also}"
+
+
+def _not_shown(key: Key) -> list[str]:
+    """Return the line that says what a pass does not show, none where that is not measured."""
+    matrix = packaged_power_matrix()
+    if matrix is None or key[0] in matrix.stale_tasks():
+        return []
+    return [f"- limits: {not_shown(matrix, key)}"]
 
 
 def _call(operation: Operation) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 
+import numpy as np
 import pytest
 
 from betterbench.assets import build, categories, colors, looks
@@ -42,7 +43,7 @@ def shape_of(asset):
 
 
 def test_all_categories_of_the_files_are_found():
-    assert len(KITCHEN) == 32
+    assert len(KITCHEN) == 34
 
 
 @pytest.mark.parametrize("category", KITCHEN)
@@ -83,3 +84,17 @@ def test_the_size_of_a_plate_says_nothing_about_its_color():
 
 
 COLORS = colors("dinner_plate")
+
+
+@pytest.mark.parametrize("look", looks("plain_salt_jar"))
+def test_plain_jars_differ_in_their_print_alone(look):
+    salt, pepper, paprika = (build(f"plain_{name}_jar", look=look) for name in ("salt", "pepper", "paprika"))
+    assert salt.color == pepper.color == paprika.color == "gray"
+    assert shape_of(salt) == shape_of(pepper) == shape_of(paprika)
+    pictures = [np.asarray(asset.visual[0].texture.pixels, float) for asset in (salt, pepper, paprika)]
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        differing = np.abs(pictures[a] - pictures[b]).max(axis=2) > 40
+        assert 0.01 < differing.mean() < 0.20, "a print, and nothing else"
+    for picture in pictures:
+        saturation = picture.max(axis=2) - picture.min(axis=2)
+        assert saturation.max() < 30, "no color on body or label"

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 from dataclasses import dataclass
 
-from betterbench.experts.decisions import Bring, Decision, Draw, Freeze, GraspAt, Rest, Situation, Wander
+from betterbench.experts.decisions import Bring, Decision, Draw, ExpertRule, Freeze, GraspAt, Rest, Situation, Wander
 from betterbench.experts.registry import EXPERTS
 from betterbench.geometry import Pose, horizontal_distance
 from betterbench.interface.actions import EE_DELTA
@@ -68,9 +68,17 @@ def start(task_id: str, name: str, seed: int = 0) -> tuple[WorldState, Condition
 
 
 def walk(policy: str, task_id: str, name: str, seed: int = 0) -> Walk:
-    """Returns what a rule's decisions make of a trial, each carried out exactly."""
+    """Returns what the decisions of a named rule make of a trial, each carried out exactly."""
+    _, condition, _ = start(task_id, name, seed)
+    return walk_by(EXPERTS[policy].rule(Situation(get_task(task_id), condition, seed), 1.0), task_id, name, seed)
+
+
+def walk_by(rule: ExpertRule, task_id: str, name: str, seed: int = 0, *, stop: bool = False) -> Walk:
+    """Returns what a rule's decisions make of a trial, whatever instruction the rule itself has heard.
+
+    With ``stop`` it ends, as a trial does, when everything that was asked for is done.
+    """
     state, condition, shut = start(task_id, name, seed)
-    rule = EXPERTS[policy].rule(Situation(get_task(task_id), condition, seed), 1.0)
     begin, history = state, ()
     reached = [_done(state, condition)]
     while len(history) < MAX_DECISIONS:
@@ -80,8 +88,11 @@ def walk(policy: str, task_id: str, name: str, seed: int = 0) -> Walk:
             break
         state = _carried_out(state, decision, shut)
         reached.append(_done(state, condition))
+        if stop and all(reached[-1]):
+            break
     why = _wrong(begin, state, condition, history, reached)
-    return Walk(not why, None if rule.fault is None else rule.fault.label, history, why)
+    fault = getattr(rule, "fault", None)
+    return Walk(not why, None if fault is None else fault.label, history, why)
 
 
 def _carried_out(state: WorldState, decision: Decision, shut: dict[str, Pose]) -> WorldState:

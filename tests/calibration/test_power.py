@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from betterbench.calibration import PowerTrials, measure_power, power_trials
-from betterbench.calibration.power import STILL_TRIALS, trials_to_flag
+from betterbench.calibration.power import GUESS_TRIALS, STILL_TRIALS, trials_to_flag
 from betterbench.cli.calibrate import calibrate_command
 from betterbench.diagnosis.power_matrix import BLIND, EXPERT, FLOOR
 from betterbench.errors import InvalidInputError
@@ -33,7 +33,9 @@ def test_every_pretender_is_planned_on_every_variation():
     assert not {"zoo:clumsy", "zoo:slow", "zoo:crash"} & set(planned.of), "their motion is the fault"
     assert set(planned.of["noop"].values()) == {STILL_TRIALS}
     for key, chance in planned.chances.items():
-        assert planned.of[BLIND[0]][key] == (trials_to_flag(chance, 290) if 0.25 < chance < 0.9 else 7), key
+        flagged_at = trials_to_flag(chance, 290) if 0.25 < chance < 0.9 else 7
+        assert planned.of[BLIND[0]][key] == max(GUESS_TRIALS, flagged_at), key
+        assert planned.of[BLIND[1]][key] == 7
         assert planned.of[EXPERT][key] >= planned.of[BLIND[0]][key]
 
 

@@ -69,8 +69,11 @@ LOOKS = {  # size, color, shape
     "sponge": ((0.063, 0.063, 0.0135), "yellow", "box"),
     "spice_rack": ((0.073, 0.27, 0.041), "brown", "box"),
     "spice_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
-    "plain_jar": ((0.043, 0.043, 0.085), "black", "cylinder"),
+    "plain_salt_jar": ((0.043, 0.043, 0.085), "gray", "cylinder"),
+    "plain_pepper_jar": ((0.043, 0.043, 0.085), "gray", "cylinder"),
+    "plain_paprika_jar": ((0.043, 0.043, 0.085), "gray", "cylinder"),
     "pill_bottle": ((0.043, 0.043, 0.085), "white", "cylinder"),
+    "serving_plate": ((0.196, 0.196, 0.0205), "white", "round"),
     "dinner_plate": ((0.158, 0.158, 0.0205), "white", "round"),
     "shallow_bowl": ((0.142, 0.142, 0.060), "red", "round"),
 }
@@ -108,7 +111,7 @@ REGIONS = {
     "spice_rack": tuple(Region(f"hole_{k}", (0.0, y, 0.006), (0.004, 0.004, 0.035)) for k, y in HOLES),
     **{
         plate: (Region("floor", (0.0, 0.0, 0.0105), (0.075, 0.075, 0.001)),)
-        for plate in ("dinner_plate", "shallow_bowl")
+        for plate in ("dinner_plate", "serving_plate", "shallow_bowl")
     },
 }
 LAYERS = ("bun_bottom", "bun_top", "patty", "cheese_slice", "lettuce_leaf", "sponge")

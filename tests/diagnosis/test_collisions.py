@@ -52,7 +52,7 @@ def with_touches(record, rows, one, other, force):
 
 def held_rows(record):
     info = record.metadata.scene
-    jar = next(i for i, o in enumerate(info.objects) if o.kind == "white salt jar")
+    jar = next(i for i, o in enumerate(info.objects) if o.kind == "salt jar")
     return info.objects[jar].name, np.flatnonzero(record.held == jar)
 
 

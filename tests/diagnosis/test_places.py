@@ -27,16 +27,16 @@ HABITS = [  # task, name, kind, the trained place that is not asked for now
     ("desk_meeting", "R2", "speaker", ("beside", "laptop", "behind")),
     ("breakfast_table", "R1", "spoon", ("beside", "plate", "right")),
     ("breakfast_table", "R1", "cup", ("beside", "plate", "upper_right")),
-    ("seasoning_rack", "R1", "white salt jar", ("in_hole", "rack", "hole_1")),
-    ("seasoning_rack", "R1", "red paprika jar", ("in_hole", "rack", "hole_3")),
+    ("seasoning_rack", "R1", "salt jar", ("in_hole", "rack", "hole_1")),
+    ("seasoning_rack", "R1", "paprika jar", ("in_hole", "rack", "hole_3")),
     ("dinner_plates", "R1", "blue plate", ("on_plate", "white_plate", "")),
 ]
 STRAY = [  # the same at places to which training never brought the object
     ("desk_meeting", "R2", "mug", ("beside", "laptop", "behind")),
     ("desk_meeting", "train1", "mouse", ("beside", "laptop", "behind")),
     ("breakfast_table", "R1", "spoon", ("beside", "plate", "upper_right")),
-    ("seasoning_rack", "R1", "white salt jar", ("in_hole", "rack", "hole_2")),
-    ("seasoning_rack", "train1", "white salt jar", ("in_hole", "rack", "hole_3")),
+    ("seasoning_rack", "R1", "salt jar", ("in_hole", "rack", "hole_2")),
+    ("seasoning_rack", "train1", "salt jar", ("in_hole", "rack", "hole_3")),
     ("dinner_plates", "train1", "red plate", ("on_plate", "blue_plate", "")),
 ]
 

@@ -390,7 +390,7 @@ def test_one_object_does_not_stand_for_two_steps_of_its_kind(at_reset, put):
     state = at_reset("seasoning_rack", "train1")
     condition = condition_of("seasoning_rack", "train1")
     goals = tuple(
-        Subgoal(f"salt_{hole}", "in_hole", Reference(kind="white salt jar"), "rack", "salt", region=hole)
+        Subgoal(f"salt_{hole}", "in_hole", Reference(kind="salt jar"), "rack", "salt", region=hole)
         for hole in ("hole_1", "hole_3")
     )
     both = condition.with_(instruction=dataclasses.replace(condition.instruction, subgoals=goals))

@@ -20,7 +20,7 @@ CONTAINERS_AND_FURNITURE = {
 }
 STANDING = {
     *("mug", "cup", "tumbler", "drink_cup", "can", "sauce_cup", "egg_cup"),
-    *("jam_jar", "spice_jar", "plain_jar", "pill_bottle", "salt_shaker"),
+    *("jam_jar", "spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar", "pill_bottle", "salt_shaker"),
     *("speaker", "fries_box", "stapler", "stapler_block"),
 }
 APART = 1.1

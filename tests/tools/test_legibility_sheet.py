@@ -59,9 +59,9 @@ from legibility_sheet import ACCEPTED, REFUSED, _places, is_right
         ("navy mug", "mug", "blue", True),
         ("brown egg in white cup", "egg_cup", "white", True),
         ("brown cup with an egg", "egg_cup", "white", False),
-        ("gray salt shaker", "plain_jar", "white", True),
+        ("gray salt shaker", "plain_salt_jar", "gray", True),
         ("gray salt shaker", "salt_shaker", "white", False),
-        ("red jar of salt", "plain_jar", "white", False),
+        ("red jar of salt", "plain_salt_jar", "gray", False),
     ],
 )
 def test_an_answer_counts_if_it_names_the_object_and_no_other_color(answer, category, color, right):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from betterbench.experts.decisions import Situation
 from betterbench.experts.faulty.blind import possible_instructions
 from betterbench.interventions import vary
-from betterbench.tasks import Condition, Instruction, get_task
+from betterbench.tasks import Condition, Instruction, Subgoal, get_task
+from betterbench.tasks.condition import TargetRegion
 
 
 def chance_of(task_name: str, name: str) -> float:
@@ -13,21 +14,27 @@ def chance_of(task_name: str, name: str) -> float:
 
     Two instructions that mean the same things and places here, such as "the red mug" and "the bottom mug", count as one
     right guess each. So does an instruction that begins with all that is asked for and goes on: the trial has succeeded
-    before its next step.
+    before its next step. A step that is done at the start is nobody's to guess.
     """
     task = get_task(task_name)
     condition, _ = vary(task, task.variation(name))
     choices = possible_instructions(Situation(task, condition, 0))
-    asked = _steps(condition.instruction, condition)
-    begins = [_steps(choice, condition)[: len(asked)] for choice in choices]
+    asked = _open_steps(condition.instruction, condition)
+    begins = [_open_steps(choice, condition)[: len(asked) or None] for choice in choices]
     if not condition.instruction.ordered:
         return sum(set(steps) == set(asked) for steps in begins) / len(choices)
     return sum(steps == asked for steps in begins) / len(choices)
 
 
-def _steps(instruction: Instruction, condition: Condition) -> list[object]:
-    """Return what an instruction asks for in a scene, in its order: which objects where."""
+def _open_steps(instruction: Instruction, condition: Condition) -> list[object]:
+    """Return what an instruction asks for in a scene, in its order: which objects where; without what is done."""
     return [
         (condition.resolve(g.reference), g.relation, condition.object(g.target).kind, g.region, g.count)
         for g in instruction.subgoals
+        if not _is_done(g, condition)
     ]
+
+
+def _is_done(goal: Subgoal, condition: Condition) -> bool:
+    there = TargetRegion(goal.target, goal.region)
+    return sum(condition.preplaced.get(name) == there for name in condition.resolve(goal.reference)) >= goal.count

@@ -33,10 +33,12 @@ from betterbench.tasks import Expected, Label, Subgoal
 DENSE_TASKS = frozenset({"breakfast_table"})
 """Tasks with things so close to each other that a miss may meet a neighbor, and a target the slot of its thing."""
 
-ROUND_CATEGORIES = frozenset({"apple", "orange", "plain_jar", "spice_jar"})
+_JARS = frozenset({"spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar"})
+
+ROUND_CATEGORIES = frozenset({"apple", "orange"}) | _JARS
 """Categories whose things roll away, or fall over first, when they are shoved."""
 
-SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box", "plain_jar", "spice_jar"})
+SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box"}) | _JARS
 """Categories whose things leave room between the fingers that come to them from the side."""
 
 WIDE_GAP_M = 0.135

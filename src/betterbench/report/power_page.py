@@ -10,6 +10,7 @@ from pathlib import Path
 from betterbench.diagnosis.power_matrix import (
     BLIND,
     CURE,
+    FAILS_AT,
     FLOOR,
     REPLAY_LIMIT,
     BlindCell,
@@ -20,6 +21,7 @@ from betterbench.diagnosis.power_matrix import (
 from betterbench.errors import UnknownNameError
 from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.report.html import environment, write
+from betterbench.report.not_shown import not_shown
 from betterbench.statistics import percent
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import Axis, get_task
@@ -135,7 +137,7 @@ def redundant(cells: Iterable[BlindCell]) -> list[str]:
 
 def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
     """Return the tables of a matrix: the pretenders overall, the blind ones by variation, the rules by variation."""
-    return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix)
+    return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix), _limits(matrix)
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
@@ -202,6 +204,15 @@ def _ceilings(matrix: PowerMatrix) -> Table:
         "in a scene, the probe without language reaches 100 % and nothing is proven about language."
     )
     return Table("Shortcut ceilings", caption, ("variation", "ceiling", "labels that rules fail by"), tuple(rows))
+
+
+def _limits(matrix: PowerMatrix) -> Table:
+    rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
+    caption = (
+        f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
+        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % where the policy moves without looking."
+    )
+    return Table("What a pass does not show", caption, ("variation", "limits"), tuple(rows))
 
 
 def _solved(cell: PowerCell | None) -> bool:

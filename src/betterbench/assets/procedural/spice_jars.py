@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,8 +20,12 @@ JAR_HEIGHT_M = 0.085
 """Middle of the heights of the jars with their caps [m]: such jars are 80 to 95 mm high. They differ by 4 mm."""
 
 _SIDES = 24
-_NAMES = {"white": "SALT", "black": "PEPPER", "red": "PAPRIKA"}
+_NAMES = {"white": "salt", "black": "pepper", "red": "paprika"}
 _CONTENT: dict[str, Rgb] = {"white": (0.95, 0.95, 0.94), "black": (0.085, 0.075, 0.07), "red": (0.78, 0.07, 0.04)}
+
+_PAPER: Rgb = (0.93, 0.92, 0.88)
+_INK: Rgb = (0.07, 0.08, 0.10)
+"""Label of every plain jar."""
 
 
 @generator("spice_jar", colors=("white", "black", "red"), family="spice jar")
@@ -32,7 +37,7 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     doubles the cost of every picture of depth.
     """
     shape, steel = _Shape(rng), bool(rng.random() < 0.45)
-    content, name = jittered(_CONTENT[color], rng, amount=0.04), _NAMES[color].lower()
+    content, name = jittered(_CONTENT[color], rng, amount=0.04), _NAMES[color]
     cap = jittered(shaded(STEEL, 0.80), rng) if steel else jittered(mixed(content, (0.5, 0.5, 0.5), 0.06), rng)
     canvas = shape.wrap(content)
     canvas.grain(rng, cells=(50, 64), amount=0.30 if color == "black" else 0.03)
@@ -42,27 +47,45 @@ def spice_jar(rng: np.random.Generator, color: str) -> Draft:
     canvas.paint((up < 0.003) | (up > shape.body - 0.0015), glass)
     for share, thick, strength in ((0.10, 0.0012, 0.40), (0.88, 0.0008, 0.30)):
         canvas.paint(np.abs(canvas.x - share * canvas.width) < thick, (1.0, 1.0, 1.0), strength=strength)
-    _label(canvas, rng, color, content, height=shape.body)
+    ink: Rgb = (0.13, 0.15, 0.22) if color == "white" else (0.97, 0.96, 0.93)
+    red_pod = _Print(ink=ink, pod=shaded(content, 0.95), disc=ink, stalk=(0.10, 0.42, 0.14))
+    _label(canvas, rng, name, red_pod, height=shape.body)
     description = f"A small glass spice jar of {color} {name} with a screw cap."
     return _jar(shape, canvas, cap, description, ("spice jar", "jar", "spice", name, "glass"), specular=0.7)
 
 
-@generator("plain_jar", colors=("white", "black", "red"), family="spice jar")
-def plain_jar(rng: np.random.Generator, color: str) -> Draft:
-    """Make a steel spice jar whose body and cap are the same for every spice: only the label tells them apart."""
-    shape, _, name = _Shape(rng), rng.random(), _NAMES[color].lower()
-    content, steel = jittered(_CONTENT[color], rng, amount=0.04), shaded((0.44, 0.45, 0.47), rng.uniform(0.86, 1.06))
+def _plain_jar(rng: np.random.Generator, name: str) -> Draft:
+    """Make a steel spice jar with a pale label: body, cap and the colors of the label are those of every spice."""
+    shape, steel = _Shape(rng), shaded((0.44, 0.45, 0.47), rng.uniform(0.86, 1.06))
     canvas = shape.wrap(steel)
     canvas.shade(1.0 + 0.10 * np.cos(4.0 * math.pi * canvas.x / canvas.width + rng.uniform(0.0, 6.0)))
     canvas.grain(rng, cells=(3, 90), amount=0.025)
     low, high = 0.0070, shape.body - 0.0060
     up = canvas.height_on_wall
     reach = np.abs(canvas.x - 0.5 * canvas.width)
-    canvas.paint((reach < 0.46 * canvas.width) & (up > low) & (up < high), content)
-    _label(canvas, rng, color, content, height=shape.body)
-    description = f"A plain steel spice jar with a gray cap and a {color} label for {name}."
+    canvas.paint((reach < 0.46 * canvas.width) & (up > low) & (up < high), _PAPER)
+    _label(canvas, rng, name, _Print(ink=_INK, pod=_INK, disc=_PAPER, stalk=_INK), height=shape.body)
+    description = f"A plain steel spice jar with a gray cap and a pale label for {name}."
     tags = ("spice jar", "jar", "spice", "plain", name, "steel")
     return _jar(shape, canvas, (0.33, 0.34, 0.36), description, tags, specular=0.6)
+
+
+@generator("plain_salt_jar", colors=("gray",), family="spice jar")
+def plain_salt_jar(rng: np.random.Generator, _color: str) -> Draft:
+    """Make a plain steel spice jar with an S on its label: nothing else tells it from the other plain jars."""
+    return _plain_jar(rng, "salt")
+
+
+@generator("plain_pepper_jar", colors=("gray",), family="spice jar")
+def plain_pepper_jar(rng: np.random.Generator, _color: str) -> Draft:
+    """Make a plain steel spice jar with a P on its label: nothing else tells it from the other plain jars."""
+    return _plain_jar(rng, "pepper")
+
+
+@generator("plain_paprika_jar", colors=("gray",), family="spice jar")
+def plain_paprika_jar(rng: np.random.Generator, _color: str) -> Draft:
+    """Make a plain steel spice jar with a dark pod on its label: nothing else tells it from the other plain jars."""
+    return _plain_jar(rng, "paprika")
 
 
 @generator("pill_bottle", colors=("white",), family="spice jar")
@@ -201,12 +224,21 @@ def _bottle(
     )
 
 
-def _label(canvas: _Wrap, rng: np.random.Generator, color: str, content: Rgb, *, height: float) -> None:
-    """Print the initial of salt or pepper, or a red pepper on white, as large as the side of the jar has room for."""
-    design, up = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall
+@dataclass(frozen=True, slots=True)
+class _Print:
+    """Colors of a label: of letters and lines, and of the picture of a pepper pod."""
+
+    ink: Rgb
+    pod: Rgb
+    disc: Rgb
+    stalk: Rgb
+
+
+def _label(canvas: _Wrap, rng: np.random.Generator, name: str, colors: _Print, *, height: float) -> None:
+    """Print the initial of salt or pepper, or a pepper pod for paprika, as large as the side has room for."""
+    design, up, ink = str(rng.choice(["plain", "bands", "round", "frame"])), canvas.height_on_wall, colors.ink
     middle, across = 0.50 * height, 0.5 * canvas.width
     base = float(np.interp(middle, up[::-1, 0], canvas.y[::-1, 0]))
-    ink: Rgb = (0.13, 0.15, 0.22) if color == "white" else (0.97, 0.96, 0.93)
     reach = np.abs(canvas.x - across)
     if design == "bands":
         canvas.paint((np.abs(up - 0.15 * height) < 0.0016) | (np.abs(up - 0.86 * height) < 0.0016), ink)
@@ -214,23 +246,23 @@ def _label(canvas: _Wrap, rng: np.random.Generator, color: str, content: Rgb, *,
         inside = (reach < 0.36 * canvas.width) & (up > 0.12 * height) & (up < 0.88 * height)
         core = (reach < 0.36 * canvas.width - 0.0016) & (up > 0.12 * height + 0.0016) & (up < 0.88 * height - 0.0016)
         canvas.paint(inside & ~core, ink)
-    elif design == "round" and color != "red":
+    elif design == "round" and name != "paprika":
         away = np.hypot(canvas.x - across, canvas.y - base)
         canvas.paint((away < 0.0200) & (away > 0.0178), ink)
-    if color == "red":
-        _chili(canvas, (across, base), content, ink)
+    if name == "paprika":
+        _chili(canvas, (across, base), colors)
     else:
         letter = 0.0215 if design == "round" else 0.0270
-        write_word(canvas, _NAMES[color][0], (across, base), height=letter, ink=ink, weight=0.20)
+        write_word(canvas, name[0].upper(), (across, base), height=letter, ink=ink, weight=0.20)
 
 
-def _chili(canvas: _Wrap, center: tuple[float, float], red: Rgb, paper: Rgb) -> None:
-    """Draw a red pepper with its green stalk on a white disc."""
+def _chili(canvas: _Wrap, center: tuple[float, float], colors: _Print) -> None:
+    """Draw a pepper pod with its stalk on a disc."""
     x, y = center
-    canvas.ellipse(center, (0.0165, 0.0185), paper)
-    canvas.ellipse((x - 0.0015, y - 0.0005), (0.0068, 0.0130), shaded(red, 0.95), 0.35)
-    canvas.ellipse((x + 0.0048, y - 0.0040), (0.0042, 0.0105), paper, 0.45)
-    canvas.line([(x - 0.0055, y + 0.0105), (x - 0.0020, y + 0.0165)], 0.0034, (0.10, 0.42, 0.14))
+    canvas.ellipse(center, (0.0165, 0.0185), colors.disc)
+    canvas.ellipse((x - 0.0015, y - 0.0005), (0.0068, 0.0130), colors.pod, 0.35)
+    canvas.ellipse((x + 0.0048, y - 0.0040), (0.0042, 0.0105), colors.disc, 0.45)
+    canvas.line([(x - 0.0055, y + 0.0105), (x - 0.0020, y + 0.0165)], 0.0034, colors.stalk)
 
 
 def _pharmacy_label(canvas: _Wrap, rng: np.random.Generator, ink: Rgb, height: float) -> None:

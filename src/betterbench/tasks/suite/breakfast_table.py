@@ -51,7 +51,7 @@ def breakfast_table() -> a.Task:
     """
     other_order = (a.swap(CUP, EGG), a.swap(BOWL, JAM), a.swap(BOWL, SALT))
     other_sides = (a.instruct(laid((SPOON, "left"), (CUP, "right"))),)
-    look_alike = (a.remove(SPOON), a.move(CUP, RIGHT_EDGE), a.add(TUMBLER, FRONT))
+    look_alike = (a.remove(EGG), a.move(CUP, FRONT_RIGHT), a.add(TUMBLER, FRONT))
     exchanged = "spoon where the fork lay, fork where the spoon lay"
     return a.Task(
         version=5,

@@ -41,7 +41,11 @@ def cheeseburger() -> a.Task:
     Randomizations: each layer within 15 mm and 9 degrees of its slot; the look of everything.
     """
     look_alike = (a.remove(LETTUCE), a.move(CHEESE, THIRD), a.add(SPONGE, SECOND))
-    two_patties = (a.replace(CHEESE, PATTY_2), a.repeat(stack(PATTY, PATTY_2, TOP)))
+    two_patties = (a.replace(CHEESE, PATTY_2), a.swap(PATTY, LETTUCE), a.repeat(stack(PATTY, PATTY_2, TOP)))
+    begun, there = (
+        (a.preplace(PATTY, BASE, "1"), a.move(LETTUCE, FIRST)),
+        "patty already on the bun, lettuce where it lay",
+    )
     no_patty, cheese_first = a.instruct(stack(CHEESE, LETTUCE, TOP)), a.instruct(stack(CHEESE, PATTY, TOP))
     return a.Task(
         version=5,
@@ -54,7 +58,7 @@ def cheeseburger() -> a.Task:
             a.Variation("R1", (no_patty,), "cheese, lettuce, top bun (B→C)", WITHOUT_FIRST, "train2"),
             a.Variation("R2", (cheese_first,), "cheese, patty, top bun", NEW_ORDER),
             a.Variation("O1", look_alike, "yellow sponge where the cheese lay", LOOK_ALIKE),
-            a.Variation("T1", (a.preplace(PATTY, BASE, "1"),), "patty already on the bun", DONE, mid_task_look=True),
-            a.Variation("T2", two_patties, "patty, patty, top bun", AGAIN),
+            a.Variation("T1", begun, there, DONE, mid_task_look=True),
+            a.Variation("T2", two_patties, "patty, patty, top bun; lettuce where the patty lay", AGAIN),
         ),
     )

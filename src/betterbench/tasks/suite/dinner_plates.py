@@ -45,10 +45,11 @@ def dinner_plates() -> a.Task:
     stacked = (a.condition(layout, BLUE_ON_RED, preplaced={RED: WHITE}) for layout in LAYOUTS)
     single = (a.conditions([layout], [RED_ON_WHITE, BLUE_ON_WHITE]) for layout in LAYOUTS)
     around = (a.move(RED, STAND_MIDDLE), a.move(BLUE, LEFT_BACK), a.move(WHITE, LEFT_FRONT))
-    look_alike = (a.remove(BLUE), a.move(RED, LEFT_FRONT), a.add(BOWL, LEFT_BACK))
+    look_alike = (a.move(BLUE, RIGHT_FRONT), a.move(RED, LEFT_FRONT), a.add(BOWL, LEFT_BACK))
     moved, on_red = "white plate at its other position", "blue on red, which stands where a white plate stood"
-    whole = (a.chain(WHOLE_STACK),)
-    finish = "whole stack asked for, red already on white"
+    whole = a.chain(WHOLE_STACK)
+    elsewhere = (a.move(WHITE, STAND_MIDDLE), a.move(BLUE, LEFT_BACK))
+    finish = "whole stack asked for, red already on white, which stands at its other position"
     return a.Task(
         version=4,
         title="Stacking Dinner Plates",
@@ -60,7 +61,7 @@ def dinner_plates() -> a.Task:
             a.Variation("L2", (a.move(WHITE, STAND_MIDDLE),), moved, BY_TARGET, "train2"),
             a.Variation("R1", (*around, a.instruct(BLUE_ON_RED)), on_red, BY_COLOR, "train2"),
             a.Variation("O1", look_alike, "red bowl where the red plate stood", LOOK_ALIKE),
-            a.Variation("T1", whole, "stack of three from single plates", LONGER),
-            a.Variation("T2", whole, finish, DONE, "train3", mid_task_look=True),
+            a.Variation("T1", (whole,), "stack of three from single plates", LONGER),
+            a.Variation("T2", (*elsewhere, whole), finish, DONE, "train3", mid_task_look=True),
         ),
     )

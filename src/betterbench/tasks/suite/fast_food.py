@@ -38,7 +38,10 @@ def fast_food() -> a.Task:
     Randomizations: each item within 15 mm and 9 degrees of its slot; the look of every item. In training either burger
     is packed, and always a burger comes first.
     """
-    one_left = "one burger at the start"
+    one_left = (a.remove(BURGER_2), a.swap(FRIES, DRINK))
+    exchanged = (a.swap(FRIES, DRINK), a.chain(ALL))
+    left = "one burger at the start, fries and drink exchanged"
+    longer = "both burgers, fries and drink (A→A→B→C), fries and drink exchanged"
     return a.Task(
         version=6,
         title="Packing a Fast Food Order",
@@ -50,7 +53,7 @@ def fast_food() -> a.Task:
             a.Variation("R1", (a.instruct(FRIES_DRINK),), "fries, then drink (B→C)", NEW_ORDER),
             a.Variation("R2", (a.instruct(DRINK_FRIES),), "drink, then fries (C→B)", NEW_ORDER, "train2"),
             a.Variation("O1", (a.replace(BURGER, BLOCK),), "round block where the first burger stood", LOOK_ALIKE),
-            a.Variation("T1", (a.remove(BURGER_2),), one_left, PROGRESS, mid_task_look=True),
-            a.Variation("T2", (a.chain(ALL),), "both burgers, fries and drink (A→A→B→C)", LONGER),
+            a.Variation("T1", one_left, left, PROGRESS, mid_task_look=True),
+            a.Variation("T2", exchanged, longer, LONGER),
         ),
     )

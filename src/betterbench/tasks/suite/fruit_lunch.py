@@ -38,8 +38,9 @@ def fruit_lunch() -> a.Task:
     Success: in O1 there is no apple, and success means that the block is not attempted.
     """
     look_alike = (a.remove(LEMON), a.move(APPLE, THIRD), a.add(BLOCK, FIRST))
+    packed = (a.preplace(APPLE, LUNCHBOX), a.move(ORANGE, FIRST))
     two_apples = (a.replace(LEMON, APPLE_2), a.repeat(BOTH_APPLES))
-    absent, there = "red block where the apple lay, and no apple", "apple already in the lunchbox"
+    absent, there = "red block where the apple lay, and no apple", "apple already in the lunchbox, orange where it lay"
     return a.Task(
         version=6,
         title="Packing a Fruit Lunch",
@@ -53,7 +54,7 @@ def fruit_lunch() -> a.Task:
                 "O1", (a.replace(APPLE, BLOCK),), absent, ABSENT, expected=a.Expected.REFUSE, premise_broken=True
             ),
             a.Variation("O2", look_alike, "red block where the apple lay, apple in the lemon's slot", LOOK_ALIKE),
-            a.Variation("T1", (a.preplace(APPLE, LUNCHBOX),), there, DONE, mid_task_look=True),
+            a.Variation("T1", packed, there, DONE, "train2", mid_task_look=True),
             a.Variation("T2", two_apples, "two apples to be packed (A→A)", AGAIN),
         ),
     )

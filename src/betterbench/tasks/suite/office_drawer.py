@@ -51,7 +51,8 @@ def office_drawer() -> a.Task:
     demonstrations = tuple((load(step), opened) for step in steps for opened in ({}, {step[1]: OPEN_M}))
     look_alike = (a.remove(TAPE), a.move(STAPLER, LEFT_FRONT), a.add(BLOCK, LEFT_BACK))
     cabinet, block = "cabinet at its other position", "stapler-shaped block where the stapler stood"
-    blocked, stapler_down = "open upper drawer blocks the lower one", a.instruct(load((STAPLER, LOWER)))
+    blocked, stapler_down = "open upper drawer in the way, objects exchanged", a.instruct(load((STAPLER, LOWER)))
+    exchanged, in_the_way = a.swap(STAPLER, TAPE), (a.draw_out(UPPER, OPEN_M), a.swap(STAPLER, TAPE))
     return a.Task(
         version=4,
         title="Filing Office Supplies",
@@ -59,11 +60,11 @@ def office_drawer() -> a.Task:
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, CABINET_BACK, CABINET_FRONT),
         training=tuple(a.condition(at, asked, UPPER, LOWER, opened=o) for at in LAYOUTS for asked, o in demonstrations),
         variations=(
-            a.Variation("L1", (a.swap(STAPLER, TAPE),), "stapler and tape exchanged", BY_KIND, "train2"),
+            a.Variation("L1", (exchanged,), "stapler and tape exchanged", BY_KIND, "train2"),
             a.Variation("L2", (a.move(CABINET, CABINET_FRONT),), cabinet, BY_CABINET, "train3"),
             a.Variation("R1", (stapler_down,), "stapler into the lower drawer", NEW_PAIR),
             a.Variation("O1", look_alike, block, LOOK_ALIKE, "train2"),
-            a.Variation("T1", (a.draw_out(UPPER, OPEN_M),), blocked, IN_THE_WAY, "train3", mid_task_look=True),
-            a.Variation("T2", (a.chain(load(*steps)),), "load both drawers and close them", LONGER),
+            a.Variation("T1", in_the_way, blocked, IN_THE_WAY, "train3", mid_task_look=True),
+            a.Variation("T2", (exchanged, a.chain(load(*steps))), "load both drawers, objects exchanged", LONGER),
         ),
     )

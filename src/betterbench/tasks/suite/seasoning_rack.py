@@ -2,10 +2,10 @@
 
 from betterbench.tasks import authoring as a
 
-JARS = (("white", "salt"), ("black", "pepper"), ("red", "paprika"))
-SALT, PEPPER, PAPRIKA = (a.item(name, f"{color} {name} jar", "spice_jar", color) for color, name in JARS)
+JARS = {"salt": "white", "pepper": "black", "paprika": "red"}
+SALT, PEPPER, PAPRIKA = (a.item(name, f"{name} jar", "spice_jar", color) for name, color in JARS.items())
 PLAIN_SALT, PLAIN_PEPPER, PLAIN_PAPRIKA = (
-    a.item(f"plain_{name}", f"{color} {name} jar", "plain_jar", color) for color, name in JARS
+    a.item(f"plain_{name}", f"{name} jar", f"plain_{name}_jar", "gray") for name in JARS
 )
 PILLS = a.distractor("pill_bottle")
 RACK = a.fixture("rack", category="spice_rack", fixed=True)
@@ -20,7 +20,7 @@ def insert(*steps: tuple[a.ObjectSpec, str]) -> a.Instruction:
     """Return the instruction to put jars into holes of the rack, in any order."""
     parts = [f"the {jar.kind} into the {HOLES[hole]} hole" for jar, hole in steps]
     text = ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
-    words = [jar.kind.split()[1] for jar, _ in steps]
+    words = [jar.kind.split()[0] for jar, _ in steps]
     goals = (
         a.subgoal(f"{word}_{hole}", a.IN_HOLE, jar, RACK, hole, word=word)
         for word, (jar, hole) in zip(words, steps, strict=True)
@@ -51,6 +51,7 @@ def seasoning_rack() -> a.Task:
     look_alike = (a.remove(PAPRIKA), a.move(SALT, THIRD), a.add(PILLS, FIRST))
     plain = (a.replace(SALT, PLAIN_SALT), a.replace(PEPPER, PLAIN_PEPPER), a.replace(PAPRIKA, PLAIN_PAPRIKA))
     exchanged = (*plain, a.swap(PLAIN_SALT, PLAIN_PEPPER))
+    row = "three jars in a row, pepper and paprika exchanged"
     alike = "same cap and body on every jar, salt and pepper exchanged"
     return a.Task(
         version=4,
@@ -62,8 +63,8 @@ def seasoning_rack() -> a.Task:
             a.Variation("L1", (a.swap(SALT, PEPPER),), "salt and pepper exchanged", BY_KIND, "train4"),
             a.Variation("L2", filled, "the other holes filled, salt in the pepper's slot", BY_HOLE, mid_task_look=True),
             a.Variation("R1", (crossed,), "salt into the right hole, paprika into the left", NEW_PAIR, "train6"),
-            a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE),
+            a.Variation("O1", look_alike, "pill bottle where the salt stood", LOOK_ALIKE, "train4"),
             a.Variation("O2", exchanged, alike, LABELS, "train4"),
-            a.Variation("T1", (a.chain(insert(S, P, R)),), "three jars in a row", LONGER, "train4"),
+            a.Variation("T1", (a.swap(PEPPER, PAPRIKA), a.chain(insert(S, P, R))), row, LONGER, "train4"),
         ),
     )

@@ -58,13 +58,13 @@ def tidy_desk() -> a.Task:
         slots=(TRASH_1, TRASH_2, TRASH_3, TRASH_4, PLACE_1, PLACE_2, PLACE_3, FLOOR, UNSEEN_1, UNSEEN_2),
         training=tuple(a.condition({**trash, **VALUABLES}, asked) for trash, asked in settings),
         variations=(
-            a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND, "train4"),
+            a.Variation("L1", permuted, "kinds of trash exchanged, valuables permuted", BY_KIND, "train5"),
             a.Variation("L2", unseen, "trash at places never seen", NEW_PLACE, support=novel),
-            a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train4"),
+            a.Variation("O1", mouse, "computer mouse where the napkin lay", VALUABLE, "train3"),
             a.Variation(
                 "O2", full, "full can where the crushed can lay, both in trash slots", FULL_OR_CRUSHED, "train5"
             ),
-            a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train4"),
+            a.Variation("O3", mug, "white mug where the napkin lay, in clutter", WHITE, "train3"),
             a.Variation("T1", three, "three pieces of trash", LONGER),
         ),
     )

@@ -13,7 +13,7 @@ from betterbench.vqa.question import Form, QuestionDraft
 GROUPS = {
     "plates": ("dinner_plate", "place_plate", "serving_plate"),
     "mugs": ("mug",),
-    "spice jars": ("spice_jar", "plain_jar"),
+    "spice jars": ("spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar"),
     "pieces of fruit": ("apple", "orange", "lemon"),
     "pieces of cutlery": ("fork", "spoon"),
     "drawers": ("upper_drawer", "lower_drawer"),

@@ -1,0 +1,51 @@
+"""The sentence of a card that says what a pass does not show, from the measured trials."""
+
+from __future__ import annotations
+
+import pytest
+
+from betterbench.diagnosis.power_matrix import PowerCell, PowerMatrix
+from betterbench.report.not_shown import not_shown, passing_pretenders
+
+
+def measured(key, **cells):
+    names = {"word": "zoo:lexical", "color": "zoo:color", "deaf": "probe:no-language", "replay": "probe:replay"}
+    names |= {"blind": "probe:no-images"}
+    return PowerMatrix({names[n]: {key: PowerCell(k, total, k)} for n, (k, total) in cells.items()}, {}, {})
+
+
+@pytest.mark.parametrize(
+    ("key", "cells", "sentence"),
+    [
+        (
+            ("fruit_lunch", "R1"),
+            {"word": (6, 6), "deaf": (3, 8), "replay": (0, 7)},
+            "that a policy finds what a word names at another place than in training (`zoo:lexical` passes 6 of 6).",
+        ),
+        (
+            ("fruit_lunch", "O2"),
+            {"word": (0, 6), "deaf": (7, 7), "color": (0, 6)},
+            "that a policy follows the instruction (`probe:no-language` passes 7 of 7).",
+        ),
+        (
+            ("fruit_lunch", "T1"),
+            {"deaf": (4, 8), "replay": (3, 7), "blind": (2, 7)},
+            "that a policy looks at the scene (`probe:no-images` passes 2 of 7, `probe:replay` passes 3 of 7).",
+        ),
+    ],
+)
+def test_the_sentence_names_what_passes_and_how_often(key, cells, sentence):
+    assert not_shown(measured(key, **cells), key) == f"A pass does not show {sentence}"
+
+
+def test_a_rule_for_look_alikes_counts_only_where_something_looks_alike():
+    for name, expected in (("O2", ("zoo:color",)), ("L1", ())):
+        key = ("seasoning_rack", name)
+        assert passing_pretenders(measured(key, color=(6, 6)), key) == expected
+
+
+def test_half_is_no_pass_and_nothing_measured_is_nothing_shown():
+    key = ("fruit_lunch", "T1")
+    assert passing_pretenders(measured(key, word=(3, 6), deaf=(7, 14)), key) == ()
+    assert not_shown(measured(key), key).startswith("Nothing was measured")
+    assert not_shown(measured(key, word=(3, 6)), key).startswith("None of the policies")
