@@ -1,0 +1,214 @@
+"""What a co-trained learner says of its own trials: where is the object that the instruction names?
+
+A learner that answers questions beside its actions may know where the object is and still reach elsewhere. Its own
+head is asked, about the states of the records of its trials and with what it sees when it acts there. It answers with a
+cell of the image, see :mod:`betterbench.training.questions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.learned.network import ObjectsBatch
+from betterbench.learned.policy import Learner
+from betterbench.learned.tokens import pose_numbers, things_of, tool_numbers
+from betterbench.recording import Record, RunFolder
+from betterbench.statistics import Rate
+from betterbench.tasks import Kind
+from betterbench.training.questions import question_text
+from betterbench.vqa.blind import answer_class
+from betterbench.vqa.dataset import OpenPhotos
+from betterbench.vqa.named_object import NamedObject, named_object
+from betterbench.vqa.question import Question
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswer:
+    """One answer of a learner about a trial that it played.
+
+    Attributes:
+        trial: Task, condition and seed.
+        where: The variation, or the training condition.
+        label: What the diagnosis says of the trial.
+        success: Whether it succeeded.
+        object: Name of the object that the instruction names.
+        row: Row of the record that was asked about.
+        question: The question as the learner read it.
+        cell: The right answer: "column,row" of a grid of 8 x 8 over the image.
+        answer: What the learner answered.
+        others: Names of other clearly seen objects in the cell that it named.
+    """
+
+    trial: str
+    where: str
+    label: str
+    success: bool
+    object: str
+    row: int
+    question: str
+    cell: str
+    answer: str
+    others: tuple[str, ...]
+
+    @property
+    def right(self) -> bool:
+        """Whether it named the cell of the object."""
+        return self.answer == self.cell
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswers:
+    """What a learner answered about some trials of one condition.
+
+    Attributes:
+        where: The task with the variation or the training condition.
+        questions: Right answers of those that were asked.
+        trials: Trials of which all questions were answered right, of those that were asked about.
+        others: Answers that name the cell of another object, of those that were asked.
+    """
+
+    where: str
+    questions: Rate
+    trials: Rate
+    others: Rate
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        rates = {"questions": self.questions, "trials": self.trials, "others": self.others}
+        return {"where": self.where, **{name: rate.to_json() for name, rate in rates.items()}}
+
+
+def ask_about_run(
+    learner: Learner,
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    *,
+    open_photos: OpenPhotos,
+    camera: str = "front",
+    tasks: Sequence[str] = (),
+    failures_only: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> tuple[OwnAnswer, ...]:
+    """Ask a learner where the named object is in the trials of its own run.
+
+    Args:
+        learner: The learner.
+        run: The run that it played.
+        diagnosis: The diagnosis of that run.
+        open_photos: Opens what draws the frames; of these only the places of objects in the image are used.
+        camera: Camera about which the learner was asked in training.
+        tasks: Tasks whose trials are asked about; all if empty.
+        failures_only: Leave out the trials that succeeded.
+        on_progress: Called with the number of trials done and planned.
+
+    Raises:
+        InvalidInputError: If the learner answers no questions, sees images, did not play the run, or no trial is left.
+        RecordError: If a record or its scene is damaged.
+    """
+    _require_asked(learner, run)
+    chosen = [
+        t
+        for t in diagnosis.trials
+        if t.record is not None
+        and t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)
+        and (not tasks or t.task in tasks)
+        and not (failures_only and t.kind is Kind.NONE)
+    ]
+    if not chosen:
+        raise InvalidInputError(
+            str(run.path), "no trial is left to be asked about", "Leave out --failures-only or --tasks"
+        )
+    found: list[OwnAnswer] = []
+    with open_photos() as photos:
+        for number, trial in enumerate(chosen, start=1):
+            key = trial.trial_id
+            record = run.read_record(key.task, key.condition, key.seed)
+            about = named_object(record, trial, photos, camera=camera)
+            if about is not None:
+                said = own_answers(learner, record, about.row, about.questions)
+                found += [_own(q, answer, about, trial) for q, answer in zip(about.questions, said, strict=True)]
+            if on_progress is not None:
+                on_progress(number, len(chosen))
+    return tuple(found)
+
+
+def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
+    """Return what a learner of objects answers to questions about a row of a record."""
+    recipe, known = learner.trained.recipe, learner.trained.vocabulary
+    objects = record.state(row).info.objects
+    rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
+    tools = tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows])
+    poses = pose_numbers(record.object_positions[row], record.object_quaternions[row]).astype(np.float32)
+    found = []
+    for question in questions:
+        things = things_of(question_text(question), objects, known)
+        shown = ObjectsBatch(
+            words=learner.batch(things.words),
+            tools=learner.batch(tools),
+            poses=learner.batch(poses),
+            sizes=learner.batch(things.sizes),
+            categories=learner.batch(things.categories),
+            colors=learner.batch(things.colors),
+        )
+        with torch.inference_mode():
+            found.append(known.answers[int(learner.network.reply(shown)[0].argmax())])
+    return tuple(found)
+
+
+def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
+    """Yield what was answered by condition, in the order of the answers, and over all ("all")."""
+    groups: dict[str, list[OwnAnswer]] = {}
+    for answer in answers:
+        groups.setdefault(answer.where, []).append(answer)
+    for where, members in (*groups.items(), ("all", list(answers))):
+        by_trial: dict[str, bool] = {}
+        for answer in members:
+            by_trial[answer.trial] = by_trial.get(answer.trial, True) and answer.right
+        right, other = (sum(hits) for hits in ((a.right for a in members), (bool(a.others) for a in members)))
+        n = len(members)
+        yield OwnAnswers(where, Rate(right, n), Rate(sum(by_trial.values()), len(by_trial)), Rate(other, n))
+
+
+def answers_form(answers: Sequence[OwnAnswer]) -> list[dict[str, Any]]:
+    """Return the JSON form of answers."""
+    return [{**asdict(answer), "right": answer.right} for answer in answers]
+
+
+def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagnosis) -> OwnAnswer:
+    right = answer_class(question)
+    return OwnAnswer(
+        trial=str(trial.trial_id),
+        where=f"{trial.task}/{trial.variation or trial.condition}",
+        label=trial.label.value,
+        success=trial.success,
+        object=about.name,
+        row=about.row,
+        question=question_text(question),
+        cell=right,
+        answer=answer,
+        others=tuple(sorted(name for name, cell in about.cells.items() if cell == answer and answer != right)),
+    )
+
+
+def _require_asked(learner: Learner, run: RunFolder) -> None:
+    """Refuse a learner that answers no questions, is shown images, or is not the one that played a run."""
+    recipe = learner.trained.recipe
+    if not learner.trained.vocabulary.answers:
+        problem = "the learner was trained without questions, so it has no answers"
+        raise InvalidInputError("--learner", problem, "Train one with co_training in its recipe")
+    if recipe.sees != "objects":
+        problem = f"the learner of family {recipe.family!r} is shown images, and only learners of objects can be asked"
+        raise InvalidInputError("--learner", problem, "Name a learner of objects")
+    told = run.context.get("policy")
+    metadata = told.get("metadata") if isinstance(told, Mapping) else None
+    played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
+    if played != f"sha256 {learner.fingerprint}":
+        problem = f"{run.path} was played by {'other weights' if played else 'a policy that is not a learner of ours'}"
+        raise InvalidInputError("--learner", problem, "Name the checkpoint that played the run")
