@@ -106,16 +106,17 @@ def test_the_mug_of_the_other_color_lies_in_another_cell(learner, run, diagnosis
         return ask_about_run(learner, run, diagnosis, open_photos=lambda: ViewRenderer(run, size=SIZE, quality="fast"))
 
     knowing = ask(answer_class)
-    assert all(a.right and not a.others for a in knowing)
+    assert all(a.right and a.means_it and a.nearest == a.object for a in knowing)
     everything = list(summaries_of(knowing))[-1]
-    assert (everything.where, everything.questions.k, everything.trials.k, everything.trials.n) == ("all", 8, 2, 2)
+    assert (everything.where, everything.nearest.k, everything.trials.k, everything.trials.n) == ("all", 8, 2, 2)
     swapped = ask(lambda q: blue if answer_class(q) == red else red)
-    assert [a.others for a in swapped[:2]] == [("blue_mug",)] * 2
-    assert not any(a.right for a in swapped)
-    assert list(summaries_of(swapped))[-1].others.k == 8
-    half = ask(lambda q: answer_class(q) if q.family == "box of" else "0,0")
+    assert {(a.object, a.nearest) for a in swapped} == {("red_mug", "blue_mug"), ("blue_mug", "red_mug")}
+    assert not any(a.right or a.means_it for a in swapped)
+    assert list(summaries_of(swapped))[-1].nearest.k == 0
+    assert {a.nearest for a in ask(lambda _: "Yes")} == {""}
+    half = ask(lambda q: answer_class(q) if q.family == "box of" else "Yes")
     summary = next(iter(summaries_of(half)))
-    assert (summary.where, summary.questions.k, summary.questions.n, summary.trials.k) == (f"{TASK}/L3", 2, 4, 0)
+    assert (summary.where, summary.cells.k, summary.cells.n, summary.trials.k) == (f"{TASK}/L3", 2, 4, 0)
 
 
 def test_it_is_shown_what_its_training_shows_with_the_same_question(tmp_path, monkeypatch):

@@ -7,6 +7,8 @@ cell of the image, see :mod:`betterbench.training.questions`.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -28,6 +30,9 @@ from betterbench.vqa.dataset import OpenPhotos
 from betterbench.vqa.named_object import NamedObject, named_object
 from betterbench.vqa.question import Question
 
+_CELL = re.compile(r"([0-7]),([0-7])")
+"""An answer that names a cell: column and row."""
+
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswer:
@@ -43,7 +48,8 @@ class OwnAnswer:
         question: The question as the learner read it.
         cell: The right answer: "column,row" of a grid of 8 x 8 over the image.
         answer: What the learner answered.
-        others: Names of other clearly seen objects in the cell that it named.
+        nearest: Name of the loose object whose middle is nearest to the middle of the cell that it named; "" if it
+            named no cell. A cell is as large as an object, so that the next cell often shows the object too.
     """
 
     trial: str
@@ -55,12 +61,17 @@ class OwnAnswer:
     question: str
     cell: str
     answer: str
-    others: tuple[str, ...]
+    nearest: str
 
     @property
     def right(self) -> bool:
         """Whether it named the cell of the object."""
         return self.answer == self.cell
+
+    @property
+    def means_it(self) -> bool:
+        """Whether it named a cell that is nearer to the object than to any other one."""
+        return self.nearest == self.object
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,19 +80,19 @@ class OwnAnswers:
 
     Attributes:
         where: The task with the variation or the training condition.
-        questions: Right answers of those that were asked.
-        trials: Trials of which all questions were answered right, of those that were asked about.
-        others: Answers that name the cell of another object, of those that were asked.
+        cells: Answers that name the cell of the object, of those that were asked.
+        nearest: Answers that name a cell nearer to the object than to any other one, of those that were asked.
+        trials: Trials of which all answers are nearest to the object, of those that were asked about.
     """
 
     where: str
-    questions: Rate
+    cells: Rate
+    nearest: Rate
     trials: Rate
-    others: Rate
 
     def to_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        rates = {"questions": self.questions, "trials": self.trials, "others": self.others}
+        rates = {"cells": self.cells, "nearest": self.nearest, "trials": self.trials}
         return {"where": self.where, **{name: rate.to_json() for name, rate in rates.items()}}
 
 
@@ -170,19 +181,17 @@ def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
     for where, members in (*groups.items(), ("all", list(answers))):
         by_trial: dict[str, bool] = {}
         for answer in members:
-            by_trial[answer.trial] = by_trial.get(answer.trial, True) and answer.right
-        right, other = (sum(hits) for hits in ((a.right for a in members), (bool(a.others) for a in members)))
-        n = len(members)
-        yield OwnAnswers(where, Rate(right, n), Rate(sum(by_trial.values()), len(by_trial)), Rate(other, n))
+            by_trial[answer.trial] = by_trial.get(answer.trial, True) and answer.means_it
+        cells, nearest, n = sum(a.right for a in members), sum(a.means_it for a in members), len(members)
+        yield OwnAnswers(where, Rate(cells, n), Rate(nearest, n), Rate(sum(by_trial.values()), len(by_trial)))
 
 
 def answers_form(answers: Sequence[OwnAnswer]) -> list[dict[str, Any]]:
     """Return the JSON form of answers."""
-    return [{**asdict(answer), "right": answer.right} for answer in answers]
+    return [{**asdict(a), "right": a.right, "means_it": a.means_it} for a in answers]
 
 
 def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagnosis) -> OwnAnswer:
-    right = answer_class(question)
     return OwnAnswer(
         trial=str(trial.trial_id),
         where=f"{trial.task}/{trial.variation or trial.condition}",
@@ -191,10 +200,19 @@ def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagno
         object=about.name,
         row=about.row,
         question=question_text(question),
-        cell=right,
+        cell=answer_class(question),
         answer=answer,
-        others=tuple(sorted(name for name, cell in about.cells.items() if cell == answer and answer != right)),
+        nearest=_nearest(answer, about),
     )
+
+
+def _nearest(answer: str, about: NamedObject) -> str:
+    """Return the name of the loose object nearest to the middle of the cell that an answer names, or ""."""
+    found = _CELL.fullmatch(answer)
+    if found is None:
+        return ""
+    x, y = (int(number) + 0.5 for number in found.groups())
+    return min(about.middles, key=lambda name: math.dist((x, y), about.middles[name]))
 
 
 def _require_asked(learner: Learner, run: RunFolder) -> None:

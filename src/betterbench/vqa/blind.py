@@ -148,12 +148,7 @@ def answer_class(question: Question) -> str:
     """Return the answer, or of a box or point the cell of the image in which its middle lies."""
     if question.form not in (Form.BOX, Form.POINT) or question.box is None:
         return question.answer
-    return cell_class(question.box, question.width)
-
-
-def cell_class(box: Sequence[int], width: int) -> str:
-    """Return the answer that names the cell in which the middle of a box lies, in an image so many pixels wide."""
-    return _cell(box, width, CELLS)
+    return _cell(question.box, question.width, CELLS)
 
 
 def _cell(box: Sequence[int], width: int, cells: int) -> str:

@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from betterbench.diagnosis import TrialDiagnosis
 from betterbench.diagnosis.episode_analysis import analyze_episode
 from betterbench.recording import Record
-from betterbench.state import ObjectInfo, SeenObject
+from betterbench.state import ObjectInfo
 from betterbench.tasks import Expected, training_distribution_of
-from betterbench.vqa.blind import cell_class
 from betterbench.vqa.dataset import PhotoSource, finished
 from betterbench.vqa.decisive import TIMES_ASKED, WHERE, decisive_rows
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.phrasings import phrase
 from betterbench.vqa.question import Candidate, Question, QuestionDraft, QuestionType, hash_number
-from betterbench.vqa.types.grounding import grounding
+from betterbench.vqa.types.grounding import CELLS, grounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,14 +32,14 @@ class NamedObject:
         name: Its name in the scene.
         row: Row of the record that is asked about.
         questions: Its box and a point on it, each in :data:`TIMES_ASKED` wordings.
-        cells: Cell of the image in which each clearly seen object lies, by the name of the object, as a learner answers
-            it; see :func:`~betterbench.vqa.blind.answer_class`.
+        middles: Middle of the box of each clearly seen object that can be picked up, by the name of the object: column
+            and row in cells of :data:`~betterbench.vqa.types.grounding.CELLS` to a side, from 0 at the left and top.
     """
 
     name: str
     row: int
     questions: tuple[Question, ...]
-    cells: Mapping[str, str]
+    middles: Mapping[str, tuple[float, float]]
 
 
 def named_object(
@@ -69,16 +68,16 @@ def named_object(
     named = next((o for o in wanted if moment.named.get(o.kind) is o), None)
     if named is None:
         return None
-    width = moment.view.width
-    cells = {name: cell_class(seen.box, width) for name, seen in _clear(moment)}
-    return NamedObject(named.name, row, tuple(_questions(moment, named, seed)), cells)
+    return NamedObject(named.name, row, tuple(_questions(moment, named, seed)), dict(_middles(moment)))
 
 
-def _clear(moment: Moment) -> Iterator[tuple[str, SeenObject]]:
+def _middles(moment: Moment) -> Iterator[tuple[str, tuple[float, float]]]:
+    step = 2.0 * moment.view.width / CELLS
     for o in moment.objects:
         seen = moment.seen(o.name)
-        if seen is not None and moment.is_clear(o.name):
-            yield o.name, seen
+        if seen is not None and moment.is_clear(o.name) and o.role in ("item", "distractor") and not o.fixed:
+            left, top, right, bottom = seen.box
+            yield o.name, ((left + right) / step, (top + bottom) / step)
 
 
 def _questions(moment: Moment, named: ObjectInfo, seed: int) -> Iterator[Question]:

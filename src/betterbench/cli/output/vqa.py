@@ -82,14 +82,14 @@ def print_knowledge(known: Knowledge) -> None:
 
 def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
     """Print what a learner answered about its own trials, by condition."""
-    columns = ["condition", "right answers", "95 % interval", "trials with all right", "another object"]
+    columns = ["condition", "right cell", "nearest to the object", "95 % interval", "trials with all nearest"]
     rows = [
         [
             s.where,
-            f"{s.questions.k}/{s.questions.n}",
-            interval(s.questions) if s.questions.n else "–",
+            f"{s.cells.k}/{s.cells.n}",
+            f"{s.nearest.k}/{s.nearest.n}",
+            interval(s.nearest) if s.nearest.n else "–",
             f"{s.trials.k}/{s.trials.n}",
-            f"{s.others.k}/{s.others.n}",
         ]
         for s in summaries
     ]
