@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -18,6 +20,10 @@ from betterbench.shortcuts.prediction import predict
 from betterbench.tasks import get_task, suite_tasks
 from betterbench.tasks.listed_regimes import LISTED, crossed_in, listed_conditions, listed_tasks
 from betterbench.tasks.training_distribution import pairing
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+from learned_page import TIED
 
 REGIME = "diverse-confounded"
 TASKS = listed_tasks(REGIME)
@@ -78,6 +84,7 @@ def test_the_variations_that_break_the_tie_are_predicted_to_fail_and_no_others(t
     breaking = {name for f in group.shortcuts if f.question in PLACE_QUESTIONS for name, _ in f.separating}
     forecast = predict(audit_of(REGIME, task))
     assert {f.variation for f in forecast.variations if f.risk > 0.0} == breaking
+    assert breaking == set(TIED[task])
 
 
 @pytest.mark.parametrize("task", TASKS)
