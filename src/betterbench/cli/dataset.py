@@ -21,7 +21,7 @@ def dataset_command(
     out: Path,
     tasks: tuple[str, ...] = (),
     suite: str = "better60",
-    regime: Literal["training", "balanced", "covered"] = "training",
+    regime: Literal["training", "balanced", "diverse-confounded", "covered"] = "training",
     demos: int = 50,
     sources: int = 10,
     seed: int = 1_000_000,
@@ -49,7 +49,8 @@ def dataset_command(
         out: Folder of the set.
         tasks: Tasks to demonstrate; all of the suite if none is named.
         suite: Suite to take the tasks from.
-        regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
+        regime: training (with the confounds), balanced (as many without them, and no test), diverse-confounded (as many
+            conditions as balanced, each word tied to its place), or covered (the tests).
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         sources: How many of them, likewise, the expert gives for the others to be carried over from; 0, or pairs: all.
         seed: First seed, 1000000 or above.

@@ -13,7 +13,7 @@ from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
 from betterbench.shortcuts.page import audit_lines, doubt, prediction_lines
 from betterbench.shortcuts.prediction import Prediction
-from betterbench.tasks.balanced import crossed
+from betterbench.tasks.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
@@ -26,6 +26,10 @@ ABOUT_REGIME = {
     "balanced": (
         "The control arm: as many demonstrations of the same skills (and one of each condition at least), with words, "
         "places, orders and objects crossed by conditions other than the tests."
+    ),
+    "diverse-confounded": (
+        "The control arm for diversity: as many conditions as the balanced regime, with as many layouts and objects "
+        "beside the requested ones, in which each word stays tied to its place."
     ),
     "covered": (
         "The test conditions themselves: what a policy that learned from them solves can be learned, and what it alone "
@@ -118,8 +122,8 @@ def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
             else f"No picture ({markdown_text(file.removeprefix('none: '))})"
         )
         yield shown
-        if recipe.regime == "balanced":
-            yield from ("", "Crossed:", "", *(f"- {markdown_text(line)}" for line in crossed(task)))
+        if lines := crossed_in(recipe.regime, task):
+            yield from ("", "Crossed:", "", *(f"- {markdown_text(line)}" for line in lines))
         if recipe.pairs:
             found = pairs.get(task, [])
             rows = sorted(p.shared_rows for p in found)
