@@ -14,7 +14,7 @@ RIGHT_EDGE, RIGHT_CORNER = (
 )
 BACK_LEFT, BACK = a.Slot("back_left", 0.32, -0.15), a.Slot("back", 0.29, 0.24)
 FRONT, FRONT_LEFT, FRONT_RIGHT = (
-    a.Slot(n, 0.69, y) for n, y in (("front", -0.04), ("front_left", -0.17), ("front_right", 0.11))
+    a.Slot(n, 0.69, y) for n, y in (("front", -0.04), ("front_left", -0.17), ("front_right", 0.13))
 )
 TABLE_RIGHT = a.Slot("table_right", 0.51, 0.06, jitter_m=0.008, yaw_jitter=0.05)
 TABLE_LEFT = a.Slot("table_left", 0.51, -0.06, jitter_m=0.008, yaw_jitter=0.05)
@@ -54,7 +54,7 @@ def breakfast_table() -> a.Task:
     look_alike = (a.remove(EGG), a.move(CUP, FRONT_RIGHT), a.add(TUMBLER, FRONT))
     exchanged = "spoon where the fork lay, fork where the spoon lay"
     return a.Task(
-        version=5,
+        version=6,
         title="Laying the Breakfast Table",
         template=a.PATTERNED_ARRANGEMENT,
         slots=(*OUTSIDE, BACK_LEFT, BACK, FRONT_LEFT, FRONT_RIGHT, TABLE_RIGHT, TABLE_LEFT),
