@@ -29,8 +29,8 @@ from betterbench.tasks.relations import relation
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
 """How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
 
-NEAREST = 3
-"""Sources among which the nearest-neighbor selections draw, all of them equally likely."""
+NEAREST, NEAREST_SHARE = 3, 0.5
+"""Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
 OTHER_INSTANCE_M = 0.05
 """What another instance of the category counts for as distance of two objects [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
@@ -53,7 +53,7 @@ TEMPO = 1.4
 """By how much faster or slower than its source a skill is given at most; a whole demonstration has one tempo."""
 TEMPO_DRAWN = 0.1
 """By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
-ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.04
+ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
 """How far the middle of a way may run aside of that of its source, below and above it [m]."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal has to be met."""
@@ -281,8 +281,8 @@ class Amplifier:
             by_object = self._settings.select == "nearest_object"
             far = self._from_object if by_object else self._from_robot
             found.sort(key=lambda skill: far(state, window, skill))
-            nearest = found[:NEAREST]
-            found[:NEAREST] = [nearest[i] for i in self._draw.permutation(len(nearest))]
+            nearest = found[: max(NEAREST, round(NEAREST_SHARE * len(found)))]
+            found[: len(nearest)] = [nearest[i] for i in self._draw.permutation(len(nearest))]
         if window.kind == "place" and source is not None:
             found.sort(key=lambda skill: skill.source != source)
         return found

@@ -70,7 +70,7 @@ SPREADS: Mapping[str, str] = {
     "approach_deg": "approach [°]",
     "duration_s": "duration [s]",
     "grasp_cm": "grasp [cm]",
-    "grasp_deg": "grasp [°]",
+    "grasp_deg": "turn [°]",
 }
 """Heading of each number of a spread, by its name."""
 

@@ -24,8 +24,9 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
     from betterbench.demonstrations.variety import SPREADS, variety_rows
 
     if variety:
-        title = "variety: mean difference of two demonstrations of a condition, slot jitter taken out"
-        print_table(("task", "of", *SPREADS.values()), variety_rows(variety, sources), title=title)
+        title = "variety: mean difference of two demonstrations [cm, s, °]"
+        headings = (heading.split(" [")[0] for heading in SPREADS.values())  # which fit into 80 columns without units
+        print_table(("task", "of", *headings), variety_rows(variety, sources), title=title)
 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
