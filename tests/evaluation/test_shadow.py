@@ -19,6 +19,8 @@ from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
+from betterbench.policies.presets import PRESETS
+from betterbench.policies.request import read_request, read_states
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -150,6 +152,7 @@ def test_a_step_beyond_the_end_is_refused_before_anything_is_simulated_or_compar
     [
         ("sing", TRIAL.task, PolicyError, "the client's instruction is 'sing'"),
         ("sing", "nowhere", UnknownNameError, "nowhere"),
+        ("x" * 200_000, TRIAL.task, PolicyError, r"^[\s\S]{100,600}$"),
     ],
 )
 def test_no_scene_is_built_for_a_client_that_asks_for_something_else(monkeypatch, prompt, task, error, text):
@@ -167,6 +170,17 @@ def test_no_scene_is_built_for_a_client_that_asks_for_something_else(monkeypatch
     if task == TRIAL.task:
         with pytest.raises(InvalidInputError, match="ends after"):
             session.answer({"prompt": told, **beyond})
+
+
+@pytest.mark.parametrize("number", [1e308, -1e200, 1e155, 1e7])
+def test_a_state_that_no_robot_measures_is_refused(number):
+    state = np.full(8, 0.1)
+    state[4] = number
+    prompt = resolve_condition(TRIAL.task, TRIAL.condition).condition.instruction.text
+    with pytest.raises(InvalidInputError, match="no robot measures"):
+        read_request({"prompt": prompt, "observation/state": state})
+    with pytest.raises(InvalidInputError, match="no robot measures"):
+        read_states({"observation/state": state}, PRESETS["openpi_libero"])
 
 
 def test_shadows_are_kept_by_trial_and_forgotten_in_order(monkeypatch):
