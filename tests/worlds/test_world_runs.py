@@ -127,8 +127,7 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
         "goal=[7]",
         "premises=[[]]",
         "places=[[1]]",
-        'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": [],'
-        ' "start": null, "of_interest": true}]',
+        'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": []}]',
         "arena",
         "arena=7",
         "base=[0, 0]",

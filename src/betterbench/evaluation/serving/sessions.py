@@ -65,8 +65,8 @@ class ShadowSession:
         instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client's instruction is {request.instruction[:200]!r} and this server's is {instruction!r}. "
-                "They run different versions"
+                f"{trial}: the client's instruction is {request.instruction[:200]!r} and this server's is "
+                f"{instruction!r}. They run different versions"
             )
         if request.step is not None:
             require_within(trial, request.step, found.task.step_limit(found.condition))
