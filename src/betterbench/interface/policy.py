@@ -124,8 +124,9 @@ class PolicyInfo:
             if not isinstance(getattr(self, name), (bool, np.bool_)):
                 found = type(getattr(self, name)).__name__
                 raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", "Give True or False")
-        if self.cameras is not None and (
-            not isinstance(self.cameras, (tuple, list)) or not all(isinstance(name, str) for name in self.cameras)
+        cameras: object = self.cameras
+        if cameras is not None and not (
+            isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
         ):
             raise InvalidInputError(
                 "PolicyInfo: cameras", "they are no names", "Give names of cameras, or None for all"

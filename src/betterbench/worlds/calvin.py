@@ -416,9 +416,9 @@ class ChainScene(ForeignScene):
             if found is None or found.shape != shape or found.dtype != np.float64:
                 shown = "nothing" if found is None else f"{found.dtype} {found.shape}"
                 raise WorldError(f"the simulator sent {shown} as {name}; float64 {shape} is agreed")
-        for name, shape in _IMAGES.items():
+        for name, size in _IMAGES.items():
             if name in arrays:
-                require_image(name, arrays[name], shape)
+                require_image(name, arrays[name], size)
         require_finite(arrays)
         self._document, self._arrays = document, dict(arrays)
 
