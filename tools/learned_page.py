@@ -5,18 +5,22 @@ Run with ``python tools/learned_page.py``, after a study was copied there.
 
 from __future__ import annotations
 
+import csv
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from betterbench.statistics import percent, round_half_up
+from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.tasks import Axis
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PAGE, STUDIES = DOCS / "learned.md", DOCS / "study"
 MANY = {2: "both", 3: "all three", 4: "all four", 5: "all five"}
+
+TIED = {"morning_coffee": ("L3", "L4", "O1"), "dinner_plates": ("L1", "R1", "O1", "T1")}
+"""Variations that the audit of the diverse-confounded demonstrations predicts to fail, as prediction.json says."""
 
 Figure = Mapping[str, Any]
 
@@ -29,6 +33,7 @@ def filled(text: str, studies: Path = STUDIES) -> str:
         "study-variations": _variations(study),
         **{f"levers-{table['arm']}": _levers(table) for table in _joined(levers["levers"], base["levers"])},
         "doses": _doses(doses),
+        "diverse": _diverse(studies),
     }
     for name, rows in tables.items():
         begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
@@ -122,6 +127,33 @@ def _doses(study: Mapping[str, Any]) -> list[str]:
         [*head, "failures of reasoning with the predicted label", "with a label that the card names"],
         rows,
     )
+
+
+def _diverse(studies: Path) -> list[str]:
+    """Return the diverse-confounded learners beside those of the study of the same tasks and training seeds."""
+    plan = _read(studies / "diverse.json")["plan"]
+    seeds = {str(seed) for seed in plan["seeds"]}
+    trials = [
+        trial
+        for name in ("trials.csv", "diverse-trials.csv")
+        for trial in csv.DictReader((studies / name).read_text(encoding="utf-8").splitlines())
+        if trial["task"] in plan["tasks"] and trial["training seed"] in seeds and not trial["lever"]
+    ]
+    rows = []
+    for task in plan["tasks"]:
+        for arm in ("confounded", "diverse-confounded", "balanced", "covered"):
+            mine = [t for t in trials if (t["task"], t["arm"]) == (task, arm)]
+            trained = [t for t in mine if not t["variation"]]
+            tied = [t for t in mine if t["variation"] in TIED[task]]
+            others = [t for t in mine if t["variation"] and t["variation"] not in TIED[task]]
+            right = sum(t["intention correct"] == "true" for t in tied)
+            rows.append([f"`{task}`", arm, *map(_solved, (trained, tied)), f"{right}/{len(tied)}", _solved(others)])
+    head = ["task", "trained on", "training conditions", "variations that break the tie", "right first target there"]
+    return _table([*head, "other variations"], rows)
+
+
+def _solved(trials: Sequence[Mapping[str, str]]) -> str:
+    return share(Rate(sum(t["success"] == "true" for t in trials), len(trials)).to_json())
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

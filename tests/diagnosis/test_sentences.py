@@ -99,3 +99,15 @@ def test_a_word_rule_says_what_the_film_shows(stage):
     evidence = evidence_for(Label.LEXICAL_KINEMATIC_SHORTCUT, s.bring(s.of("blue mug")).wait(1).end())
     assert "it is at the blue mug, which 'red' does not mean here" in evidence.text
     assert evidence.shared == ("shape",)
+
+
+def test_what_slips_out_just_above_the_table_was_not_let_go(stage):
+    """Before, "let go outside the goal" was said of a gripper that was still closed."""
+    s = stage("fast_food", "R1")
+    spot = s.goal(0) + np.array([-0.2, 0.0, 0.0])
+    s.grasp(s.of("fries")).lift().over(spot, 0.3).go(*(spot - s.grip_offset + np.array([0.0, 0.0, 0.01]))).lose().lift()
+    verdict = diagnose_record(s.home().wait(4).end())
+    assert verdict.evidence.rule == "dropped"
+    assert (
+        "The fries, the right target, slip out of the closed gripper and stay outside the goal" in verdict.evidence.text
+    )

@@ -98,7 +98,9 @@ def test_a_server_that_takes_few_connections_gets_no_more(tiny_plan, tmp_path, c
         run = evaluate(tiny_plan(address, trials=16), tmp_path / "run")
     assert {e.status for e in run.entries()} == {"done"}
     assert {r.n_steps for r in run.records()} == {STEPS}
-    assert 4.0 < numbers(run)[-1] <= 9.0, "a busy server frees the place of a connection that has ended only after a while"
+    assert 4.0 < numbers(run)[-1] <= 9.0, (
+        "a busy server frees the place of a connection that has ended only after a while"
+    )
     assert "the policy takes no further connection" in caplog.text
 
 

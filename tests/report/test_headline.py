@@ -269,3 +269,15 @@ def test_who_solves_the_variations_and_fails_in_training_is_not_without_failure(
     assert "fails 1 of 2 training trials" in few
     assert "In training" not in few
     assert headline_of(diagnosis(solved + trained[3:])).conclusion.startswith("No failure found")
+
+
+@pytest.mark.parametrize("n", [1, 3, 5])
+def test_a_handful_of_solved_trials_is_no_proof_that_nothing_fails(n):
+    headline = headline_of(diagnosis(varied(range(n), Label.SUCCESS)))
+    assert headline.conclusion.startswith(f"Nothing to conclude yet: {n} of {n} variation trial")
+    assert not headline.claim.supported
+    assert headline.claim.deciding.startswith("What would decide it: more trials of the variations")
+    assert option(headline.claim.command, "--seed") == str(n)
+    enough = headline_of(diagnosis(varied(range(6), Label.SUCCESS)))
+    assert enough.conclusion == "No failure found: it solves every variation that was run."
+    assert enough.claim.supported

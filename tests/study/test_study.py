@@ -184,6 +184,76 @@ def test_what_is_found_is_what_the_learners_did(undisturbed):
     assert [line.held for line in expectations(found)[:2]] == [True, True]
 
 
+ARMS_OF_COVERAGE = {
+    "confounded": {"training": 1.0},
+    "tied": {"diverse-confounded": 1.0},
+    "balanced": {"balanced": 1.0},
+}
+
+
+def coverage_study(out, solved_by_the_tied):
+    """Return a study whose diverse-confounded learners solve some variations only."""
+    workshop, calls = made_up_workshop()
+    outcome = run_study(small(arms=ARMS_OF_COVERAGE), out, workshop)
+    learners = tuple(
+        replace(
+            f,
+            trials=tuple(
+                replace(t, success=t.variation is None or t.variation in solved_by_the_tied) for t in f.trials
+            ),
+        )
+        if f.learner.arm == "tied"
+        else f
+        for f in outcome.learners
+    )
+    outcome = replace(outcome, learners=learners)
+    return outcome, write_page(outcome, out), calls
+
+
+def test_a_diverse_confounded_arm_tells_coverage_from_decorrelation(tmp_path):
+    _, found, calls = coverage_study(tmp_path, {"L1", "L2", "L3"})
+    assert f"set {TASK}-diverse-confounded" in calls
+    assert found.roles["diverse-confounded"] == "tied"
+    verdicts = {v.variation: v.verdict for v in found.variations}
+    assert verdicts["L3"] == "coverage is enough"
+    assert verdicts["L4"] == verdicts["O1"] == "decorrelation is enough"
+    assert {c.name for c in found.coverage} == {
+        "diverse-confounded against confounded",
+        "balanced against diverse-confounded",
+    }
+    by_pair = {c.name: c for c in found.coverage if not c.task}
+    assert by_pair["diverse-confounded against confounded"].success.value == pytest.approx((3 - 2) / 6)
+    assert by_pair["balanced against diverse-confounded"].success.value == pytest.approx((5.5 - 3) / 6)
+    assert by_pair["balanced against diverse-confounded"].learners == 2
+    page = (tmp_path / "study.html").read_text()
+    assert 'id="coverage"' in page
+    assert page.index("Diverse-confounded against confounded") < page.index("Balanced against diverse-confounded")
+    with (tmp_path / "numbers.csv").open(newline="") as file:
+        named = {row["arm"] for row in csv.DictReader(file) if row["table"] == "contrasts"}
+    assert named >= by_pair.keys()
+    assert {c["name"] for c in json.loads((tmp_path / "study.json").read_text())["coverage"]} == by_pair.keys()
+
+
+@pytest.mark.parametrize(("solved", "held"), [({"L1", "L2"}, True), ({"L1", "L2", "L3", "L4", "O1"}, False)])
+def test_what_decorrelation_adds_to_coverage_is_expected_before(tmp_path, solved, held):
+    _, found, _ = coverage_study(tmp_path, solved)
+    (line,) = (x for x in expectations(found) if "diverse-confounded" in x.expected)
+    assert "20 points" in line.expected
+    assert line.held is held
+
+
+def test_without_such_an_arm_nothing_is_said_of_coverage(undisturbed):
+    out, _, found, _, _ = undisturbed
+    assert found.coverage == ()
+    assert 'id="coverage"' not in (out / "study.html").read_text()
+    assert not any("diverse" in line.expected for line in expectations(found))
+
+
+def test_an_arm_that_a_task_has_no_conditions_for_is_refused(tmp_path):
+    with pytest.raises(InvalidInputError, match=r"fast_food has no diverse-confounded.*dinner_plates, morning_coffee"):
+        read_study_plan({"tasks": [TASK, "fast_food"], "arms": ARMS_OF_COVERAGE})
+
+
 @pytest.mark.parametrize(
     ("task", "variation", "regimes", "new"),
     [
@@ -543,6 +613,10 @@ def test_presets_are_plans(name):
         assert plan.arm_in("confounded")
         assert plan.arm_in("balanced")
         assert (plan.arm_in("covered") is None) == (name == "levers")
+    if name == "diverse":
+        assert plan.arm_in("diverse-confounded")
+        assert len(plan.tasks) == 2
+        assert len(plan.seeds) == 3
     if name == "full":
         assert len(plan.tasks) >= 4
         assert len(plan.seeds) >= 3

@@ -17,6 +17,7 @@ collect_ignore = (
         "test_acting.py",
         "test_claims.py",
         "test_loop.py",
+        "test_own_answers.py",
         "test_own_learner.py",
         "test_row_in_torch.py",
         "test_seals.py",

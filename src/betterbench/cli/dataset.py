@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -21,7 +22,7 @@ def dataset_command(
     out: Path,
     tasks: tuple[str, ...] = (),
     suite: str = "better60",
-    regime: Literal["training", "balanced", "covered"] = "training",
+    regime: Literal["training", "balanced", "diverse-confounded", "covered"] = "training",
     demos: int = 50,
     sources: int = 10,
     seed: int = 1_000_000,
@@ -49,7 +50,8 @@ def dataset_command(
         out: Folder of the set.
         tasks: Tasks to demonstrate; all of the suite if none is named.
         suite: Suite to take the tasks from.
-        regime: training (with the confounds), balanced (as many without them, and no test), or covered (the tests).
+        regime: training (with the confounds), balanced (as many without them, and no test), diverse-confounded (as many
+            conditions as balanced, each word tied to its place), or covered (the tests).
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         sources: How many of them, likewise, the expert gives for the others to be carried over from; 0, or pairs: all.
         seed: First seed, 1000000 or above.
@@ -121,6 +123,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
 
 def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
+    from betterbench.cli.output.demonstrations import tell_variety
     from betterbench.cli.progress import took
 
     size = sum(file.stat().st_size for file in made.path.rglob("*") if file.is_file())
@@ -133,6 +136,7 @@ def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
             for group in made.audit.groups
         ]
         print_table(("task", "demonstrations", "shortcuts"), rows)
+    tell_variety(made.variety, made.sources)
     missing = f", {made.missing} fewer than asked for" if made.missing else ""
     pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
     OUT.print(
@@ -153,4 +157,5 @@ def _document(made: MadeDataset) -> dict[str, Any]:
         "steps": made.steps,
         "pairs": len(made.pairs),
         "shortcuts": shortcuts,
+        "variety": {"set": [asdict(t) for t in made.variety], "sources": [asdict(t) for t in made.sources]},
     }

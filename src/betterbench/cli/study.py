@@ -41,7 +41,7 @@ def study_command(
     Args:
         plan: YAML file with tasks, arms, seeds and recipe.
         out: Folder of the study.
-        preset: small (half an hour on two cores), full, levers or doses (hours), in place of a file.
+        preset: small (half an hour on two cores), full, levers, doses or diverse (hours), in place of a file.
         workers: Worker processes for demonstrations and trials; one per processor if not given.
         device: Device of torch on which learners are trained: cpu, cuda or cuda:N.
         certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.

@@ -76,6 +76,8 @@ class ModelOptions:
         coordinates: What the numbers of the model's boxes and points mean.
         at_once: Requests at the same time.
         answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), else read and scored.
+        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT), which is asked where the
+            object is that the instruction names.
         key_variable: Environment variable with the key of the endpoint.
     """
 
@@ -86,6 +88,7 @@ class ModelOptions:
     coordinates: Literal["pixels", "thousandths", "fractions"] = "pixels"
     at_once: int = 4
     answers: Path | None = None
+    learner: str | None = None
     key_variable: str = "OPENAI_API_KEY"
 
 
@@ -124,6 +127,9 @@ def vqa_command(
     """
     from betterbench.cli.output.vqa import print_scores, print_set
 
+    if chat.learner is not None:
+        _ask_learner(chat.learner, source, run, out, asked, json=json)
+        return
     made, folder = _made(source, run, out, asked, workers)
     document: dict[str, object] = {"set": str(made.path), **made.to_json()}
     if chat.describe is not None:
@@ -181,6 +187,47 @@ def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[S
         )
     say(f"answers: {file}")
     return scores_of(made, said)
+
+
+def _ask_learner(
+    address: str, source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, *, json: bool
+) -> None:
+    """Ask the learner that played a run where the named objects are, and print what it answered."""
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.cli.output.vqa import print_own_answers
+    from betterbench.evaluation.figures.views import ViewRenderer
+    from betterbench.learned.address import PREFIX, is_learned, load_learner
+    from betterbench.recording import RunFolder
+
+    if run is None or source is not None:
+        raise InvalidInputError("--learner", "needs the run that it played", "Give --run RUN and no other folder")
+    if out is not None:
+        raise InvalidInputError(
+            "--out", "its answers are printed, and no set is written", "Leave it out, or give --json"
+        )
+    if not is_learned(address):
+        raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {PREFIX}CHECKPOINT")
+    learner = load_learner(address)
+    from betterbench.training.own_answers import answers_form, ask_about_run, summaries_of
+
+    folder = RunFolder.open(run)
+    diagnosis = diagnosed(folder)
+    with progress_bar(f"asking {address}", len(folder.entries())) as (bar, task):
+        answers = ask_about_run(
+            learner,
+            folder,
+            diagnosis,
+            open_photos=lambda: ViewRenderer(folder, size=asked.size, quality="fast"),
+            camera=asked.cameras[0],
+            tasks=asked.tasks,
+            failures_only=asked.failures_only,
+            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if json:
+        summaries = [summary.to_json() for summary in summaries_of(answers)]
+        print_json({"learner": address, "run": str(run), "summaries": summaries, "answers": answers_form(answers)})
+        return
+    print_own_answers(list(summaries_of(answers)))
 
 
 def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:

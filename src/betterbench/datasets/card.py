@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from betterbench.datasets.numbers import ConditionCounts, SetNumbers
 from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import SetRecipe
+from betterbench.demonstrations.variety import TaskVariety, variety_lines
 from betterbench.quoting import markdown_address, markdown_table, markdown_text
 from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
 from betterbench.shortcuts.page import audit_lines, doubt, prediction_lines
 from betterbench.shortcuts.prediction import Prediction
-from betterbench.tasks.balanced import crossed
+from betterbench.tasks.listed_regimes import crossed_in
 
 MOST_FORECASTS = 15
 PROVEN = (
@@ -26,6 +27,10 @@ ABOUT_REGIME = {
     "balanced": (
         "The control arm: as many demonstrations of the same skills (and one of each condition at least), with words, "
         "places, orders and objects crossed by conditions other than the tests."
+    ),
+    "diverse-confounded": (
+        "The control arm for diversity: as many conditions as the balanced regime, with as many layouts and objects "
+        "beside the requested ones, in which each word stays tied to its place."
     ),
     "covered": (
         "The test conditions themselves: what a policy that learned from them solves can be learned, and what it alone "
@@ -40,6 +45,8 @@ class CardFacts:
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or why there is none.
+        variety: How far the demonstrations are apart, by task.
+        sources: The same of those that they were carried over from.
     """
 
     sha256: str
@@ -50,6 +57,8 @@ class CardFacts:
     prediction: Prediction | None
     pairs: Sequence[TwinPair]
     sheets: Mapping[str, str]
+    variety: Sequence[TaskVariety]
+    sources: Sequence[TaskVariety]
 
 
 def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
@@ -87,6 +96,8 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
         RANGES,
         "",
         *markdown_table(("number", "least", "1 %", "99 %", "most"), _ranges(facts.numbers)),
+        "",
+        *variety_lines(facts.variety, facts.sources),
         *_task_lines(recipe, facts),
         *_shortcut_lines(facts),
     ]
@@ -118,8 +129,8 @@ def _task_lines(recipe: SetRecipe, facts: CardFacts) -> Iterator[str]:
             else f"No picture ({markdown_text(file.removeprefix('none: '))})"
         )
         yield shown
-        if recipe.regime == "balanced":
-            yield from ("", "Crossed:", "", *(f"- {markdown_text(line)}" for line in crossed(task)))
+        if lines := crossed_in(recipe.regime, task):
+            yield from ("", "Crossed:", "", *(f"- {markdown_text(line)}" for line in lines))
         if recipe.pairs:
             found = pairs.get(task, [])
             rows = sorted(p.shared_rows for p in found)

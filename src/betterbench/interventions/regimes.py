@@ -1,4 +1,4 @@
-"""Regimes: the sets of conditions that demonstrations are drawn from, for training and for its two control arms."""
+"""Regimes: the sets of conditions that demonstrations are drawn from, for training and for its control arms."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 from betterbench.interventions.apply import vary
 from betterbench.tasks import Condition, Task
-from betterbench.tasks.balanced import balanced_conditions, slots_aside
+from betterbench.tasks.balanced import slots_aside
+from betterbench.tasks.listed_regimes import LISTED, listed_conditions, listed_tasks
 
-Regime = Literal["training", "balanced", "covered"]
-"""The conditions of the task with their confounds; others of the same skills without them; the test conditions."""
+Regime = Literal["training", "balanced", "diverse-confounded", "covered"]
+"""The conditions of the task with their confounds; others of the same skills without them; as many others in which each
+word stays tied to its place; the test conditions."""
 
 
 def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
@@ -20,10 +22,11 @@ def conditions_of(task: Task, regime: Regime) -> tuple[Condition, ...]:
         return task.training
     if regime == "covered":
         return tuple(vary(task, variation)[0] for variation in task.variations)
-    found = balanced_conditions(task.id)
+    found = listed_conditions(regime, task.id)
     if not found:
-        problem = f"{task.id} has no balanced conditions"
-        raise InvalidInputError("--regime", problem, "Choose training or covered for it, or name tasks of the suite")
+        problem = f"{task.id} has no {regime} conditions"
+        cure = f"Choose training or covered for it, or name tasks that have some: {', '.join(listed_tasks(regime))}"
+        raise InvalidInputError("--regime", problem, cure)
     return found
 
 
@@ -31,5 +34,5 @@ def in_regime(task: Task, regime: Regime) -> Task:
     """Return a task with conditions and slots of a regime in place of those of training; raises the same."""
     if regime == "training":
         return task
-    slots = (*task.slots, *slots_aside(task.id)) if regime == "balanced" else task.slots
+    slots = (*task.slots, *slots_aside(task.id)) if regime in LISTED else task.slots
     return replace(task, training=conditions_of(task, regime), slots=slots)

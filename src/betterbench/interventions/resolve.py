@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from betterbench.errors import UnknownNameError
 from betterbench.interventions.apply import vary
 from betterbench.tasks import Changes, Condition, Task, Variation, get_task
-from betterbench.tasks.balanced import balanced_conditions, with_slots_of
+from betterbench.tasks.balanced import with_slots_of
+from betterbench.tasks.listed_regimes import every_listed_condition
 
 NO_CHANGES = Changes()
 
@@ -20,7 +21,7 @@ class ResolvedCondition:
     Attributes:
         task: The task, with the slots of the condition.
         condition: The condition itself.
-        variation: The variation that makes it, or None for a condition of training or of the balanced regime.
+        variation: The variation that makes it, or None for a condition of training or of a listed regime.
         changes: What its interventions declare to change; nothing without a variation.
     """
 
@@ -47,13 +48,13 @@ def condition_names(task: Task) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=1024)
 def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
-    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5").
+    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
 
     Raises:
         UnknownNameError: If there is no such task, or it has no such condition.
     """
     task = get_task(task_id)
-    for condition in (*task.training, *balanced_conditions(task.id)):
+    for condition in (*task.training, *every_listed_condition(task.id)):
         if condition.name == name:
             return ResolvedCondition(with_slots_of(task, condition), condition)
     for variation in task.variations:

@@ -135,6 +135,11 @@ def _family(path: Path, changed_ns: int, size: int) -> str | None:
         return None
 
 
+def load_learner(address: str) -> Learner:
+    """Return the learner that an address names, to be asked; raises as :func:`learned_info`."""
+    return _learner(_Address.parse(address).path)
+
+
 def _learner(path: Path) -> Learner:
     """Return the learner of a checkpoint, which is read once in this process unless its file changes."""
     require_torch("learned:")

@@ -17,6 +17,7 @@ from betterbench.report.claims import (
     Grounds,
     claim_of_failure,
     claim_of_habit,
+    claim_of_no_failure,
     claim_of_training_failure,
     claim_of_weak_training,
     grounds_of_training,
@@ -267,7 +268,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
         text = f"it solved {training.count()} training trials and {solved} trials of variations"
         return f"{NOTHING_YET}: {text}.", Kind.UNFINISHED.value, weak_claim
     if main is None:
-        return _no_failure(trials, len(varied))
+        return _no_failure(diagnosis, len(varied))
     habit = _habit(trials)
     if rare:
         text = f"No systematic failure found; {plural(len(failed), 'trial')} of {len(varied)} failed."
@@ -298,13 +299,17 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
     return text, entry.family, claim
 
 
-def _no_failure(trials: Sequence[TrialDiagnosis], solved: int) -> tuple[str, str, Grounds]:
+def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
     """Return what a run says that solves every variation; failures of its training trials are not kept back."""
-    trained = [trial for trial in trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
+    trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
     if main is None or len(failed) <= RARE_SHARE * len(trained):
-        return "No failure found: it solves every variation that was run.", "right", DESCRIBED
+        claim = claim_of_no_failure(diagnosis, solved, solved)
+        if claim.supported:
+            return "No failure found: it solves every variation that was run.", "right", claim
+        text = f"{NOTHING_YET}: {solved} of {plural(solved, 'variation trial')} solved, too few to rule out a policy"
+        return f"{text} that fails half of them.", Kind.UNFINISHED.value, claim
     counts = f"{len(failed)} of {plural(len(trained), 'training trial')}"
     text = f"It solves every variation that was run ({plural(solved, 'trial')}) and fails {counts}"
     claim = claim_of_training_failure(sum(trial.kind is main.kind for trial in failed), len(trained))

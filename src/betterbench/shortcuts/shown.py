@@ -14,7 +14,8 @@ from betterbench.shortcuts.facts import EpisodeFacts, facts_of_record
 from betterbench.shortcuts.reading import DataReading
 from betterbench.state import WorldState
 from betterbench.tasks import Condition, Task, TrialId, get_task
-from betterbench.tasks.balanced import balanced_conditions, with_slots_of
+from betterbench.tasks.balanced import with_slots_of
+from betterbench.tasks.listed_regimes import every_listed_condition
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
@@ -24,9 +25,9 @@ AT_TARGET_M = 0.20
 
 
 def every_condition(task: Task) -> tuple[Condition, ...]:
-    """Return all conditions of a task: of training, of the balanced regime, and of the variations."""
-    balanced = tuple(condition.name for condition in balanced_conditions(task.id))
-    return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *balanced))
+    """Return all conditions of a task: of training, of the variations, and of the listed regimes."""
+    listed = tuple(condition.name for condition in every_listed_condition(task.id))
+    return tuple(resolve_condition(task.id, name).condition for name in (*condition_names(task), *listed))
 
 
 def conditions_shown(record: Record, conditions: Iterable[Condition]) -> tuple[Condition, ...]:

@@ -34,9 +34,17 @@ DROPPED = 0.5
 """Share of the success in training below which a variation counts as failed, for the score of the prediction."""
 CONTRAST = "balanced against confounded"
 """Name of the contrasts of a page."""
+COVERAGE, DECORRELATION = "diverse-confounded against confounded", "balanced against diverse-confounded"
+"""Names of the contrasts that tell coverage from decorrelation: the arms of the first one differ in how many conditions
+were shown, those of the second one in whether each word is tied to its place."""
 
 GapVerdict = Literal[
-    "no gap", "decorrelation is enough", "needs more than decorrelation", "hard for another reason", "open"
+    "no gap",
+    "coverage is enough",
+    "decorrelation is enough",
+    "needs more than decorrelation",
+    "hard for another reason",
+    "open",
 ]
 """What a variation turned out to measure; see :func:`verdict_of`."""
 
@@ -132,7 +140,10 @@ class StudyFindings:
 
     Attributes:
         roles: Per role the arm that plays it.
-        known: The same on the variations of which everything was shown; None without a confounded and a balanced arm.
+        coverage: The contrasts :data:`COVERAGE` and :data:`DECORRELATION`, over all tasks and by task; none without
+            such an arm.
+        known: The contrast of the balanced and the confounded learners on the variations of which everything was shown;
+            None without these arms.
         repeated: Whether verdicts hold for learners that were left out; None without two training seeds of both arms.
         doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
@@ -141,6 +152,7 @@ class StudyFindings:
     arms: tuple[ArmFinding, ...]
     variations: tuple[VariationFinding, ...]
     contrasts: tuple[ArmContrast, ...]
+    coverage: tuple[ArmContrast, ...]
     known: KnownFinding | None
     repeated: RepeatedFinding | None
     levers: tuple[LeverTable, ...]
@@ -150,8 +162,9 @@ class StudyFindings:
 
     @property
     def compared(self) -> tuple[ArmContrast, ...]:
-        """All contrasts: over all tasks, by task, and on the variations of which everything was shown."""
-        return self.contrasts if self.known is None else (*self.contrasts, self.known.contrast)
+        """All contrasts: over all tasks and by task, and on the variations of which everything was shown."""
+        known = () if self.known is None else (self.known.contrast,)
+        return (*self.contrasts, *known, *self.coverage)
 
 
 def findings_of(
@@ -179,6 +192,7 @@ def findings_of(
         tuple(_arms(plan, learners)),
         variations,
         tuple(contrasts),
+        tuple(_coverage(plan, plain, roles)),
         known,
         _repeated(plain, roles),
         tuple(lever_tables(plan, learners)),
@@ -186,6 +200,16 @@ def findings_of(
         score_of(confounded, predictions) if confounded and predictions else None,
         tuple(doses_of(plan, plain, predictions)),
     )
+
+
+def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> Iterator[ArmContrast]:
+    """Yield the contrasts that tell coverage from decorrelation, of the pairs of roles that were trained."""
+    for name in (COVERAGE, DECORRELATION):
+        pair = name.split(" against ")
+        if all(role in roles for role in pair):
+            first, second = (_of_arm(learners, roles[role]) for role in pair)
+            for task in ("", *plan.tasks):
+                yield contrast_of(name, task, first, second)
 
 
 def _on_the_known(
@@ -292,10 +316,16 @@ def solves(figure: Figure | None) -> bool | None:
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
     """Return what a variation turned out to measure, from the success of the roles that were trained."""
-    confounded, balanced, covered = (solves(success.get(role)) for role in ("confounded", "balanced", "covered"))
+    confounded, diverse, balanced, covered = (
+        solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
+    )
     if confounded:
         return "no gap"
-    if confounded is None or balanced is None:
+    if confounded is None:
+        return "open"
+    if diverse:
+        return "coverage is enough"
+    if balanced is None:
         return "open"
     if balanced:
         return "decorrelation is enough"

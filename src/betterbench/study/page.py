@@ -22,7 +22,7 @@ from betterbench.report.wording import Figure
 from betterbench.shortcuts.prediction import read_prediction
 from betterbench.statistics.wording import p_text, plural
 from betterbench.study.doses import PLANTED, named_when_planted, rises
-from betterbench.study.findings import SOLVED, StudyFindings, findings_of
+from betterbench.study.findings import DECORRELATION, SOLVED, StudyFindings, findings_of
 from betterbench.study.stages import StudyOutcome
 from betterbench.tasks import get_task
 
@@ -32,6 +32,8 @@ LEAST_DIFFERENCE = 0.30
 """Difference of the illusion gaps that is expected of balanced learners, as a fraction."""
 LEAST_SOLVED = 0.70
 """Share of the variations of which everything was shown that balanced learners are expected to solve."""
+LEAST_DECORRELATED = 0.20
+"""Success on variations that balanced learners are expected to have above diverse-confounded ones, as a fraction."""
 MOST_DEAF, LEAST_HEARING = 0.20, 0.70
 """Share of reworded twins in which a confounded learner changes its target at most, and a balanced one at least."""
 GOOD_AREA = 0.9
@@ -40,6 +42,10 @@ LEAST_NAMED = 0.90
 
 _WHAT_VERDICTS_SAY = {
     "no gap": "the confounded learners solve it: there is nothing that balancing could remove",
+    "coverage is enough": (
+        "the diverse-confounded learners, which were shown as many conditions as the balanced ones with each word tied "
+        "to its place, solve what the confounded ones fail"
+    ),
     "decorrelation is enough": "the balanced learners solve what the confounded ones fail",
     "needs more than decorrelation": "the balanced learners fail it, and those trained on it solve it",
     "hard for another reason": "even learners that were trained on it fail it",
@@ -204,6 +210,7 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         )
         held = None if solved.value is None else solved.value >= LEAST_SOLVED
         lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
+    lines += _expected_of_coverage(found)
     for role, bound, above in (("confounded", MOST_DEAF, False), ("balanced", LEAST_HEARING, True)):
         word = next((w for w in found.words if w.arm == found.roles.get(role)), None)
         if word is None or word.changed.value is None:
@@ -219,6 +226,17 @@ def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
         said = _area_text(area, found.prediction.failed)
         lines.append(_of_the_able(found, ("confounded",), Expectation(text, said, held)))
     return (*lines, *_expected_of_doses(found))
+
+
+def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
+    """Yield what was expected of balanced against diverse-confounded learners; nothing of a study without them."""
+    pair = ("diverse-confounded", "balanced")
+    for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
+        least = f"{100 * LEAST_DECORRELATED:.0f} points"
+        text = f"Balanced learners solve more of the variations than {pair[0]} ones, by {least} or more"
+        said = success.sentence() + (f", {p_text(success.p_value)}" if success.p_value is not None else "")
+        held = None if success.value is None else success.value >= LEAST_DECORRELATED
+        yield _of_the_able(found, pair, Expectation(text, said, held))
 
 
 def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:

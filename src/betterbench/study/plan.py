@@ -22,7 +22,7 @@ from betterbench.tasks import get_task
 from betterbench.vqa.dataset import MOST_QUESTIONS
 
 CURE = "Correct the plan; docs/learned.md shows one"
-PRESETS = ("small", "full", "levers", "doses")
+PRESETS = ("small", "full", "levers", "doses", "diverse")
 OWN_FIELDS = ("data", "tasks", "seed", "variations", "start")
 """Fields of a recipe that the study itself decides."""
 MOST_LEARNERS = 1000
@@ -39,8 +39,11 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "confounded": {"training": 1.0},
     "balanced": {"balanced": 1.0},
     "covered": {"covered": 1.0},
+    "diverse-confounded": {"diverse-confounded": 1.0},
 }
 """The arms that findings are about: whoever is trained on one regime alone, whatever the arm is called."""
+USUAL_ARMS = ("confounded", "balanced", "covered")
+"""The arms of a plan that names none; all tasks of the suite have these."""
 
 
 @strict_form
@@ -85,7 +88,7 @@ class PlannedLearner:
 
 
 def _usual_arms() -> dict[str, dict[Regime, float]]:
-    return {arm: dict(shares) for arm, shares in ROLES.items()}
+    return {arm: dict(ROLES[arm]) for arm in USUAL_ARMS}
 
 
 @strict_form

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, print_table
 from betterbench.statistics import Rate, percent
@@ -10,6 +11,9 @@ from betterbench.vqa.asking import Score
 from betterbench.vqa.blind import TARGET_POINTS
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.knowing import Knowledge, KnowledgeStanding
+
+if TYPE_CHECKING:
+    from betterbench.training.own_answers import OwnAnswers
 
 
 def print_set(made: QuestionSet) -> None:
@@ -74,6 +78,22 @@ def print_knowledge(known: Knowledge) -> None:
             "asked.",
             markup=False,
         )
+
+
+def print_own_answers(summaries: Sequence[OwnAnswers]) -> None:
+    """Print what a learner answered about its own trials, by condition."""
+    columns = ["condition", "right cell", "nearest to the object", "95 % interval", "trials with all nearest"]
+    rows = [
+        [
+            s.where,
+            f"{s.cells.k}/{s.cells.n}",
+            f"{s.nearest.k}/{s.nearest.n}",
+            interval(s.nearest) if s.nearest.n else "–",
+            f"{s.trials.k}/{s.trials.n}",
+        ]
+        for s in summaries
+    ]
+    print_table(columns, rows, title="where is the object that the instruction names?")
 
 
 def percent_of(k: int, n: int) -> str:

@@ -357,6 +357,10 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
         comes = agreeing(kind, "it comes", "they come")
         text = f"The gripper {how} the {kind}, the right target, {height} above where {comes} to rest."
         return episode.evidence("dropped", text, rows=(gone, rest), objects=(i,))
+    if gone < step.grasp.release:
+        verb = agreeing(kind, "slips", "slip")
+        text = f"The {kind}, the right target, {verb} out of the closed gripper and {agreeing(kind, 'stays', 'stay')}"
+        return episode.evidence("dropped", f"{text} outside the goal.", rows=(gone, rest), objects=(i,))
     text = f"The {kind}, the right target, {agreeing(kind, 'is', 'are')} let go outside the goal."
     return episode.evidence("placed_outside_the_goal", text, rows=(gone, rest), objects=(i,))
 

@@ -1,0 +1,106 @@
+"""Where is the object that the instruction names? Questions about one trial, for whoever is to point at it.
+
+The frame is that in which the decision began that the diagnosis names, as in
+:mod:`betterbench.vqa.decisive`. A box and a point are asked for, each in two wordings. Unlike the questions of a set,
+these are not balanced: they are all about one object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from betterbench.diagnosis import TrialDiagnosis
+from betterbench.diagnosis.episode_analysis import analyze_episode
+from betterbench.recording import Record
+from betterbench.state import ObjectInfo
+from betterbench.tasks import Expected, training_distribution_of
+from betterbench.vqa.dataset import PhotoSource, finished
+from betterbench.vqa.decisive import TIMES_ASKED, WHERE, decisive_rows
+from betterbench.vqa.episode import episode_of
+from betterbench.vqa.moment import Moment
+from betterbench.vqa.phrasings import phrase
+from betterbench.vqa.question import Candidate, Question, QuestionDraft, QuestionType, hash_number
+from betterbench.vqa.types.grounding import CELLS, grounding
+
+
+@dataclass(frozen=True, slots=True)
+class NamedObject:
+    """The object that a trial's instruction names, and the questions where it is.
+
+    Attributes:
+        name: Its name in the scene.
+        row: Row of the record that is asked about.
+        questions: Its box and a point on it, each in :data:`TIMES_ASKED` wordings.
+        middles: Middle of the box of each clearly seen object that can be picked up, by the name of the object: column
+            and row in cells of :data:`~betterbench.vqa.types.grounding.CELLS` to a side, from 0 at the left and top.
+    """
+
+    name: str
+    row: int
+    questions: tuple[Question, ...]
+    middles: Mapping[str, tuple[float, float]]
+
+
+def named_object(
+    record: Record, trial: TrialDiagnosis, photos: PhotoSource, *, camera: str = "front", seed: int = 0
+) -> NamedObject | None:
+    """Return the object that a trial is about and the questions where it is.
+
+    Args:
+        record: The record of the trial.
+        trial: Its diagnosis.
+        photos: Draws what the camera shows.
+        camera: Camera of the frame.
+        seed: Seed of the choice of wordings.
+
+    Returns:
+        None where nothing is to be picked up, or the object is not clearly seen or shares its kind with another one.
+    """
+    episode = episode_of(record)
+    condition = episode.resolved.condition
+    if condition.expected is not Expected.SUCCEED:
+        return None
+    analysis = analyze_episode(episode.trace, condition, training_distribution_of(episode.resolved.task))
+    _, row = decisive_rows(episode, analysis, trial)
+    moment = Moment(episode, row, photos.photo(record, row, camera).view)
+    wanted = [moment.objects[i] for i in analysis.wanted(row)]
+    named = next((o for o in wanted if moment.named.get(o.kind) is o), None)
+    if named is None:
+        return None
+    return NamedObject(named.name, row, tuple(_questions(moment, named, seed)), dict(_middles(moment)))
+
+
+def _middles(moment: Moment) -> Iterator[tuple[str, tuple[float, float]]]:
+    step = 2.0 * moment.view.width / CELLS
+    for o in moment.objects:
+        seen = moment.seen(o.name)
+        if seen is not None and moment.is_clear(o.name) and o.role in ("item", "distractor") and not o.fixed:
+            left, top, right, bottom = seen.box
+            yield o.name, ((left + right) / step, (top + bottom) / step)
+
+
+def _questions(moment: Moment, named: ObjectInfo, seed: int) -> Iterator[Question]:
+    for draft in grounding(moment):
+        if draft.objects == (named.name,) and draft.family in ("box of", "point at"):
+            yield from _worded(moment, draft, seed)
+
+
+def _worded(moment: Moment, draft: QuestionDraft, seed: int) -> Iterator[Question]:
+    """Yield a question in each of its wordings."""
+    candidate = Candidate(
+        type=QuestionType.GROUNDING, form=draft.form, family=draft.family, group=draft.group, bucket=draft.bucket or "",
+        answer=draft.answer, words=draft.words, objects=draft.objects, source=moment.source, box=draft.box,
+        runs=draft.runs,
+    )  # fmt: skip
+    first = hash_number("wording", candidate.id(seed))
+    for number in range(TIMES_ASKED):
+        yield finished(
+            candidate,
+            identifier=f"{candidate.id(seed)}-{WHERE}-{number + 1}",
+            text=phrase(candidate, seed=seed, number=first + number),
+            options=(),
+            size=moment.view.width,
+            chance=None,
+            role=WHERE,
+        )
