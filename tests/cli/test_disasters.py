@@ -250,6 +250,75 @@ def test_ctrl_c_while_a_class_is_made_leaves_the_exit_status(tmp_path):
     assert subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, check=False).returncode == 130
 
 
+_ENTRY = """
+import sys
+from betterbench.cli import main as entry
+import betterbench.cli.main
+import os, signal
+
+def press():
+    os.kill(os.getpid(), signal.SIGINT)
+
+class Late:
+    def __del__(self, kill=os.kill, me=os.getpid(), number=signal.SIGINT):  # the names are gone by then
+        kill(me, number)
+
+{run}
+sys.modules["betterbench.cli.main"].main = run
+entry()
+"""
+
+
+def _ended(tmp_path, run):
+    (tmp_path / "ended.py").write_text(_ENTRY.format(run=run))
+    words = [sys.executable, "-m", "ended"]
+    return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        "import atexit\ndef run():\n    atexit.register(press)\n    return 0",
+        "kept = Late()\ndef run():\n    return 0",
+    ],
+    ids=["at exit", "while modules are taken down"],
+)
+def test_ctrl_c_after_the_work_is_done_changes_nothing(tmp_path, run):
+    """The output is whole by then; torch and MuJoCo take up to a second to be taken down."""
+    ended = _ended(tmp_path, run)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_a_second_ctrl_c_ends_a_process_that_hangs_after_its_work(tmp_path):
+    """A thread of a policy may keep the process alive."""
+    run = (
+        "import threading, time\n"
+        "def run():\n"
+        "    threading.Thread(target=time.sleep, args=(60,)).start()\n"
+        "    threading.Timer(0.2, press).start()\n"
+        "    threading.Timer(0.6, press).start()\n"
+        "    return 0"
+    )
+    began = time.monotonic()
+    assert _ended(tmp_path, run).returncode == -signal.SIGINT
+    assert time.monotonic() - began < 30.0
+
+
+def test_an_error_that_ctrl_c_became_during_imports_is_one_line(tmp_path):
+    """Python makes a RuntimeError of what __set_name__ raises, as of a cached property of a class."""
+    run = (
+        "def run():\n"
+        "    class Name:\n"
+        "        def __set_name__(self, owner, name):\n"
+        "            press()\n"
+        "    class Owner:\n"
+        "        name = Name()\n"
+        "    return 0"
+    )
+    ended = _ended(tmp_path, run)
+    assert (ended.returncode, ended.stderr) == (130, "interrupted\n")
+
+
 def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):
     """PyOpenGL makes an ArgumentError of it, and a child that Ctrl-C ended too lets its parent fail."""
     from betterbench import cli
