@@ -205,7 +205,7 @@ def test_every_category_has_held_out_looks():
         assert build(category, look=unseen_looks(category)[0]) != build(category)
 
 
-def test_a_stranger_s_version_of_mujoco_stays_on_one_line(scene):
+def test_a_stranger_s_version_of_mujoco_stays_on_one_line():
     files = scene("morning_coffee").files()
     name = next(n for n in files if n.endswith(".json"))
     index = json.loads(files[name])
