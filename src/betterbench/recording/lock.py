@@ -66,7 +66,9 @@ class RunLock:
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
             return
         require_guarded(path)
-        require_held(path)  # else its folder would be made anew within one that vanished
+        for around in tuple(_HELD):  # else its folder would be made anew within one that vanished
+            if around._folder != self._folder:
+                around.require_folder(path)
         self._handle = self._noted(waits=waits)
         _HELD.append(self)
         self._guard()
