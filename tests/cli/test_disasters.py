@@ -125,6 +125,18 @@ def test_a_run_within_a_folder_that_vanished_makes_nothing_anew(tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.parametrize("begin", ["start", "journal"])
+def test_no_lock_is_made_within_a_folder_that_vanished(tmp_path, begin):
+    """The next stage of a study that was removed left ``sets/SET/demonstrations/.lock`` behind."""
+    out = tmp_path / "study"
+    with RunLock(out / LOCK_NAME):
+        run = RunFolder.start(out / "sets" / "one", {"policy": "expert"})
+        shutil.rmtree(out)
+        with pytest.raises(StorageError, match="study: was removed or moved"):
+            run.journal(renews=True) if begin == "journal" else RunFolder.start(run.path, run.plan)
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("kind", ["file", "folder"])
 def test_a_refusal_names_the_output_and_no_lock_beside_it(tmp_path, monkeypatch, kind):
     def refuse(path, *_, **__):

@@ -53,6 +53,7 @@ class RunLock:
     Raises:
         RunConflictError: If somebody else holds the lock, unless it ``waits``.
         InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
+        StorageError: If a folder around it that this process has locked was removed or moved.
     """
 
     _is_folder = True
@@ -65,6 +66,9 @@ class RunLock:
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
             return
         require_guarded(path)
+        for around in tuple(_HELD):  # else its folder would be made anew within one that vanished
+            if around._folder != self._folder:
+                around.require_folder(path)
         self._handle = self._noted(waits=waits)
         _HELD.append(self)
         self._guard()
