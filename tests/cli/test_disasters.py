@@ -16,6 +16,7 @@ import pytest
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.recording.durable import DurableFile, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
@@ -134,6 +135,15 @@ def test_no_lock_is_made_within_a_folder_that_vanished(tmp_path, begin):
         shutil.rmtree(out)
         with pytest.raises(StorageError, match="study: was removed or moved"):
             run.journal(renews=True) if begin == "journal" else RunFolder.start(run.path, run.plan)
+    assert not out.exists()
+
+
+def test_workers_make_nothing_anew_within_a_folder_that_vanished(tmp_path):
+    """A worker wrote the record that it was at, and the same calibration then found a folder that it had not made."""
+    out = tmp_path / "calibration"
+    plan = make_plan("expert", tasks=["fast_food"], variations=["T1"], trials=1, observation="state_only")
+    with RunLock(out / LOCK_NAME), pytest.raises(StorageError, match="calibration: was removed or moved"):
+        evaluate(plan, out / "expert", workers=2, on_progress=lambda _: shutil.rmtree(out, ignore_errors=True))
     assert not out.exists()
 
 
