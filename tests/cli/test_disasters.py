@@ -16,6 +16,7 @@ import pytest
 
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.recording import JournalEntry, RunFolder
 from betterbench.recording.durable import DurableFile, write_durably
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
@@ -122,6 +123,27 @@ def test_a_run_within_a_folder_that_vanished_makes_nothing_anew(tmp_path):
             out.rename(tmp_path / "elsewhere")
             with pytest.raises(StorageError, match="set: was removed or moved"):
                 journal.append(entry)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("begin", ["start", "journal"])
+def test_no_lock_is_made_within_a_folder_that_vanished(tmp_path, begin):
+    """The next stage of a study that was removed left ``sets/SET/demonstrations/.lock`` behind."""
+    out = tmp_path / "study"
+    with RunLock(out / LOCK_NAME):
+        run = RunFolder.start(out / "sets" / "one", {"policy": "expert"})
+        shutil.rmtree(out)
+        with pytest.raises(StorageError, match="study: was removed or moved"):
+            run.journal(renews=True) if begin == "journal" else RunFolder.start(run.path, run.plan)
+    assert not out.exists()
+
+
+def test_workers_make_nothing_anew_within_a_folder_that_vanished(tmp_path):
+    """A worker wrote the record that it was at, and the same calibration then found a folder that it had not made."""
+    out = tmp_path / "calibration"
+    plan = make_plan("expert", tasks=["fast_food"], variations=["T1"], trials=1, observation="state_only")
+    with RunLock(out / LOCK_NAME), pytest.raises(StorageError, match="calibration: was removed or moved"):
+        evaluate(plan, out / "expert", workers=2, on_progress=lambda _: shutil.rmtree(out, ignore_errors=True))
     assert not out.exists()
 
 
@@ -248,6 +270,75 @@ def test_ctrl_c_while_a_class_is_made_leaves_the_exit_status(tmp_path):
         "entry()\n"
     )
     assert subprocess.run([sys.executable, "-m", "interrupted"], cwd=tmp_path, check=False).returncode == 130
+
+
+_ENTRY = """
+import sys
+from betterbench.cli import main as entry
+import betterbench.cli.main
+import os, signal
+
+def press():
+    os.kill(os.getpid(), signal.SIGINT)
+
+class Late:
+    def __del__(self, kill=os.kill, me=os.getpid(), number=signal.SIGINT):  # the names are gone by then
+        kill(me, number)
+
+{run}
+sys.modules["betterbench.cli.main"].main = run
+entry()
+"""
+
+
+def _ended(tmp_path, run):
+    (tmp_path / "ended.py").write_text(_ENTRY.format(run=run))
+    words = [sys.executable, "-m", "ended"]
+    return subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        "import atexit\ndef run():\n    atexit.register(press)\n    return 0",
+        "kept = Late()\ndef run():\n    return 0",
+    ],
+    ids=["at exit", "while modules are taken down"],
+)
+def test_ctrl_c_after_the_work_is_done_changes_nothing(tmp_path, run):
+    """The output is whole by then; torch and MuJoCo take up to a second to be taken down."""
+    ended = _ended(tmp_path, run)
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
+def test_a_second_ctrl_c_ends_a_process_that_hangs_after_its_work(tmp_path):
+    """A thread of a policy may keep the process alive."""
+    run = (
+        "import threading, time\n"
+        "def run():\n"
+        "    threading.Thread(target=time.sleep, args=(60,)).start()\n"
+        "    threading.Timer(0.2, press).start()\n"
+        "    threading.Timer(0.6, press).start()\n"
+        "    return 0"
+    )
+    began = time.monotonic()
+    assert _ended(tmp_path, run).returncode == -signal.SIGINT
+    assert time.monotonic() - began < 30.0
+
+
+def test_an_error_that_ctrl_c_became_during_imports_is_one_line(tmp_path):
+    """Python makes a RuntimeError of what __set_name__ raises, as of a cached property of a class."""
+    run = (
+        "def run():\n"
+        "    class Name:\n"
+        "        def __set_name__(self, owner, name):\n"
+        "            press()\n"
+        "    class Owner:\n"
+        "        name = Name()\n"
+        "    return 0"
+    )
+    ended = _ended(tmp_path, run)
+    assert (ended.returncode, ended.stderr) == (130, "interrupted\n")
 
 
 def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):

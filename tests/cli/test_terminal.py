@@ -248,6 +248,7 @@ def test_a_worker_whose_run_is_gone_ends_without_a_word(monkeypatch):
     class Settings:
         envs = 1
         turn = 0
+        held = ()
 
     problems = []
     monkeypatch.setattr(pool, "Worker", Ready)

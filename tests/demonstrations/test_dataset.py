@@ -169,6 +169,11 @@ def test_killed_and_resumed_makes_the_same_bytes(tmp_path):
     smaller = files_of(tmp_path / "a")
     grown = make_dataset(SetRecipe((TASK,), demos=2, sources=1), tmp_path / "a", pictures=False)
     assert grown.demonstrations == 2 * undisturbed.demonstrations
+    variety = json.loads((tmp_path / "a" / "dataset.json").read_text())["variety"]
+    assert [t["task"] for t in variety["set"]] == [TASK]
+    assert variety["set"][0]["spread"]["height_cm"] > 0.5
+    assert variety["sources"] == []  # one of each condition
+    assert f"| {TASK} | set |" in (tmp_path / "a" / "README.md").read_text()
     larger = files_of(tmp_path / "a")
     assert all(larger[name] == data for name, data in smaller.items() if name.endswith(".parquet"))
 

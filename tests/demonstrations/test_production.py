@@ -223,7 +223,8 @@ def test_neither_workers_nor_interruptions_decide(sources, amplified, tmp_path, 
 @pytest.mark.parametrize("fails", [False, True])
 def test_an_amplified_attempt_frees_its_scene_without_the_garbage_collector(sources, monkeypatch, fails):
     if fails:
-        monkeypatch.setattr(Planner, "way_to", lambda *_, **__: None)
+        for ways in ("free_way", "way_to"):  # those of the sources, and planned ones
+            monkeypatch.setattr(Planner, ways, lambda *_, **__: None)
     scene = production.scene_of(next(iter(sources.entries())).key, "standard")
     library = load_library(sources, "morning_coffee")
     gc.collect()

@@ -12,11 +12,15 @@ import pytest
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
 from betterbench.evaluation import named_trial
+from betterbench.evaluation.serving import shadow as serving
+from betterbench.evaluation.serving.sessions import ShadowSession
 from betterbench.evaluation.serving.shadow import KEPT, ShadowSimulation, ShadowSimulations
 from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.interventions import resolve_condition
+from betterbench.policies.presets import PRESETS
+from betterbench.policies.request import read_request, read_states
 from betterbench.scenes import Scene
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -117,6 +121,66 @@ def test_the_end_of_the_trial_is_an_end():
     shadow = ShadowSimulation("expert", TRIAL)
     with pytest.raises(InvalidInputError, match=f"ends after {shadow.step_limit} steps"):
         shadow.actions(shadow.step_limit, 8)
+
+
+def test_a_step_beyond_the_end_is_refused_before_anything_is_simulated_or_compared():
+    """A client without joint angles is located on the path; the step that it names bounds the path that is built."""
+    shadow = ShadowSimulation("expert", TRIAL)
+    beyond = 2**31 - 1
+    with pytest.raises(InvalidInputError, match="ends after"):
+        shadow.observation(shadow.step_limit)
+    prompt = shadow.condition.instruction.text
+    state = {"observation/state": np.full(8, 0.1)}
+    session = ShadowSession(ShadowSimulations("expert"), 8, TRIAL)
+    for message in (
+        {"prompt": prompt, "better/step": beyond, **state},
+        {"prompt": prompt, "better/step": 0, **state},
+        {"prompt": prompt, "better/step": beyond},
+        {"prompt": prompt, "better/step": beyond, **state},
+    ):
+        if message["better/step"]:
+            with pytest.raises(InvalidInputError, match="ends after"):
+                session.answer(message)
+        else:
+            assert len(session.answer(message)["actions"])
+    # Without a number the client is at the end of its last chunk, which was refused.
+    assert len(session.answer({"prompt": prompt, **state})["actions"])
+
+
+@pytest.mark.parametrize(
+    ("prompt", "task", "error", "text"),
+    [
+        ("sing", TRIAL.task, PolicyError, "the client's instruction is 'sing'"),
+        ("sing", "nowhere", UnknownNameError, "nowhere"),
+        ("x" * 200_000, TRIAL.task, PolicyError, r"^[\s\S]{100,600}$"),
+    ],
+)
+def test_no_scene_is_built_for_a_client_that_asks_for_something_else(monkeypatch, prompt, task, error, text):
+    def built(*_, **__):
+        raise AssertionError("a scene was built")
+
+    monkeypatch.setattr(serving, "Scene", built)
+    session = ShadowSession(ShadowSimulations("expert"), 8, None)
+    episode = {"task": task, "condition": TRIAL.condition, "seed": 1, "episode": 0, "action_space": EE_DELTA.name}
+    with pytest.raises(error, match=text):
+        session.answer({"prompt": prompt, "better/step": 0, "better/episode": episode})
+    episode["seed"] = 2
+    beyond = {"better/step": 2**31 - 1, "better/episode": episode}
+    told = resolve_condition(TRIAL.task, TRIAL.condition).condition.instruction.text
+    if task == TRIAL.task:
+        with pytest.raises(InvalidInputError, match="ends after"):
+            session.answer({"prompt": told, **beyond})
+
+
+@pytest.mark.parametrize("number", [1e308, -1e200, 1e155, 1e7])
+def test_a_state_that_no_robot_measures_is_refused(number):
+    state = np.full(8, 0.1)
+    state[4] = number
+    prompt = resolve_condition(TRIAL.task, TRIAL.condition).condition.instruction.text
+    with pytest.raises(InvalidInputError, match="no robot measures"):
+        read_request({"prompt": prompt, "observation/state": state})
+    with pytest.raises(InvalidInputError, match="no robot measures"):
+        read_states({"observation/state": state}, PRESETS["openpi_libero"])
 
 
 def test_shadows_are_kept_by_trial_and_forgotten_in_order(monkeypatch):

@@ -331,6 +331,8 @@ def test_a_folder_with_other_files_is_left_alone(tmp_path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     with pytest.raises(RunConflictError, match="this is a file"):
         RunFolder.start(tmp_path / "thesis.tex", PLAN)
+    with pytest.raises(RecordError, match=r"File name too long. Give the folder that `--out` named"):
+        RunFolder.open(tmp_path / ("x" * 300))
     with pytest.raises(RecordError, match=r"holds no run .*Give the folder that `--out` named"):
         RunFolder.open(tmp_path)
 

@@ -10,6 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from betterbench.assets import build, looks, unseen_looks
+from betterbench.errors import RecordError
 from betterbench.geometry import angle_between, distance
 from betterbench.interface.actions import EE_DELTA
 from betterbench.robots import PANDA, ArmIK
@@ -202,3 +203,13 @@ def test_every_category_has_held_out_looks():
         assert not set(looks(category)) & set(unseen_looks(category))
         assert len(unseen_looks(category)) >= 4
         assert build(category, look=unseen_looks(category)[0]) != build(category)
+
+
+def test_a_stranger_s_version_of_mujoco_stays_on_one_line():
+    files = scene("morning_coffee").files()
+    name = next(n for n in files if n.endswith(".json"))
+    index = json.loads(files[name])
+    files = {**files, name: json.dumps({**index, "mujoco": "9.9\n\x1b[31mrun this"}).encode()}
+    with pytest.raises(RecordError, match="Install the version that wrote it") as caught:
+        load_model(files)
+    assert str(caught.value).isprintable()

@@ -76,6 +76,15 @@ def test_whoever_knows_the_address_gets_the_page(page, mark):
     assert headers["X-Frame-Options"] == "DENY"
 
 
+def test_a_request_that_viser_does_not_expect_is_refused_and_no_traceback(page, caplog):
+    path = f"/{token(page)}"
+    status, text, headers = asked(page, path, **{"Accept-Encoding": ["gzip", "br"]})
+    assert (status, text) == (400, "This request cannot be read.\n")
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert [record for record in caplog.records if record.exc_info] == []
+    assert asked(page, path)[0] == 200
+
+
 def test_without_the_token_nothing_is_answered_but_one_line(page):
     known = token(page)
     wrong = ["", "x", known[:-1], known + "x", known.swapcase(), "%2e%2e", "?token=" + known, f"x/{known}", "~" * 9]

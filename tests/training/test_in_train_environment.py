@@ -22,7 +22,8 @@ ROOT = HERE.parents[1]
 LOCK = ROOT / "requirements" / "train.lock"
 INSTALL_LIMIT_S, TEST_LIMIT_S = 1200, 3600
 NEED_TORCH = (
-    "test_acting.py", "test_claims.py", "test_loop.py", "test_own_learner.py", "test_row_in_torch.py", "test_seals.py",
+    "test_acting.py", "test_claims.py", "test_loop.py", "test_own_answers.py", "test_own_learner.py",
+    "test_row_in_torch.py", "test_seals.py",
 )  # fmt: skip
 
 

@@ -102,10 +102,18 @@ class FakeSimulator:
             arrays["holds"] = arrays["holds"][:1]
         if wrong == "no row":
             del arrays["row"]
+        if wrong == "truths that are numbers":
+            arrays["holds"] = np.array([np.nan, 0.5])
+        if wrong == "contacts in a table":
+            arrays["touching"], arrays["forces"] = np.zeros((1, 1), int), np.zeros((1, 1))
         if look:
             draw = np.random.default_rng([self.state, self.steps])
             arrays["image_front"], arrays["image_wrist"] = draw.integers(0, 256, (2, 256, 256, 3), dtype=np.uint8)
-        return {"done": there}, arrays
+            if wrong == "image of numbers":
+                arrays["image_front"] = np.full((256, 256, 3), np.nan)
+        if wrong == "done in words":
+            return {"done": "false"}, arrays
+        return ({} if wrong == "done is missing" else {"done": there}), arrays
 
     def numbers(self):
         arrays = {name: np.arange(3.0) + self.steps for name in ("qpos", "qvel", "ctrl")}

@@ -90,6 +90,10 @@ FAULTS += [
     "endless force",
     "few truths",
     "no row",
+    "truths that are numbers",
+    "contacts in a table",
+    "done in words",
+    "done is missing",
 ]
 
 
@@ -123,6 +127,14 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
         "goal=[7]",
         "premises=[[]]",
         "places=[[1]]",
+        'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": []}]',
+        "arena",
+        "arena=7",
+        "base=[0, 0]",
+        "bddl=7",
+        "engine",
+        "engine=7",
+        'engine={"mujoco": 3}',
     ],
 )
 def test_a_start_that_cannot_be_read_costs_one_trial(plan_of, tmp_path, monkeypatch, undisturbed, fault):
@@ -134,6 +146,15 @@ def test_a_start_that_cannot_be_read_costs_one_trial(plan_of, tmp_path, monkeypa
     assert [e.seed for e in broken] == [1]
     assert "simulator" in broken[0].message
     assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+def test_an_image_of_another_type_is_no_image(plan_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAKE_FAULT", f"image of numbers:1:{tmp_path / 'it happened'}")
+    (tmp_path / "each.py").write_text(POLICY.replace("]] * 4", "]]"))
+    run = evaluate(short(plan_of(policy=f"python:{tmp_path / 'each.py'}:Shove")), tmp_path / "run")
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "sent image_front as float64 (256, 256, 3); uint8 (256, 256, 3) is agreed" in broken[0].message
 
 
 def test_a_scene_that_does_not_show_its_premise_stops_the_run(plan_of, tmp_path):

@@ -26,6 +26,7 @@ from betterbench.errors import InvalidInputError, WorkerError
 from betterbench.interventions import resolve_condition
 from betterbench.json_form import sealed_form
 from betterbench.recording import RetryLedger, write_durably
+from betterbench.recording.lock import held_folders
 from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 from betterbench.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
@@ -147,7 +148,9 @@ def _pooled(
     alone = ledger.suspects > 0
     context = multiprocessing.get_context("spawn")
     started: set[BaseProcess] = set()
-    with ProcessPoolExecutor(1 if alone else workers, mp_context=context, initializer=prepare_process) as pool:
+    with ProcessPoolExecutor(
+        1 if alone else workers, mp_context=context, initializer=prepare_process, initargs=(held_folders(),)
+    ) as pool:
         try:
             while True:
                 if not alone:

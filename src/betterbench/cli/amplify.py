@@ -27,10 +27,11 @@ def amplify_command(
 ) -> None:
     """Carry the demonstrations of a run over to new starts, so many per training condition, in another run's folder.
 
-    Each skill of a source moves as it did there, in the frame of the object or target that it is about; between skills
-    the planner finds a free way. An attempt that fails is made again with another source. An accepted one succeeds,
-    goes on to hold, and lies inside the certified training distribution. The same command resumes, also after Ctrl-C,
-    and a larger --demos goes on.
+    Each skill of a source moves as it did there, in the frame of the object or target that it is about, and so does the
+    way to it, varied in height, side and tempo by seed; where that is not free, a planner finds another. An attempt
+    that fails is made again with another source. An accepted one succeeds, goes on to hold, and lies inside the
+    certified training distribution. How far the demonstrations are apart is printed beside their sources. The same
+    command resumes, also after Ctrl-C, and a larger --demos goes on.
 
     Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -122,6 +123,7 @@ def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, 
 
 
 def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
+    from betterbench.cli.output.demonstrations import tell_variety
     from betterbench.cli.progress import took
 
     size = sum(file.stat().st_size for file in made.path.rglob("*") if file.is_file())
@@ -134,6 +136,7 @@ def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
             for group in made.audit.groups
         ]
         print_table(("task", "demonstrations", "shortcuts"), rows)
+    tell_variety(made.variety, made.sources)
     missing = f", {made.missing} fewer than asked for" if made.missing else ""
     pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
     OUT.print(
@@ -154,4 +157,5 @@ def _document(made: MadeDataset) -> dict[str, Any]:
         "steps": made.steps,
         "pairs": len(made.pairs),
         "shortcuts": shortcuts,
+        "variety": {"set": [asdict(t) for t in made.variety], "sources": [asdict(t) for t in made.sources]},
     }

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
+from betterbench.cli.console import OUT, passing_bar, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from betterbench.demonstrations.variety import TaskVariety
     from betterbench.shortcuts.examine import GroupAudit, ShortcutAudit
     from betterbench.shortcuts.facts import EpisodeFacts
     from betterbench.shortcuts.prediction import Prediction
@@ -33,11 +35,12 @@ def shortcuts_command(
 ) -> None:
     """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
 
-    Of a run, each record is told by its states: what stood where, what was taken and where it was put. Of a LeRobot
-    dataset (versions 2.0 to 3.0) instruction, actions and proprioception are read. Words, pairs of words and whole
-    instructions are tested against where the gripper first closes, where it last opens, how it sets out, and in which
-    order it goes. The audit begins with how the data were read; what names do not tell is not guessed, but asked for
-    by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or COLUMN for all of it).
+    Of a run, each record is told by its states: what stood where, what was taken, where it was put, and how far its
+    demonstrations are apart. Of a LeRobot dataset (2.0 to 3.0) instruction, actions and proprioception are read. Words,
+    pairs of words and whole instructions are tested against where the gripper first closes, where it last opens, how it
+    sets out, and in which order it goes. The audit begins with how the data were read; what names do not tell is not
+    guessed, but asked for by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or
+    COLUMN for all of it).
 
     For runs, each rule is held against the variations: those that break it tell a policy that understands from one
     that goes by the rule. From that follows a prediction, which ranks the variations by how likely a learner of this
@@ -75,9 +78,10 @@ def shortcuts_command(
         if out is not None:
             _write(out, audit, prediction, sign)
     if json:
-        print_json(audit.to_json())
+        print_json(audit.to_json() | {"variety": [asdict(task) for task in _variety_of(data)]})
         return
     _print(facts, audit, prediction, out)
+    _tell_variety(data)
 
 
 def _print(
@@ -118,7 +122,7 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
     if is_lerobot_dataset(data):
         found = read_lerobot(data, Choices(**choices))
         return found.facts, "", found.reading
-    folder = data / "demonstrations" if (data / "recipe.json").exists() else data
+    folder = _run_in(data)
     if not (folder / "run.json").exists():
         problem = "it is neither a run nor a LeRobot dataset"
         raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
@@ -135,6 +139,28 @@ def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, 
             facts.append(fact)
             bar.update(shown, completed=len(facts))
     return tuple(facts), set_hash(run), reading_of_run(facts, len(entries))
+
+
+def _run_in(data: Path) -> Path:
+    """Return the folder of the run in a folder of better dataset, or the folder itself."""
+    return data / "demonstrations" if (data / "recipe.json").exists() else data
+
+
+def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
+    """Return how far the demonstrations of a run are apart; none of a LeRobot dataset, whose objects are not known."""
+    from betterbench.demonstrations.variety import variety_of_run
+    from betterbench.recording import RunFolder
+
+    if not (_run_in(data) / "run.json").exists():
+        return ()
+    with passing_bar("comparing the demonstrations") as told:
+        return variety_of_run(RunFolder.open(_run_in(data)), on_progress=told)
+
+
+def _tell_variety(data: Path) -> None:
+    from betterbench.cli.output.demonstrations import tell_variety
+
+    tell_variety(_variety_of(data))
 
 
 def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: Path | None) -> None:

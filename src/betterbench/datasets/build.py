@@ -20,6 +20,7 @@ from betterbench.datasets.recipe import SetRecipe, holds_recipe, keep_recipe, re
 from betterbench.datasets.sheet import draw_sheet
 from betterbench.demonstrations.amplifier import AmplifierSettings
 from betterbench.demonstrations.production import SetProgress, amplify, collect, set_hash
+from betterbench.demonstrations.variety import TaskVariety, VarietyMeter, variety_of_run
 from betterbench.errors import BetterError, InvalidInputError, StorageError
 from betterbench.export.job import validation_seeds
 from betterbench.recording import RunFolder, write_durably
@@ -52,6 +53,8 @@ class MadeDataset:
         audit: What goes together in it; None if no task has enough demonstrations.
         prediction: What follows from that; None likewise.
         pairs: Its twins.
+        variety: How far its demonstrations are apart, by task.
+        sources: The same of those that they were carried over from; none where there are none.
     """
 
     path: Path
@@ -63,6 +66,8 @@ class MadeDataset:
     audit: ShortcutAudit | None
     prediction: Prediction | None
     pairs: tuple[TwinPair, ...]
+    variety: tuple[TaskVariety, ...]
+    sources: tuple[TaskVariety, ...]
 
 
 def make_dataset(
@@ -109,14 +114,16 @@ def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures
     if not trials:
         raise InvalidInputError(str(run.path), "no attempt was accepted", "See its folder acceptance")
     held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
-    numbers, facts = _proven(run, recipe, trials, held_out, tell)
+    numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
     pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
     hashed = set_hash(run)
     audit, prediction = _audited(facts, hashed)
     sheets = _sheets(run, trials, out, tell) if pictures else {}
     missing = _missing(recipe, len(trials))
+    sources = variety_of_run(RunFolder.open(out / SOURCES)) if recipe.amplified else ()
+    command = recipe.command(hashed)
     made = MadeDataset(
-        out, hashed, recipe.command(hashed), len(trials), numbers.steps, missing, audit, prediction, pairs
+        out, hashed, command, len(trials), numbers.steps, missing, audit, prediction, pairs, variety, sources
     )
     split = {
         "train": [str(trial) for trial in trials if trial.seed not in held_out],
@@ -161,17 +168,18 @@ def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -
 
 def _proven(
     run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
-) -> tuple[SetNumbers, tuple[EpisodeFacts, ...]]:
-    """Return numbers and facts of all records, each proven to show the regime and nothing outside it."""
-    numbers, facts = SetNumbers(held_out), []
+) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
+    """Return numbers, facts and variety of all records, each proven to show the regime and nothing outside it."""
+    numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
     bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
     for count, trial in enumerate(trials, start=1):
         record = run.read_record(trial.task, trial.condition, trial.seed)
         where = str(run.record_path(trial.task, trial.condition, trial.seed))
         facts.append(proven_facts(record, bounds[trial.task], where))
         numbers.add(trial, record)
+        meter.add(record)
         tell("prove", count, len(trials), str(trial))
-    return numbers, tuple(facts)
+    return numbers, tuple(facts), meter.tasks()
 
 
 def _audited(facts: tuple[EpisodeFacts, ...], hashed: str) -> tuple[ShortcutAudit | None, Prediction | None]:
@@ -221,7 +229,18 @@ def _write(
     if made.audit is not None and made.prediction is not None:
         write_durably(out / "shortcuts.json", _json(made.audit.to_json()))
         write_prediction(out / "prediction.json", made.prediction)
-    facts = CardFacts(made.sha256, made.command, counts, numbers, made.audit, made.prediction, made.pairs, sheets)
+    facts = CardFacts(
+        made.sha256,
+        made.command,
+        counts,
+        numbers,
+        made.audit,
+        made.prediction,
+        made.pairs,
+        sheets,
+        made.variety,
+        made.sources,
+    )
     write_durably(out / "README.md", dataset_card(recipe, facts).encode())
     document = {
         "sha256": made.sha256,
@@ -236,6 +255,7 @@ def _write(
         "demonstrators": dict(numbers.demonstrators),
         "proven": {"records": made.demonstrations, "outside_the_regime": 0, "of_tests": 0},
         "conditions": counts_form(counts),
+        "variety": {"set": [asdict(t) for t in made.variety], "sources": [asdict(t) for t in made.sources]},
     }
     write_durably(out / "dataset.json", _json(document))
 

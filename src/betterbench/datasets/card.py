@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from betterbench.datasets.numbers import ConditionCounts, SetNumbers
 from betterbench.datasets.pairs import pairs_by_task
 from betterbench.datasets.recipe import SetRecipe
+from betterbench.demonstrations.variety import TaskVariety, variety_lines
 from betterbench.quoting import markdown_address, markdown_table, markdown_text
 from betterbench.recording.twins import TwinPair
 from betterbench.shortcuts.examine import ShortcutAudit
@@ -44,6 +45,8 @@ class CardFacts:
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or why there is none.
+        variety: How far the demonstrations are apart, by task.
+        sources: The same of those that they were carried over from.
     """
 
     sha256: str
@@ -54,6 +57,8 @@ class CardFacts:
     prediction: Prediction | None
     pairs: Sequence[TwinPair]
     sheets: Mapping[str, str]
+    variety: Sequence[TaskVariety]
+    sources: Sequence[TaskVariety]
 
 
 def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
@@ -91,6 +96,8 @@ def dataset_card(recipe: SetRecipe, facts: CardFacts) -> str:
         RANGES,
         "",
         *markdown_table(("number", "least", "1 %", "99 %", "most"), _ranges(facts.numbers)),
+        "",
+        *variety_lines(facts.variety, facts.sources),
         *_task_lines(recipe, facts),
         *_shortcut_lines(facts),
     ]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from betterbench.demonstrations.attempt import AttemptNote
 from betterbench.demonstrations.failure import FAILURES
-from betterbench.demonstrations.production import StartOutcome, attempts_of, method_of, set_hash
+from betterbench.demonstrations.production import Method, StartOutcome, attempts_of, method_of, set_hash
 from betterbench.demonstrations.starts import FactorCoverage, coverage_of, levels_of
+from betterbench.demonstrations.variety import TaskVariety, variety_lines, variety_of_run
 from betterbench.quoting import markdown_address, markdown_text
 from betterbench.recording import RunFolder, write_durably
 from betterbench.tasks import Task, TrialId
@@ -86,12 +87,18 @@ class Acceptance:
     Attributes:
         policy: What gave the demonstrations.
         sha256: Hash of the set.
+        demonstrations: How many there are.
+        tasks: What became of the attempts, by task.
+        variety: How far the demonstrations are apart, by task; none where no condition has two.
+        sources: The same of those that they were carried over from; none likewise, or where their folder is gone.
     """
 
     policy: str
     sha256: str
     demonstrations: int
     tasks: tuple[TaskAcceptance, ...]
+    variety: tuple[TaskVariety, ...] = ()
+    sources: tuple[TaskVariety, ...] = ()
 
     @property
     def mean_rate(self) -> float | None:
@@ -108,8 +115,16 @@ class Acceptance:
         return form
 
 
-def acceptance_of(run: RunFolder) -> Acceptance:
-    """Return what became of the attempts of a run of demonstrations; RecordError if a journal is corrupt."""
+def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> Acceptance:
+    """Return what became of the attempts of a run of demonstrations, and how far those that were accepted are apart.
+
+    Args:
+        run: The run.
+        on_progress: Called with the number of records that were read for it and that of all.
+
+    Raises:
+        RecordError: If a journal or a record is corrupt.
+    """
     outcomes = attempts_of(run.path)
     done = sum(entry.status == "done" for entry in run.entries())
     names = sorted({trial.task for trial in outcomes})
@@ -117,7 +132,17 @@ def acceptance_of(run: RunFolder) -> Acceptance:
     tasks = tuple(
         _of_task(method.task(name), [o for t, o in sorted(outcomes.items()) if t.task == name]) for name in names
     )
-    return Acceptance(str(run.plan["policy"]), set_hash(run), done, tasks)
+    variety = variety_of_run(run, on_progress=on_progress)
+    return Acceptance(str(run.plan["policy"]), set_hash(run), done, tasks, variety, _of_sources(method, names))
+
+
+def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
+    """Return how far the sources of a run are apart; none where they are gone, or others stand in their place."""
+    folder = Path(method.sources)
+    if not method.sources or not (folder / "run.json").exists():
+        return ()
+    run = RunFolder.open(folder)
+    return variety_of_run(run, tasks) if set_hash(run, method.source_tasks) == method.sources_hash else ()
 
 
 def _of_task(task: Task, outcomes: Sequence[StartOutcome]) -> TaskAcceptance:
@@ -197,7 +222,7 @@ def page_of(found: Acceptance, films: Mapping[tuple[str, str], str], pictures: M
     said = (
         "Levels covered: share of the levels that have a demonstration, of as many as so few demonstrations can reach."
     )
-    lines += ["", said]
+    lines += ["", said, "", *variety_lines(found.variety, found.sources)]
     for t in found.tasks:
         lines += ["", f"## {markdown_text(t.task)}", "", *_picture_lines(t, pictures), *_failure_lines(t, films)]
         lines += [*_coverage_lines(t), *_source_lines(t)]

@@ -14,8 +14,9 @@ import numpy as np
 from betterbench.demonstrations.failure import AttemptFailedError, FailureKind
 from betterbench.demonstrations.retarget import CarriedOver, carry_pick, carry_place, carry_slide
 from betterbench.demonstrations.sources import Library, Source, SourceSkill, key_of, other_goals, region_frame
+from betterbench.demonstrations.transit import TransitChange, carry_transit, checkpoints
 from betterbench.experts.motion import CARRY, FREE, OPEN, Motion, Pace, delta_action, follow
-from betterbench.experts.planner import Planner
+from betterbench.experts.planner import OUT_OF_REACH, Planner
 from betterbench.experts.privileged import measured_releases
 from betterbench.experts.skills import SURE
 from betterbench.geometry import Pose, angle_between, distance
@@ -28,13 +29,15 @@ from betterbench.tasks.relations import relation
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
 """How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
 
-NEAREST = 3
-"""Sources among which the nearest-neighbor selections draw, all of them equally likely."""
+NEAREST, NEAREST_SHARE = 3, 0.5
+"""Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
 OTHER_INSTANCE_M = 0.05
 """What another instance of the category counts for as distance of two objects [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
-TURNS_RAD = tuple(sign * step * math.pi / 8.0 for step in (2, 4, 6) for sign in (1.0, -1.0))
+TURN_RAD = math.pi / 8.0
+"""Turn between two neighboring ways to grasp a thing that may be grasped from any side [rad]."""
+TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
 """Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
@@ -46,6 +49,12 @@ NOISE_BLOCK = 256
 """Control steps for which noise is drawn at once."""
 MOST_DEVIATIONS = 5.0
 """Largest noise in standard deviations; a replay believes 6."""
+TEMPO = 1.4
+"""By how much faster or slower than its source a skill is given at most; a whole demonstration has one tempo."""
+TEMPO_DRAWN = 0.1
+"""By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
+ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
+"""How far the middle of a way may run aside of that of its source, below and above it [m]."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal has to be met."""
 PRESS_M = 0.004
@@ -66,6 +75,49 @@ class AmplifierSettings:
 
     select: SourceChoice = "nearest_object"
     action_noise: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class _Hand:
+    """What is in the gripper on the way: distance of the finger pads [m], object, and where that is."""
+
+    width_m: float
+    held: str | None = None
+    T_tcp_object: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A skill that may be carried over.
+
+    Attributes:
+        source: The skill as it was.
+        moved: The skill in this scene.
+        change: How the way to it differs from that of its source.
+        hand: What is in the gripper on the way.
+        touched: Objects that the robot may touch in the skill.
+    """
+
+    source: SourceSkill
+    moved: CarriedOver
+    change: TransitChange
+    hand: _Hand
+    touched: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _WayIn:
+    """A free way to where a skill begins.
+
+    Attributes:
+        poses: Corners of a planned way, or one pose per control step of a way that was carried over.
+        planned: Which of the two.
+        begin: Step of the skill at which it ends.
+    """
+
+    poses: tuple[Pose, ...]
+    planned: bool
+    begin: int
 
 
 class Amplifier:
@@ -93,7 +145,8 @@ class Amplifier:
         self._period_s = 1.0 / scene.control_rate_hz
         self._shut = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
         self._noise = np.random.Generator(np.random.PCG64(int(draw.integers(1 << 62))))
-        self._speed = lead.speed
+        tempo = float(draw.uniform(1.0 - TEMPO_DRAWN, 1.0 + TEMPO_DRAWN))
+        self._speed, self._tempo_mps = tempo * lead.speed, tempo * lead.tempo_mps
         self._block, self._drawn = np.empty((0, 7)), 0
         self._trained = measured_releases(scene)
         self._blocked: list[str] = []
@@ -177,22 +230,33 @@ class Amplifier:
         key = key_of(state.info, window, out=slide_m > 0.0)
         held = window.object if window.kind == "place" else None
         self._blocked.clear()
-        for skill, moved in self._candidates(state, window, self._ordered(state, key, window, source), slide_m):
-            found = self._way_in(state, window, skill, moved)
-            if found is None:
+        ordered = self._ordered(state, key, window, source)
+        aside, raised = self._draw.uniform(-ASIDE_M, ASIDE_M), self._draw.uniform(-LOWER_M, HIGHER_M)
+        for skill, moved in self._candidates(state, window, ordered, slide_m, turn_rad=self._drawn_turn()):
+            faster = self._faster(skill)
+            change = TransitChange(float(aside), float(raised), faster)
+            hand, touched = _Hand(max(skill.width_m, state.finger_width_m)), frozenset({window.object})
+            if held is not None:
+                hand = _Hand(state.finger_width_m, held, state.ee_pose.inverse() @ state.pose(held))
+                touched = frozenset()
+            way = self._way_in(state, _Candidate(skill, moved, change, hand, touched))
+            if way is None:
                 continue
-            way, begin = found
             self.used.append(skill.source)
             state = yield from self._transit(state, way, held=held)
             if held is not None and state.held != held:
                 raise AttemptFailedError("dropped", f"{held} slipped out on the way to {window.target}")
-            state = yield from self._play(state, moved, begin)
+            state = yield from self._play(state, moved.from_step(way.begin, faster=faster))
             if window.kind == "pick" and state.held != window.object:
                 raise AttemptFailedError("missed grasp", f"{window.object} is not in the gripper after the lift")
             return state, skill.source
         what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
         why = "; ".join(dict.fromkeys(self._blocked)) or "there is none"
         raise AttemptFailedError("no free way", f"{what}: none of the sources can be carried over ({why})")
+
+    def _drawn_turn(self) -> float:
+        """Return by how much a grasp is turned where any side will do [rad]: by one step of its ways, or not at all."""
+        return TURN_RAD * float(self._draw.integers(-1, 2))
 
     def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
         """Return by how much a drawer has to be moved [m]: home, or out as far as the lead drew it."""
@@ -217,8 +281,8 @@ class Amplifier:
             by_object = self._settings.select == "nearest_object"
             far = self._from_object if by_object else self._from_robot
             found.sort(key=lambda skill: far(state, window, skill))
-            nearest = found[:NEAREST]
-            found[:NEAREST] = [nearest[i] for i in self._draw.permutation(len(nearest))]
+            nearest = found[: max(NEAREST, round(NEAREST_SHARE * len(found)))]
+            found[: len(nearest)] = [nearest[i] for i in self._draw.permutation(len(nearest))]
         if window.kind == "place" and source is not None:
             found.sort(key=lambda skill: skill.source != source)
         return found
@@ -241,11 +305,18 @@ class Amplifier:
         return distance(begin.position, state.ee_pose.position) + turned
 
     def _candidates(
-        self, state: WorldState, window: SkillWindow, skills: Sequence[SourceSkill], slide_m: float
+        self,
+        state: WorldState,
+        window: SkillWindow,
+        skills: Sequence[SourceSkill],
+        slide_m: float,
+        *,
+        turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
         """Yield skills carried over to this scene; those of things that may be turned freely in two ways.
 
-        Where something is in the way of all of them, a thing that may be grasped from any side is taken from another
+        A thing that may be grasped from any side is first taken turned about its own axis by ``turn_rad``. Where
+        something is in the way of all of them, a thing that may be grasped from any side is taken from another
         one. Where a container is filled otherwise than it was in the sources, what is let go may go to another goal of
         the expert at which training lets go of things.
         """
@@ -253,6 +324,8 @@ class Amplifier:
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
         for skill in skills:
             if window.kind == "pick":
+                if symmetric and turn_rad:
+                    yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn_rad)
                 yield skill, carry_pick(skill, state, window.object, asset)
             elif window.kind == "slide":
                 yield skill, carry_slide(skill, state, window.object, asset, slide_m=slide_m)
@@ -280,65 +353,88 @@ class Amplifier:
         near = trained.aside_mm(1000.0 * x, 1000.0 * y) <= SURE * REACH_MM
         return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
 
-    def _way_in(
-        self, state: WorldState, window: SkillWindow, skill: SourceSkill, moved: CarriedOver
-    ) -> tuple[tuple[Pose, ...], int] | None:
-        """Return a free way to where a skill can begin, and the step at which it does, or None if none is free."""
-        held = window.object if window.kind == "place" else None
-        T_tcp_object = None if held is None else state.ee_pose.inverse() @ state.pose(held)
-        width = state.finger_width_m if held is not None else max(skill.width_m, state.finger_width_m)
-        ignore = frozenset() if held is not None else frozenset({window.object})
+    def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
+        """Return a free way to where a skill can begin, or None if none is free."""
         tried: set[int] = set()
         for radius in BEGIN_WITHIN_M:
-            begin = moved.begin_within(radius)
+            begin = skill.moved.begin_within(radius)
             if begin in tried:
                 continue
             tried.add(begin)
-            found = self._planner.way_to(state, moved.targets[begin], width, held=held, T_tcp_object=T_tcp_object)
-            if found is None:
-                self._blocked.append("no free way there")
-                continue
-            way, joints = found
-            points = moved.checkpoints(begin, moved.change)
-            blocked, joints = self._planner.check_way(
-                joints, points, width, held=held, T_tcp_object=T_tcp_object, ignore=ignore
-            )
-            if blocked is not None:
-                self._blocked.append(blocked)
-                continue
-            if held is not None:
-                opened = state.finger_width_m + skill.spread_m
-                there = (points[-1], points[-1])
-                blocked, _ = self._planner.check_way(
-                    joints, there, opened, held=held, T_tcp_object=T_tcp_object, ignore=frozenset({held})
-                )
-                if blocked is not None:
-                    self._blocked.append(blocked)
-                    continue
-            return way, begin
+            blocked: str | None = "no free way there"
+            for way, joints in self._free_ways(state, skill, begin):
+                blocked = self._what_blocks(state, skill, begin, joints)
+                if blocked is None:
+                    return way
+                if blocked != OUT_OF_REACH:
+                    break  # the skill itself, whichever way leads to it
+            self._blocked.append(blocked or "")
         return None
 
-    def _transit(self, state: WorldState, way: tuple[Pose, ...], *, held: str | None) -> Motion:
-        """Move to where a skill begins, at the pace of the lead."""
+    def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
+        """Yield free ways to a step of a skill, with the joints at their end [rad].
+
+        The way of the skill's own source comes first: varied, and as it was. Then comes a planned one.
+        """
+        goal, hand = skill.moved.targets[begin], skill.hand
+        for change in (skill.change, TransitChange(faster=skill.change.faster)):
+            way = carry_transit(skill.source, begin, state.commanded_pose, goal, change)
+            if way is None:
+                break
+            joints = self._planner.free_way(
+                state, checkpoints(way), hand.width_m, held=hand.held, T_tcp_object=hand.T_tcp_object
+            )
+            if joints is not None:
+                yield _WayIn(way[1:-1], False, begin), joints
+        found = self._planner.way_to(state, goal, hand.width_m, held=hand.held, T_tcp_object=hand.T_tcp_object)
+        if found is not None:
+            yield _WayIn(found[0], True, begin), found[1]
+
+    def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
+        """Return what blocks a skill up to its change, or the gripper as it opens there; None if nothing does."""
+        hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
+        held, T_tcp_object = hand.held, hand.T_tcp_object
+        blocked, joints = self._planner.check_way(
+            joints, points, hand.width_m, held=held, T_tcp_object=T_tcp_object, ignore=skill.touched
+        )
+        if blocked is not None or held is None:
+            return blocked
+        opened = state.finger_width_m + skill.source.spread_m
+        return self._planner.check_way(
+            joints, (points[-1],) * 2, opened, held=held, T_tcp_object=T_tcp_object, ignore=frozenset({held})
+        )[0]
+
+    def _faster(self, skill: SourceSkill) -> float:
+        """Return how much faster than in its source a skill is given for the tempo of the demonstration."""
+        own, lead = skill.tempo_mps, self._tempo_mps
+        return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
+
+    def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
+        """Move to where a skill begins, at the tempo of the demonstration."""
         self._quiet = False
         pace = CARRY if held is not None else FREE
         gripper = OPEN if held is None else 1.0
-        return (
-            yield from follow(state, way, gripper=gripper, pace=self._paced(pace), period_s=self._period_s, settle=3)
-        )
+        if way.planned:
+            return (
+                yield from follow(
+                    state, way.poses, gripper=gripper, pace=self._paced(pace), period_s=self._period_s, settle=3
+                )
+            )
+        for pose in way.poses:
+            state = yield delta_action(state.commanded_pose, pose, gripper)
+        return state
 
     def _paced(self, pace: Pace) -> Pace:
         s = self._speed
         return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
 
-    def _play(self, state: WorldState, moved: CarriedOver, begin: int) -> Motion:
+    def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
         """Send the controller along a skill; before the gripper changes the arm settles, and then no noise is added."""
         before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
-        for i in range(begin, len(moved.targets)):
-            target, gripper = moved.targets[i], moved.gripper[i]
+        for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
             changes = (gripper > 0.0) != (before > 0.0)
             if changes:
-                state = yield from self._settle(state, moved.targets[max(begin, i - 1)], before)
+                state = yield from self._settle(state, moved.targets[max(0, i - 1)], before)
             before = gripper
             moving = i + 1 < len(moved.targets) and distance(target.position, moved.targets[i + 1].position) > STILL_M
             if gripper > 0.0 and moving and self._quiet:

@@ -68,8 +68,8 @@ logger = logging.getLogger(__name__)
 
 ATTEMPTS = "attempts"
 """Folder within a run of demonstrations that holds the journal of attempts."""
-METHOD_VERSION = 1
-"""Version of how demonstrations are given and carried over; a run is resumed under its own alone."""
+METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
+"""Versions of how demonstrations are given and carried over; a run is resumed under its own alone."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
@@ -125,7 +125,7 @@ class Method:
     def to_json(self) -> dict[str, Any]:
         """Return what two runs have to share to be the same one, beside their trials."""
         form: dict[str, Any] = {
-            "method_version": METHOD_VERSION,
+            "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
             "attempts": self.attempts,
         }

@@ -20,6 +20,7 @@ from betterbench.demonstrations.sources import (
     nearest_goal,
     region_frame,
 )
+from betterbench.demonstrations.transit import retimed
 from betterbench.geometry import Pose, angle_between, distance, from_yaw, rotate
 from betterbench.recording import SkillWindow
 from betterbench.state import WorldState
@@ -54,6 +55,12 @@ class CarriedOver:
         while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
             step -= 1
         return step
+
+    def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
+        """Return the skill from a step on, up to its change at another speed; what the gripper does takes its time."""
+        before = retimed(self.targets[begin : self.change + 1], faster)
+        gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
+        return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
 
     def checkpoints(self, begin: int, end: int) -> list[Pose]:
         """Return the poses of some steps that are checked for collisions: the first, the last and some between."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,8 @@ SAME_GOAL_M = 0.03
 """Farthest that something may be let go from a goal of the expert to count as brought there [m]."""
 SPOT_M, MOST_SPOTS = 0.012, 16
 """Least distance of two goals that are tried as different ones [m], and how many of them are."""
+MOVING_M = 0.001
+"""Least motion of a control step that is no pause [m]."""
 ROTATION_M = 0.1
 """What a radian counts for where poses are compared [m/rad]: the reach of the gripper."""
 
@@ -54,6 +57,9 @@ class SourceSkill:
         spread_m: By how much wider than around the object the gripper opens [m]; of a place.
         slid_m: Distance along its own x axis by which a drawer is moved [m].
         width_m: Distance of the finger pads when the window begins [m].
+        lead_in: Poses ``T_world_tcp`` that the controller was sent to between the skill before and the window, one per
+            control step; None where the gripper closed in vain on that way.
+        tempo_mps: Tempo of the demonstration.
     """
 
     key: SkillKey
@@ -72,6 +78,8 @@ class SourceSkill:
     spread_m: float
     slid_m: float
     width_m: float
+    lead_in: tuple[Pose, ...] | None
+    tempo_mps: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,12 +91,14 @@ class Source:
         segments: Its subgoals.
         skills: Its skills, in time and without misses.
         speed: Share of the expert's speed at which it was given.
+        tempo_mps: Mean speed of the tool on the ways from one skill to the next, without pauses [m/s]; 0 if unknown.
     """
 
     trial: TrialId
     segments: tuple[SubgoalSegment, ...]
     skills: tuple[SourceSkill, ...]
     speed: float
+    tempo_mps: float
 
     @property
     def name(self) -> str:
@@ -172,14 +182,33 @@ def demonstrated_source(record: Record) -> Source:
     placed = place_objects(condition.task, condition.condition, meta.seed, shown=meta.looks)
     assets = {p.spec.name: p.asset for p in placed}
     _require_objects(record, assets)
-    skills = tuple(
-        _skill_of(record, str(trial), window, assets[window.object])
-        for segment in segments
-        for window in segment.skills
-        if window.kind != "miss" and (window.kind != "place" or window.target)
-    )
+    windows: list[tuple[SkillWindow, tuple[Pose, ...] | None]] = []
+    free_from, missed = 1, False
+    for window in (w for segment in segments for w in segment.skills):
+        if window.kind == "miss":
+            missed = True
+            continue
+        if window.kind != "place" or window.target:
+            windows.append((window, None if missed else _targets(record, free_from, window.start)))
+        free_from, missed = window.stop, False
+    tempo = _tempo_mps(record, [lead_in for _, lead_in in windows if lead_in])
+    skills = tuple(_skill_of(record, w, assets[w.object], lead_in=lead_in, tempo_mps=tempo) for w, lead_in in windows)
     speed = 1.0 if meta.demonstrator is None else meta.demonstrator.manner.get("speed", 1.0)
-    return Source(trial, segments, skills, min(1.0, max(0.3, float(speed))))
+    return Source(trial, segments, skills, min(1.0, max(0.3, float(speed))), tempo)
+
+
+def _tempo_mps(record: Record, ways: Iterable[Sequence[Pose]]) -> float:
+    steps = [distance(a.position, b.position) for way in ways for a, b in itertools.pairwise(way)]
+    moving = [step for step in steps if step > MOVING_M]
+    if not moving:
+        return 0.0
+    return sum(moving) / len(moving) * record.n_steps / float(record.time[-1] - record.time[0])
+
+
+def _targets(record: Record, start: int, stop: int) -> tuple[Pose, ...]:
+    """Return the poses that the controller was sent to at some rows."""
+    positions, quaternions = record.commanded_position[start:stop], record.commanded_quaternion[start:stop]
+    return tuple(Pose(tuple(p), tuple(q)) for p, q in zip(positions.tolist(), quaternions.tolist(), strict=True))
 
 
 def _require_objects(record: Record, planned: Collection[str]) -> None:
@@ -193,7 +222,9 @@ def _require_objects(record: Record, planned: Collection[str]) -> None:
         )
 
 
-def _skill_of(record: Record, name: str, window: SkillWindow, asset: Asset) -> SourceSkill:
+def _skill_of(
+    record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
+) -> SourceSkill:
     """Return one window of a record with its targets and frames."""
     first = max(1, window.start)
     rows = range(first, max(window.stop, window.change + 1))
@@ -205,17 +236,14 @@ def _skill_of(record: Record, name: str, window: SkillWindow, asset: Asset) -> S
     widths = record.finger_width[rows.start : rows.stop]
     return SourceSkill(
         key=key_of(record.metadata.scene, window, out=slid > 0.0),
-        source=name,
+        source=str(TrialId(record.metadata.task, record.metadata.condition, record.metadata.seed)),
         window=window,
         object=info,
         asset=asset,
         frame=region_frame(state, window) if is_place else state.pose(window.object),
         object_pose=state.pose(window.object),
         target_pose=state.pose(window.target if is_place else window.object),
-        targets=tuple(
-            Pose(tuple(record.commanded_position[r].tolist()), tuple(record.commanded_quaternion[r].tolist()))
-            for r in rows
-        ),
+        targets=_targets(record, rows.start, rows.stop),
         gripper=tuple(float(v) for v in record.action[rows.start : rows.stop, -1]),
         change=window.change - first,
         T_tcp_foot=held if is_place else Pose(),
@@ -223,6 +251,8 @@ def _skill_of(record: Record, name: str, window: SkillWindow, asset: Asset) -> S
         spread_m=float(widths.max() - widths[max(0, window.change - first - 1)]) if is_place else 0.0,
         slid_m=slid,
         width_m=state.finger_width_m,
+        lead_in=lead_in,
+        tempo_mps=tempo_mps,
     )
 
 

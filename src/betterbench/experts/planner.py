@@ -43,6 +43,8 @@ COMFORT_RAD = 0.3
 """Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
 SLIDE_WIDTH_M = 0.05
 """Opening of the gripper around a knob that is checked along the rails [m]."""
+OUT_OF_REACH = "out of reach"
+"""Why a way is not free along which the arm cannot go on without another posture."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
@@ -124,7 +126,7 @@ class Planner:
             above = grasp_pose.translated(z=LIFT_M)
             joints = self._reach(state.joint_positions, above, margin=margin)
             if joints is None:
-                reasons.append("out of reach")
+                reasons.append(OUT_OF_REACH)
                 continue
             down = self.check_way(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
             if down is not None:
@@ -192,7 +194,7 @@ class Planner:
             opened = self._opening if goal.release_width_m is None else goal.release_width_m
             down = self._reach(guess, release, margin=margin)
             if down is None:
-                reasons.append("out of reach")
+                reasons.append(OUT_OF_REACH)
                 continue
             guess = down
             hits = self._clearance.touches(
@@ -205,7 +207,7 @@ class Planner:
                 continue
             joints = self._reach(down, above, margin=margin)
             if joints is None:
-                reasons.append("out of reach")
+                reasons.append(OUT_OF_REACH)
                 continue
             blocked, _ = self.check_way(
                 joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
@@ -253,6 +255,30 @@ class Planner:
         """
         self._clearance.load(state)
         return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
+
+    def free_way(
+        self,
+        state: WorldState,
+        way: Sequence[Pose],
+        width_m: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+    ) -> list[float] | None:
+        """Return the joints at the end of a given way [rad], or None if it touches anything or is out of reach.
+
+        Args:
+            state: State now.
+            way: Poses ``T_world_tcp``, the first one where the arm is sent to now.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+        """
+        self._clearance.load(state)
+        blocked, joints = self.check_way(
+            state.joint_positions, way, width_m, held=held, T_tcp_object=T_tcp_object, lenient_start=True
+        )
+        return joints if blocked is None else None
 
     def asset(self, name: str) -> Asset:
         """Return the asset of an object of the scene."""
@@ -373,7 +399,7 @@ class Planner:
                     ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
                 )
                 if found is None or largest_step(found, now) > MAX_JOINT_STEP_RAD:
-                    return "out of reach", now
+                    return OUT_OF_REACH, now
                 before, now = now, found
                 held_pose = None if T_tcp_object is None else pose @ T_tcp_object
                 hits = self._clearance.touches(now, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore)

@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import NoneType
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -13,6 +14,12 @@ import numpy as np
 from betterbench.errors import InvalidInputError
 from betterbench.interface.actions import action_space
 from betterbench.interface.observation import Observation
+
+_EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
+    ("horizon", (int, np.integer, NoneType), "a whole number, or None for the whole chunk"),
+    ("ahead", (int, np.integer), "a whole number"),
+    ("ensemble", (int, float, np.number, NoneType), "a number, or None"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +42,11 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a number is out of range, or two exclude each other."""
+        """Raise InvalidInputError if a value is no such number or out of range, or two exclude each other."""
+        for name, kind, words in _EXECUTION_KINDS:
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, kind):
+                raise InvalidInputError(f"Execution: {name}", f"it is of type {type(value).__name__}", f"Give {words}")
         if self.horizon is not None and self.horizon < 1:
             raise InvalidInputError(
                 "horizon", f"{self.horizon} is out of range", "The execution horizon must be at least 1"
@@ -109,7 +120,14 @@ class PolicyInfo:
                 raise InvalidInputError(
                     f"PolicyInfo: metadata[{key!r}]", f"it is of type {type(value).__name__}", "Give texts by name"
                 )
-        if self.cameras is not None and not all(isinstance(name, str) for name in self.cameras):
+        for name in ("needs_images", "heavy"):
+            if not isinstance(getattr(self, name), (bool, np.bool_)):
+                found = type(getattr(self, name)).__name__
+                raise InvalidInputError(f"PolicyInfo: {name}", f"it is of type {found}", "Give True or False")
+        cameras: object = self.cameras
+        if cameras is not None and not (
+            isinstance(cameras, tuple | list) and all(isinstance(name, str) for name in cameras)
+        ):
             raise InvalidInputError(
                 "PolicyInfo: cameras", "they are no names", "Give names of cameras, or None for all"
             )

@@ -25,6 +25,8 @@ _MOST_LISTS = 3
 NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
+_LARGEST_NUMBER = 1e6
+"""What no position, angle or speed of a robot reaches [m, rad, m/s, rad/s]; the square of much more is no number."""
 _MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
@@ -182,13 +184,16 @@ def _whole(value: object, where: str) -> int:
 
 
 def _numbers(value: object, where: str, count: int) -> np.ndarray:
-    """Return a flat float64 array of finite numbers."""
+    """Return a flat float64 array of finite numbers that a robot can measure."""
     try:
         array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: what comes off the wire is read-only
     except (TypeError, ValueError, OverflowError):
         array = np.full(0, math.nan)
     if array.shape != (count,) or not np.isfinite(array).all():
         raise InvalidInputError(where, f"it is not {count} finite numbers", f"Send a float array of shape ({count},)")
+    if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
+        problem = f"it holds {array[np.abs(array).argmax()]:g}, which no robot measures"
+        raise InvalidInputError(where, problem, "Send meters and radians")
     return array
 
 

@@ -7,6 +7,8 @@ import fcntl
 import os
 import threading
 import time
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -41,6 +43,31 @@ def is_locked(path: Path) -> bool:
     return False
 
 
+@dataclass(frozen=True, slots=True)
+class HeldFolder:
+    """A folder that a process has locked, as its worker processes are told; small and picklable.
+
+    Attributes:
+        lock: File of the lock.
+        output: What is locked, as the user knows it.
+        identity: Device and inode of the file.
+    """
+
+    lock: Path
+    output: Path
+    identity: tuple[int, int]
+
+    @property
+    def folder(self) -> Path:
+        """The locked folder."""
+        return self.lock.parent
+
+    def require_folder(self, path: Path) -> None:
+        """Raise StorageError if a file lies in the folder, and that is not there any more."""
+        if path.absolute().is_relative_to(self.folder) and not _is_file(self.lock, self.identity):
+            raise StorageError(_lost_text(self.output, self.lock.name, f"{path.name} is not written"))
+
+
 class RunLock:
     """An exclusive lock on a run folder that dies with the process that took it.
 
@@ -53,6 +80,7 @@ class RunLock:
     Raises:
         RunConflictError: If somebody else holds the lock, unless it ``waits``.
         InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
+        StorageError: If a folder around it that this process has locked was removed or moved.
     """
 
     _is_folder = True
@@ -65,6 +93,9 @@ class RunLock:
         if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
             return
         require_guarded(path)
+        for around in _around():  # else its folder would be made anew within one that vanished
+            if around.folder != self._folder:
+                around.require_folder(path)
         self._handle = self._noted(waits=waits)
         _HELD.append(self)
         self._guard()
@@ -96,6 +127,19 @@ class RunLock:
             if not _stands_at(self._path, self._handle):
                 lost, self._handle = self._handle, self._noted(waits=False)
                 os.close(lost)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the lock."""
+        return self._folder
+
+    @property
+    def for_workers(self) -> HeldFolder | None:
+        """What worker processes are told; None where no folder is held, or the lock would be taken anew."""
+        if self._handle is None or not self._is_folder or self._renews:
+            return None
+        held = os.fstat(self._handle)
+        return HeldFolder(self._path.absolute(), self._locked, (held.st_dev, held.st_ino))
 
     @property
     def _locked(self) -> Path:
@@ -150,10 +194,7 @@ class RunLock:
 
     def _lost(self, consequence: str) -> str:
         """Return what is said where the locked folder is not there any more."""
-        return (
-            f"{self._locked}: was removed or moved, or its {self._path.name}, while this command writes there, so "
-            f"{consequence}. Put the folder back, or run the same command again."
-        )
+        return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
         """Give the lock back; harmless when it is not held."""
@@ -213,20 +254,51 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
 
-    Locks of this process are meant; raises RunConflictError if somebody else has taken one that is renewed.
+    Locks of this process are meant, and those that its parent had told it of (:func:`write_within`); raises
+    RunConflictError if somebody else has taken one that is renewed.
     """
-    for lock in tuple(_HELD):
-        lock.require_folder(path)
+    for held in _around():
+        held.require_folder(path)
+
+
+def _around() -> list[HeldFolder | RunLock]:
+    """Return the locks of the parent and of this process, as they are now: threads take and release them."""
+    return [*_OF_PARENT, *_HELD]
+
+
+def held_folders() -> tuple[HeldFolder, ...]:
+    """Return the folders that this process has locked, for worker processes that write below them."""
+    return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
+
+
+def write_within(folders: Iterable[HeldFolder]) -> None:
+    """Let this process write nothing below folders that the process which started it has locked, once they are gone.
+
+    A worker that goes on writing makes a vanished folder anew, and the same command then finds one that it cannot use.
+    """
+    _OF_PARENT.extend(folders)
+
+
+def _lost_text(output: Path, lock_name: str, consequence: str) -> str:
+    return (
+        f"{output}: was removed or moved, or its {lock_name}, while this command writes there, so {consequence}. "
+        "Put the folder back, or run the same command again."
+    )
 
 
 def _stands_at(path: Path, handle: int) -> bool:
     """Tell whether an open file is still the one at a path."""
     ours = os.fstat(handle)
+    return _is_file(path, (ours.st_dev, ours.st_ino))
+
+
+def _is_file(path: Path, identity: tuple[int, int]) -> bool:
+    """Tell whether the file at a path has this device and inode."""
     try:
         there = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
         return False
-    return (there.st_dev, there.st_ino) == (ours.st_dev, ours.st_ino)
+    return (there.st_dev, there.st_ino) == identity
 
 
 def _lock_exclusively(handle: int) -> None:
@@ -243,6 +315,8 @@ def _lock_exclusively(handle: int) -> None:
 
 
 _HELD: list[RunLock] = []
+
+_OF_PARENT: list[HeldFolder] = []
 
 
 def _forget_in_child() -> None:

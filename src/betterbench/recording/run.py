@@ -154,7 +154,11 @@ class RunFolder:
         Raises RecordError if the folder holds no run, a corrupt one or one of another version, or its tasks are defined
         by a user's file that is not loaded.
         """
-        if not (path / "run.json").is_file():
+        try:
+            holds_run = (path / "run.json").is_file()
+        except OSError as error:
+            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the folder that `--out` named.") from error
+        if not holds_run:
             inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
             cure = f"Give a run that is in it: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
             raise RecordError(f"{path}: holds no run (no run.json). {cure}.")

@@ -9,9 +9,10 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from betterbench.errors import line_start
+from betterbench.recording.lock import HeldFolder, write_within
 
 
 @contextlib.contextmanager
@@ -24,10 +25,11 @@ def interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def prepare_process() -> None:
+def prepare_process(held: Iterable[HeldFolder] = ()) -> None:
     """Keep numerical libraries and the software renderer to one thread each, and end with the parent process.
 
-    What is logged follows ``BETTERBENCH_LOG_LEVEL``, in which the command line hands its ``--log-level`` down.
+    What is logged follows ``BETTERBENCH_LOG_LEVEL``, in which the command line hands its ``--log-level`` down. Nothing
+    is written below folders that the parent has locked (``held``), once they are gone.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -35,6 +37,7 @@ def prepare_process() -> None:
     logging.basicConfig(format=f"{line_start(sys.stderr)}%(message)s")
     level = os.environ.get("BETTERBENCH_LOG_LEVEL", "WARNING")
     logging.getLogger("betterbench").setLevel(logging.getLevelNamesMapping().get(level, logging.WARNING))
+    write_within(held)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -115,14 +115,14 @@ def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
     return Grounds(count >= FEW and p <= DEFAULT_ALPHA, test, p)
 
 
-def claim_of_no_failure(diagnosis: RunDiagnosis, solved: int, n: int) -> Grounds:
-    """Return whether enough trials of variations were solved to say that no failure was found.
+def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
+    """Return whether so many trials of variations, all of them solved, are enough to say that no failure was found.
 
     A policy that fails half of the variation trials is ruled out by six that are all solved, not by five.
     """
-    p = chance_p(Rate(solved, n), chance=0.5)
+    p = chance_p(Rate(n, n), chance=0.5)
     test = "variation trials solved, against one half (exact binomial)"
-    if 2 * solved > n and p <= DEFAULT_ALPHA:
+    if p <= DEFAULT_ALPHA:
         return Grounds(True, test, p)
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     text = "What would decide it: more trials of the variations (a larger --trials), on new seeds."

@@ -305,7 +305,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
     if main is None or len(failed) <= RARE_SHARE * len(trained):
-        claim = claim_of_no_failure(diagnosis, solved, solved)
+        claim = claim_of_no_failure(diagnosis, solved)
         if claim.supported:
             return "No failure found: it solves every variation that was run.", "right", claim
         text = f"{NOTHING_YET}: {solved} of {plural(solved, 'variation trial')} solved, too few to rule out a policy"

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from betterbench.errors import RecordError
+from betterbench.errors import RecordError, one_line
 from betterbench.json_form import parse_json
 from betterbench.scenes.cameras import ViewPlacement, camera_matrices
 from betterbench.scenes.rendering import Images, Renderer
@@ -34,20 +34,22 @@ def load_model(files: Mapping[str, bytes]) -> mujoco.MjModel:
     try:
         index = parse_json(files[INDEX_FILE])
         binary = files[MODEL_FILE]
-        wrote = index["mujoco"]
+        wrote = one_line(index["mujoco"], most=20)
     except (KeyError, TypeError, ValueError) as error:
         raise RecordError(
-            f"stored scene: {error!r} is missing or malformed. Run the trial again to store it."
+            f"stored scene: {one_line(repr(error))} is missing or malformed. Run the trial again to store it."
         ) from error
     if wrote != mujoco.__version__:
         raise RecordError(
             f"stored scene: MuJoCo {wrote} wrote it, {mujoco.__version__} is installed. "
-            f"Install mujoco=={wrote} to look at it."
+            "Install the version that wrote it to look at it."
         )
     try:
         return mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": binary})
     except ValueError as error:
-        raise RecordError(f"stored scene: MuJoCo cannot read it ({error}). Run the trial again to store it.") from error
+        raise RecordError(
+            f"stored scene: MuJoCo cannot read it ({one_line(error)}). Run the trial again to store it."
+        ) from error
 
 
 class StoredState:

@@ -18,6 +18,7 @@ from betterbench.learned.address import FILE_NAME as CHECKPOINT
 from betterbench.learned.address import PREFIX, checkpoint_of
 from betterbench.learned.recipe import TrainingRecipe
 from betterbench.policies.policy_process import exit_text
+from betterbench.recording.lock import HeldFolder, held_folders
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.worker_process import interrupts_blocked, prepare_process
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
@@ -124,7 +125,9 @@ def train_learners(
 def _begin(job: TrainingJob, device: str) -> _Learner:
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
-    process = context.Process(target=_learn, args=(job, device, theirs, loaded_files()), name="betterbench-learner")
+    process = context.Process(
+        target=_learn, args=(job, device, theirs, loaded_files(), held_folders()), name="betterbench-learner"
+    )
     with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
         process.start()
     theirs.close()
@@ -158,9 +161,11 @@ def _end(learner: _Learner) -> None:
     learner.link.close()
 
 
-def _learn(job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile]) -> None:
+def _learn(
+    job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile], held: Sequence[HeldFolder]
+) -> None:
     """Train one learner and say how it goes; the main function of a process."""
-    prepare_process()
+    prepare_process(held)
     with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the study has ended
         try:
             load_sources(files)

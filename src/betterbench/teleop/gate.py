@@ -29,6 +29,20 @@ _HEADERS = {
 _REFUSED = "This page is not for you: open the address that better teleop has printed, with its token.\n"
 
 
+_UNREADABLE = "This request cannot be read.\n"
+
+
+def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
+    """Return the answer of what stands behind the gate; a refusal where a request makes that raise an error.
+
+    A header that stands twice or a path of strange bytes would be a traceback of the server.
+    """
+    try:
+        return None if inner is None else inner(connection, request)
+    except Exception:  # noqa: BLE001 - whatever viser does not expect
+        return connection.respond(HTTPStatus.BAD_REQUEST, _UNREADABLE)
+
+
 class Gate:
     """Lets in who knows the token and comes from the page itself.
 
@@ -81,7 +95,7 @@ class Gate:
             if path is None:
                 response = connection.respond(HTTPStatus.FORBIDDEN, _REFUSED)
             else:
-                response = None if inner is None else inner(connection, dataclasses.replace(request, path=path))
+                response = _asked(inner, connection, dataclasses.replace(request, path=path))
             if response is not None:
                 for name, value in _HEADERS.items():
                     response.headers[name] = value

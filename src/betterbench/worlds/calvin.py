@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from betterbench.calvin import (
     CHAINS,
@@ -34,6 +35,7 @@ from betterbench.calvin.starts import BLOCKS, DRAWER_OPEN_M, SLIDER_OPEN_M
 from betterbench.errors import InvalidInputError, PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
 from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, ActionSpace
+from betterbench.json_form import open_form, read_form
 from betterbench.state import Contact, ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks import Truth
 from betterbench.worlds.libero import FieldProtocol, Suite
@@ -47,6 +49,7 @@ from betterbench.worlds.scene import (
     WorldTask,
     held_object,
     require_finite,
+    require_image,
     vector_of,
 )
 
@@ -101,6 +104,20 @@ _IMAGES = {
     "depth_front": (200, 200),
     "depth_wrist": (84, 84),
 }
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _ChainStart:
+    """What a simulator says at the start of a chain, beside what :func:`read_play_table` reads."""
+
+    engine: dict[str, str]
+    code: str
+    fingers: tuple[int, ...]
+    flange: int
+
+
+_CHAIN_START = TypeAdapter(_ChainStart)
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,6 +263,11 @@ class ChainScene(ForeignScene):
         start = self.start()
         asked = {"robot": start.robot.tolist(), "scene": start.scene.tolist(), **self._shown}
         self._take(self._take_process().start(asked))
+        where, cure = (
+            "the start that the simulator sent",
+            "Check out the version of calvin_env that is named in the docs",
+        )
+        read_form(_CHAIN_START, self._document, where=where, cure=cure, raises=WorldError)
         self._fixed = self._document
         self._require_same_versions()
         self.instructed_anew = False
@@ -389,11 +411,14 @@ class ChainScene(ForeignScene):
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep an answer; WorldError if an array is missing, of another shape, or holds what is no number."""
         document, arrays = answer
-        for name, shape in (_ROW | {n: s for n, s in _IMAGES.items() if n in arrays}).items():
+        for name, shape in _ROW.items():
             found = arrays.get(name)
-            if found is None or found.shape != shape:
-                shown = "nothing" if found is None else f"shape {found.shape}"
-                raise WorldError(f"the simulator sent {shown} as {name}; {shape} is agreed")
+            if found is None or found.shape != shape or found.dtype != np.float64:
+                shown = "nothing" if found is None else f"{found.dtype} {found.shape}"
+                raise WorldError(f"the simulator sent {shown} as {name}; float64 {shape} is agreed")
+        for name, size in _IMAGES.items():
+            if name in arrays:
+                require_image(name, arrays[name], size)
         require_finite(arrays)
         self._document, self._arrays = document, dict(arrays)
 

@@ -7,13 +7,15 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, TypeAdapter
 
 from betterbench.errors import PremiseError
 from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
 from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
+from betterbench.json_form import open_form, read_form
 from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
 from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
@@ -41,9 +43,53 @@ _NUMBERS: Mapping[str, int | None] = {
 """What a row holds, and how many numbers each of it has where that is the same for all tasks."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
 """What a row holds of each object."""
-_ARRAYS = frozenset({"row", "touching", "forces", "holds"})
+_KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
+"""What is sent at each step beside images, each (n,), and the kinds of numbers that it may be made of."""
+_ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _StartRegion:
+    name: str
+    position: Vector
+    half_size: Vector
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _StartObject:
+    name: str
+    kind: str
+    fixed: bool
+    mass: Annotated[float, Field(ge=0.0)]
+    size: Vector
+    regions: tuple[_StartRegion, ...]
+    start: str | None
+    of_interest: bool
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _EpisodeStart:
+    """What a simulator says at the start of an episode; ``row`` is read by :class:`RowForm`."""
+
+    objects: tuple[_StartObject, ...]
+    relations: tuple[str, ...]
+    goal: tuple[str, ...]
+    premises: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    places: tuple[tuple[str, Vector], ...]
+    arena: str
+    base: Vector
+    bddl: str
+    engine: dict[str, str]
+    done: bool
+
+
+_EPISODE_START = TypeAdapter(_EpisodeStart)
 
 
 @dataclass(frozen=True, slots=True)
@@ -428,14 +474,19 @@ class ForeignScene:
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
             raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
+        if not isinstance(document.get("done"), bool):
+            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} for whether the task is done")
+        for name, kinds in _KINDS.items():
+            if arrays[name].ndim != 1 or (arrays[name].dtype.kind not in kinds and arrays[name].size):
+                found = f"{arrays[name].dtype} {arrays[name].shape}"
+                raise WorldError(f"the simulator sent {name} that cannot be read: {found}")
         row = arrays["row"]
         if row.shape != (self._row.size,) or row.dtype.char != "d":
             raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
         if arrays["holds"].shape != (len(self._fixed["relations"]),):
             raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
         for name in _IMAGES if self._draws_next else ():
-            if arrays[name].shape != (IMAGE_SIDE, IMAGE_SIDE, 3):
-                raise WorldError(f"the simulator sent {name} of shape {arrays[name].shape}")
+            require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
         numbers = row.tolist()
         # A sum is finite only if all its terms are, and takes a third of the time of asking each.
         if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
@@ -447,9 +498,11 @@ class ForeignScene:
 
         What is malformed otherwise raises an AttributeError, IndexError, KeyError, TypeError or ValueError.
         """
+        where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
+        start = read_form(_EPISODE_START, answer[0], where=where, cure=cure, raises=WorldError)
         self._row = RowForm(answer[0].get("row"))
-        self._pairs = tuple((str(a), str(b)) for a, b in answer[0]["pairs"])
-        objects = len(answer[0]["objects"])
+        self._pairs = start.pairs
+        objects = len(start.objects)
         due = {**_NUMBERS, **{name: width * objects for name, width in _PER_OBJECT.items()}}
         for name, count in due.items():
             shape = self._row.shapes.get(name)
@@ -564,6 +617,15 @@ def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
         raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+
+
+def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
+    """Raise WorldError if an image or a depth image that a simulator sent has another shape or type than agreed."""
+    agreed = np.float32 if name.startswith("depth_") else np.uint8
+    if image.shape != shape or image.dtype != agreed:
+        raise WorldError(
+            f"the simulator sent {name} as {image.dtype} {image.shape}; {np.dtype(agreed)} {shape} is agreed"
+        )
 
 
 def vector_of(values: np.ndarray | Sequence[float]) -> Vector:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from betterbench.cli.console import OUT, passing_bar, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
     from betterbench.demonstrations.production import SetProgress
+    from betterbench.demonstrations.variety import TaskVariety
     from betterbench.recording import RunFolder
 
 
@@ -17,13 +19,24 @@ def bar_note(progress: SetProgress) -> str:
     return f"{progress.attempts} attempts{last}"
 
 
+def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
+    """Print how far the demonstrations of a set are apart, if any can be compared, beside their sources."""
+    from betterbench.demonstrations.variety import SPREADS, variety_rows
+
+    if variety:
+        title = "variety: mean difference of two demonstrations [cm, s, °]"
+        headings = (heading.split(" [")[0] for heading in SPREADS.values())  # which fit into 80 columns without units
+        print_table(("task", "of", *headings), variety_rows(variety, sources), title=title)
+
+
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     """Write the report of a set of demonstrations, and print what it says and how long the attempts took."""
     from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
     from betterbench.demonstrations.failure_films import film_failures
     from betterbench.demonstrations.paths import draw_paths
 
-    found = acceptance_of(run)
+    with passing_bar("comparing the demonstrations") as told:
+        found = acceptance_of(run, on_progress=told)
     rendered: dict[tuple[str, str], str] = {}
     failures = sum(len(task.examples) for task in found.tasks)
     if films and failures:
@@ -48,6 +61,7 @@ def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
         for t in found.tasks
     ]
     print_table(("task", "attempts accepted", "starts solved", "mean steps", "failures"), rows)
+    tell_variety(found.variety, found.sources)
     walls = [entry.wall for entry in run.entries()]
     seconds, attempts = sum(w.get("total_s", 0.0) for w in walls), sum(t.attempts.attempts for t in found.tasks)
     per_hour = f"{3600.0 * attempts / seconds:,.0f} attempts per hour and worker" if seconds else "no attempt yet"

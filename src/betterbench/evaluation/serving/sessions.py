@@ -12,10 +12,11 @@ import numpy as np
 from betterbench.episodes import POLICY_BOUNDARY
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError, PolicyError
-from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations
+from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimulations, require_within
 from betterbench.geometry import Quaternion, from_axis_angle, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
 from betterbench.interface.actions import EE_DELTA, action_space
+from betterbench.interventions import resolve_condition
 from betterbench.policies.adapter import Adapter
 from betterbench.policies.presets import OPENPI_LIBERO
 from betterbench.policies.proprioception import StateRule
@@ -59,14 +60,18 @@ class ShadowSession:
         if request.start is not None:
             _check_space(request.start, EE_DELTA.name, "an expert")
         trial = request.trial or self._fixed or trial_of(request.instruction)
-        step = self._counter.step(request, trial)
-        shadow = self._shadows.of(trial)
-        instruction = shadow.condition.instruction.text
+        # Whatever a message says wrong is found before a scene is built, which takes a hundred times as long.
+        found = resolve_condition(trial.task, trial.condition)
+        instruction = found.condition.instruction.text
         if request.trial is not None and request.instruction != instruction:
             raise PolicyError(
-                f"{trial}: the client's instruction is {request.instruction!r} and this server's is {instruction!r}. "
-                "They run different versions"
+                f"{trial}: the client's instruction is {request.instruction[:200]!r} and this server's is "
+                f"{instruction!r}. They run different versions"
             )
+        if request.step is not None:
+            require_within(trial, request.step, found.task.step_limit(found.condition))
+        step = self._counter.step(request, trial)
+        shadow = self._shadows.of(trial)
         if states:
             step = self._located(states, shadow, step, counted=request.step is not None)
         seen = request.observation if request.measured else None

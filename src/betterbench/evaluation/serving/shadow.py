@@ -34,6 +34,16 @@ SPARE = 4
 """Simulations that are kept beyond one for each client, for those that connect again."""
 
 
+def require_within(trial: TrialId, step: int, step_limit: int) -> None:
+    """Check that a trial is not over at a control step; raise InvalidInputError if it is."""
+    if step >= step_limit:
+        raise InvalidInputError(
+            "better/step",
+            f"{trial} ends after {step_limit} steps, and this is step {step}",
+            "A new episode is a new connection, another prompt, or better/step 0",
+        )
+
+
 class ShadowSimulation:
     """One trial as one privileged policy plays it, up to the last step that was asked for."""
 
@@ -71,12 +81,7 @@ class ShadowSimulation:
             InvalidInputError: If the trial has ended by that step.
             PolicyError: If the client's state differs from the shadow's, or the policy itself fails.
         """
-        if step >= self.step_limit:
-            raise InvalidInputError(
-                "better/step",
-                f"{self.trial} ends after {self.step_limit} steps, and this is step {step}",
-                "A new episode is a new connection, another prompt, or better/step 0",
-            )
+        require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
             if seen is not None:
@@ -86,6 +91,7 @@ class ShadowSimulation:
 
     def observation(self, step: int) -> Observation:
         """Return what is measured at a control step, without images; raises what :meth:`actions` raises."""
+        require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)
             numbers = self._measured[step]

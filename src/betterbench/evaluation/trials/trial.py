@@ -32,6 +32,7 @@ from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.recording import JournalEntry, RunFolder, TrialStatus
 from betterbench.recording.durable import on_disk
+from betterbench.recording.lock import HeldFolder, held_folders
 from betterbench.recording.parquet import file_digest
 from betterbench.recording.retries import MAX_DEATHS
 from betterbench.scenes import Scene
@@ -62,6 +63,7 @@ class RunSettings:
         policy_timeout_s: Deadline of one answer of a policy in the worker's process [s]; servers have their own.
         served_at: Address of the process that holds the policy for all workers, or None.
         task_files: The user's files that workers load before anything else.
+        held: Folders around the run that the process which started it has locked.
         looks: Looks of objects and rooms.
         known: What the server of the policy said when the run began; None where there is no server, or the run's own.
         world: The foreign world in which the trials are run, or None for ours.
@@ -81,6 +83,7 @@ class RunSettings:
     policy_timeout_s: float = POLICY_TIMEOUT_S
     served_at: str | None = None
     task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+    held: tuple[HeldFolder, ...] = field(default_factory=held_folders)
     looks: Looks = "seen"
     known: PolicyInfo | None = None
     world: WorldSettings | None = None

@@ -230,7 +230,7 @@ def work(settings: RunSettings, connection: Connection) -> None:
 
     None received means that there is no more work, None sent that the worker is ready. An error sent stops the run.
     """
-    prepare_process()
+    prepare_process(settings.held)
     take_device(settings.turn)
     with contextlib.suppress(EOFError, BrokenPipeError, ConnectionResetError):  # the run has ended
         try:
