@@ -52,8 +52,8 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task asks to move; one that is only ever a target "
-    "counts.",
+    definition="The attempt is at an object that no instruction of the task asks to move; one that is only ever "
+    "a target counts.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
     finding="Goes for an object that no instruction asks to move",
