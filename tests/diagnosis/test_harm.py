@@ -314,6 +314,20 @@ def test_an_attempt_at_a_wrong_thing_explains_the_trial_and_says_what_became_of_
     assert "No success: the mug was moved" in found.evidence.text
 
 
+@pytest.mark.parametrize(
+    ("first", "label"), [("red can", "semantic_feature_collapse"), ("red mug", "execution_failure")]
+)
+def test_what_is_knocked_aside_on_the_way_to_an_attempt_at_it_was_meant(stage, first, label):
+    """Harm counts before the attempt only where that is at something else."""
+    s = stage("morning_coffee", "O1")
+    s.push(s.of("red can"), 0.0, 0.06).grasp(s.of(first), beside=(0.0, 0.0)).open().lift().home()
+    record = s.end()
+    assert agrees(record)
+    found = diagnose_record(record)
+    assert found.label.value == label
+    assert "the red can was moved out of its place by more than 5 cm" in found.harm
+
+
 # ---------------------------------------------------------------------------------------------------- needless steps
 
 

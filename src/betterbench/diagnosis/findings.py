@@ -11,7 +11,8 @@ from betterbench.diagnosis.ruling import PLACE
 from betterbench.diagnosis.second_pass import PolicyRule, TaskRules
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
-from betterbench.statistics.wording import plural
+from betterbench.statistics.power import DEFAULT_ALPHA
+from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
 
 
@@ -116,7 +117,8 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
     text = f"; followed in {here.k}/{here.n} trials where that is wrong{place}"
     if there.n:
         p = fisher_p(here, there)
-        text += f", against {there.k}/{there.n} errors where it is right (Fisher's exact p = {p:.2g})"
+        text += f", against {there.k}/{there.n} errors where it is right (Fisher's exact test, {p_text(p)}"
+        text += ")" if p <= DEFAULT_ALPHA else ": these counts alone do not show that it follows this rule)"
     return text
 
 

@@ -387,13 +387,20 @@ def _knocked(episode: EpisodeAnalysis) -> Evidence | None:
 
 
 def _harm(episode: EpisodeAnalysis) -> Evidence | None:
-    """Return evidence if something was moved that was not asked for; an attempt at it is earlier evidence."""
+    """Return evidence if something was moved that was not asked for; an attempt at it is earlier evidence.
+
+    What is knocked aside by a gripper that then closes on it was meant, so its harm counts from that attempt on.
+    """
     if not episode.harm:
         return None
     row, harm = episode.harm[0]
+    at = episode.trace.info.index(harm.object)
+    following = next((step for step in episode.decisions if step.grasp.start >= row), None)
+    if following is not None and following.at == at:
+        row = following.grasp.end
     words = harm.words(episode.trace.info)
     text = f"{words[0].upper()}{words[1:]}; it was to be left alone."
-    return episode.evidence("harm", text, rows=(row, row), objects=(episode.trace.info.index(harm.object),))
+    return episode.evidence("harm", text, rows=(row, row), objects=(at,))
 
 
 def _undone(episode: EpisodeAnalysis) -> Evidence | None:

@@ -1,4 +1,4 @@
-"""Semantic feature collapse: the gripper goes for an object that no instruction of the task means."""
+"""Semantic feature collapse: the gripper goes for an object that no instruction of the task asks to move."""
 
 from __future__ import annotations
 
@@ -52,10 +52,11 @@ def _exposed(x: Exposure) -> bool:
 @FailureMode(
     Label.SEMANTIC_FEATURE_COLLAPSE,
     short="look-alike",
-    definition="The attempt is at an object that no instruction of the task refers to.",
+    definition="The attempt is at an object that no instruction of the task asks to move; one that is only ever "
+    "a target counts.",
     conclusion="It takes look-alikes for the real thing.",
     sharper=_sharper,
-    finding="Goes for an object that no instruction names",
+    finding="Goes for an object that no instruction asks to move",
     detail=_shared_by,
     exposed_by=_exposed,
 )
@@ -67,7 +68,7 @@ def _find(trial: TrialView) -> Evidence | None:
             shared = shares(episode, step)
             common = f"the target's {listed(shared)}" if shared else "nothing with the target"
             text = (
-                f"It goes for {episode.describe(step)}, which no instruction of this task names, although "
+                f"It goes for {episode.describe(step)}, which no instruction of this task asks to move, although "
                 f"{_asked_for(episode, step)}; it shares {common}."
             )
             return episode.at_step("object_that_no_instruction_means", text, step, shared=shared)
