@@ -15,6 +15,7 @@ from betterbench.scenes.cameras import camera_matrices
 from betterbench.scenes.stage import quality_preset
 from betterbench.tasks import get_task
 from betterbench.tasks.relations.beside import SIDES, side_of
+from betterbench.tasks.relations.relation import SHARED
 
 COLORS = {"left": (240, 140, 40), "right": (60, 130, 240), "behind": (60, 180, 90), "upper_right": (190, 80, 220)}
 SHOWN = (("desk_meeting", "laptop"), ("breakfast_table", "plate"))
@@ -51,7 +52,9 @@ def view(task_id: str, anchor: str, size: int) -> Image.Image:
             side = side_of(info, x, y)
             if side is not None:
                 square = [(x - half, y - half), (x - half, y + half), (x + half, y + half), (x + half, y - half)]
-                pen.polygon(pixels(square), fill=(*COLORS[side], 110))
+                shared = [COLORS[name] for name in side.split(SHARED)]
+                color = tuple(sum(parts) // len(shared) for parts in zip(*shared, strict=True))
+                pen.polygon(pixels(square), fill=(*color, 110))
     for region in info.regions:
         if region.name in SIDES:
             (x, y, _), (dx, dy, _) = region.position, region.half_size

@@ -1,4 +1,4 @@
-"""Scenes that were judged blind from image and instruction: ``judged_blind.txt`` says how, and holds the judgments."""
+"""Scenes that were judged blind from image and instruction: the two text files say how, and hold the judgments."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ class Scene(NamedTuple):
         return self.votes.count("y") >= 2
 
 
-def _scenes() -> list[Scene]:
-    lines = (Path(__file__).parent / "judged_blind.txt").read_text().splitlines()
+def _scenes(name: str) -> list[Scene]:
+    lines = (Path(__file__).parent / name).read_text().splitlines()
     return [Scene(*(cell.strip() for cell in line.split("|"))) for line in lines if line and line[0] != "#"]
 
 
-SCENES = _scenes()
+SCENES = _scenes("judged_blind.txt")
+HELD_OUT = _scenes("judged_held_out.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -49,7 +50,7 @@ def accepts(scene: Scene) -> bool:
             truth = tracker.update(state)
         return truth.goal
     thing, target = scene.pair.split(" > ")
-    return relation(scene.kind.split(",")[0]).where(state, thing, target) == scene.region.removeprefix("-")
+    return relation(scene.kind.split(",")[0]).holds(state, thing, target, scene.region.removeprefix("-"))
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +83,11 @@ def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
     """Tables are laid from slots that lie there, so the instruction has to say more than the side."""
     far = [s for s in SCENES if "without" in s.kind and s.accepted and not accepts(s)]
     assert len(far) >= 5
+
+
+def test_scenes_posed_afterwards_agree_but_near_borders():
+    """Nine differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
+    disagreed = [scene for scene in HELD_OUT if accepts(scene) is not scene.accepted]
+    assert len(HELD_OUT) == 80
+    assert len(disagreed) <= 9, disagreed
+    assert {scene.kind for scene in disagreed} <= {"beside", "on_plate", "harm"}

@@ -180,13 +180,29 @@ def test_beside_ends_far_from_the_edge_and_beyond_the_corners(at_reset, posed, c
 
 
 @pytest.mark.parametrize(
-    ("degrees", "expected"), [(23.0, "right"), (25.0, "upper_right"), (71.0, "upper_right"), (73.0, None)]
+    ("degrees", "expected"),
+    [
+        (23.0, {"right"}),
+        (25.0, {"right", "upper_right"}),
+        (44.0, {"right", "upper_right"}),
+        (46.0, {"upper_right"}),
+        (71.0, {"upper_right"}),
+        (73.0, set()),
+    ],
 )
-def test_upper_right_of_a_plate_is_between_right_and_behind(at_reset, posed, degrees, expected):
+def test_upper_right_of_a_plate_is_between_right_and_behind_and_shares_its_lower_half_with_right(
+    at_reset, posed, degrees, expected
+):
     state = at_reset("breakfast_table", "train1")
     away = 0.5 * state.info.object("plate").size_m[0] + 0.05
     x, y = -away * math.sin(math.radians(degrees)), away * math.cos(math.radians(degrees))
-    assert where("beside", at_side(state, posed, "plate", "cup", (x, y)), "cup", "plate") == expected
+    there = at_side(state, posed, "plate", "cup", (x, y))
+    kind, sides = relation("beside"), ("left", "right", "upper_right")
+    assert {side for side in sides if kind.holds(there, "cup", "plate", side)} == expected
+    condition = condition_of("breakfast_table", "train1")
+    tracker = GoalTracker(condition, state.info, template=get_task("breakfast_table").template, control_rate_hz=20.0)
+    truth = dict(zip(tracker.relation_names, tracker.update(there).relations, strict=True))
+    assert {side for side in sides if truth[kind.label("cup", "plate", side)]} == expected
 
 
 @pytest.mark.parametrize("turn", [0.5, math.pi / 2, 3.0])

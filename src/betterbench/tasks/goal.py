@@ -9,7 +9,7 @@ from betterbench.tasks.axes import Expected
 from betterbench.tasks.condition import Condition
 from betterbench.tasks.harm import Harm, HarmWatch
 from betterbench.tasks.picked_slots import picked_slots
-from betterbench.tasks.relations import RestWatch, arm_still, released
+from betterbench.tasks.relations import RestWatch, arm_still, is_at, released
 from betterbench.tasks.restraint import Restraint
 from betterbench.tasks.targets import Places, Targets, asked_by
 from betterbench.tasks.template import Template
@@ -50,10 +50,7 @@ class GoalTracker:
         self._after = tuple(
             tuple(j for j in range(i) if asked[j].target in it.candidates) for i, it in enumerate(asked)
         )
-        self._relations_at = tuple(
-            {at: tuple([at == place for place in watch.places]) for at in (None, *watch.places)}
-            for watch in self._targets.watches
-        )
+        self._relations_at: tuple[dict[str | None, tuple[bool, ...]], ...] = tuple({} for _ in self._targets.watches)
         self._relations: tuple[bool, ...] = ()
         self._dwell_steps = round(template.dwell_s * control_rate_hz)
         self._settle_steps = round(THRESHOLDS.settle_time * control_rate_hz)
@@ -141,7 +138,12 @@ class GoalTracker:
 
     def _relations_of(self, at: Places) -> tuple[bool, ...]:
         """Return what holds, in the order of the names."""
-        found = [table[place] for table, places in zip(self._relations_at, at, strict=True) for place in places]
+        found: list[tuple[bool, ...]] = []
+        for watch, table, places in zip(self._targets.watches, self._relations_at, at, strict=True):
+            for place in places:
+                if place not in table:
+                    table[place] = tuple([is_at(place, region) for region in watch.places])
+                found.append(table[place])
         return tuple(chain.from_iterable(found))
 
     def _there(self, at: Places) -> list[bool]:
@@ -162,7 +164,7 @@ class GoalTracker:
             there = 0
             names, places = self._targets.watches[due.watch].subjects, at[due.watch]
             for s in due.candidates:
-                if places[s] != due.region:
+                if not is_at(places[s], due.region):
                     continue
                 name = names[s]
                 if name not in settled:

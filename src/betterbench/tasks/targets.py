@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 from betterbench.state import SceneInfo, WorldState
 from betterbench.tasks.condition import Condition
-from betterbench.tasks.relations import Relation, relation
+from betterbench.tasks.relations import Relation, is_at, relation
 
 Places = tuple[tuple[str | None, ...], ...]
-"""Per watched target and subject the region at which the subject is, or None."""
+"""Per watched target and subject the region at which the subject is, the regions where some overlap, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,13 +165,13 @@ class Targets:
         served, found = self._served(strictly), dict[str, None]()
         for d in self.due:
             subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
-            if sum(places[s] == d.region for s in d.candidates) >= d.least:
+            if sum(is_at(places[s], d.region) for s in d.candidates) >= d.least:
                 found.update((subjects[s], None) for s in d.candidates if subjects[s] not in served)
         return tuple(found)
 
     def _served(self, strictly: Places) -> frozenset[str]:
         """Return what is at a region where it is asked for."""
-        at = ((d, s) for d in self.due for s in d.candidates if strictly[d.watch][s] == d.region)
+        at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
         return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
 
     def _due(self, asked: Asked) -> Due:

@@ -6,7 +6,7 @@ They read states only, so live and offline verdicts are the same code. A new fil
 import importlib
 import pkgutil
 
-from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, relation
+from betterbench.tasks.relations.relation import RELATIONS, PlaceGoal, Relation, is_at, relation
 from betterbench.tasks.relations.released import released
 from betterbench.tasks.relations.rest import RestWatch, arm_still, on_floor, upright
 
@@ -19,6 +19,7 @@ __all__ = [
     "Relation",
     "RestWatch",
     "arm_still",
+    "is_at",
     "on_floor",
     "relation",
     "released",

@@ -27,6 +27,15 @@ class PlaceGoal:
     alike: float | None = None
 
 
+SHARED = "+"
+"""Joins the names of regions that overlap, in what a ``where`` returns there."""
+
+
+def is_at(place: str | None, region: str) -> bool:
+    """Tell whether a place, as a ``where`` returns it, is at a region; where regions overlap it is at each of them."""
+    return place == region or (place is not None and SHARED in place and region in place.split(SHARED))
+
+
 Where = Callable[[WorldState, str, str], str | None]
 Regions = Callable[[ObjectInfo], tuple[str, ...]]
 Goals = Callable[[WorldState, str, str, str], tuple[PlaceGoal, ...]]
@@ -41,7 +50,8 @@ class Relation:
         name: Identifier ("inside", "beside").
         words: How documents say it: "{object} is inside {target}"; ``{region}`` where the target offers several.
         where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
-            target offers one alone, or None if the object is at none.
+            target offers one alone, or None if the object is at none. Where regions overlap it returns the names of
+            all of them, joined by "+"; :func:`is_at` tells them apart.
         loosely: Like ``where``, but for an object in any posture: leaning, jammed, on its side, upside down, half in,
             on top, held there. It is asked wherever ``where`` says None and the question is whether the target is free
             of something. None where ``where`` leaves no posture out.
@@ -81,7 +91,7 @@ class Relation:
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
         """Tell whether an object is at a target region."""
-        return self.where(state, name, target) == region
+        return is_at(self.where(state, name, target), region)
 
     def anyhow(self, state: WorldState, name: str, target: str) -> str | None:
         """Return the target region at which an object is, strictly or in any other posture, or None."""
