@@ -269,14 +269,15 @@ OURS = {"protocol": 1, "preset": "native", "action_space": action_space("ee_delt
     ],
 )
 def test_what_a_server_declares_is_told_in_one_short_line(declared):
-    with (
-        websocket_server(lambda link: link.send(msgpack.packb({"betterbench": declared}))) as port,
-        pytest.raises(BetterError) as caught,
-    ):
-        policy = connect(f"openpi://127.0.0.1:{port}?retries=0&timeout=5")
-        with contextlib.closing(policy):
-            policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
-    assert one_line(caught.value, most=3000) == str(caught.value)
+    with websocket_server(lambda link: link.send(msgpack.packb({"betterbench": declared}))) as port:
+        with pytest.raises(BetterError) as caught:
+            agree(f"openpi://127.0.0.1:{port}?retries=0&timeout=5")
+        assert one_line(caught.value, most=3000) == str(caught.value)
+
+
+def agree(address):
+    with contextlib.closing(connect(address)) as policy:
+        policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
 
 
 def test_texts_from_outside_keep_their_words_and_lose_what_steers():

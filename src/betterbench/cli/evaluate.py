@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import re
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -16,7 +14,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.quoting import shell_line, shell_word
+from betterbench.quoting import file_name, shell_line, shell_word
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -24,7 +22,6 @@ if TYPE_CHECKING:
     from betterbench.evaluation.ray_engine.cluster import Cluster
     from betterbench.recording import JournalEntry, RunFolder
 
-_LONGEST_FOLDER = 100
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
 """When the first estimate is said, from the first steps on, and a line of a log after the first one [s]."""
 
@@ -427,15 +424,8 @@ def require_certified(plan: Plan, certificate: Path | None) -> None:
 
 
 def default_folder(policy: str) -> str:
-    """Return the name of the folder that the runs of a policy go to unless another one is named.
-
-    A long address is cut, and its digest keeps the folders of two of them apart: no system takes a name of 256 bytes.
-    """
-    name = re.sub(r"[^A-Za-z0-9.]+", "-", policy).strip("-.") or "policy"
-    if len(name) <= _LONGEST_FOLDER:
-        return name
-    digest = hashlib.sha256(policy.encode("utf-8", "surrogatepass")).hexdigest()[:8]
-    return f"{name[:_LONGEST_FOLDER].strip('-.')}-{digest}"
+    """Return the name of the folder that the runs of a policy go to unless another one is named."""
+    return file_name(policy, otherwise="policy")
 
 
 def prepare_robot(name: str) -> None:
