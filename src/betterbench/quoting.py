@@ -75,7 +75,7 @@ def _encoding_of(letter: str) -> str:
 LONGEST_NAME = 100
 
 
-def file_name(text: str, *, otherwise: str) -> str:
+def default_name(text: str, *, otherwise: str) -> str:
     """Return a name for a file or folder after a text, of ASCII letters, digits, ``-`` and ``.``, or another name.
 
     A long text is cut, and its digest keeps the names of two of them apart: no system takes a name of 256 bytes.
