@@ -3,12 +3,13 @@
 A name in a stranger's data set, run, record, plan or answer may hold anything. What is written with it is read by a
 program (a shell, a browser, a spreadsheet, LaTeX), so each place has its rules, and each rule stands here once. Lines
 of a terminal and of messages have :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; names
-of files are refused rather than quoted (``betterbench.recording``). Source of Python is written with ``repr``, JSON and
-strings of YAML with ``json.dumps``.
+of files that are read are refused rather than quoted (``betterbench.recording``). Source of Python is written with
+``repr``, JSON and strings of YAML with ``json.dumps``.
 """
 
 from __future__ import annotations
 
+import hashlib
 import html
 import json
 import re
@@ -68,6 +69,22 @@ def _shell_letter(letter: str) -> str:
 def _encoding_of(letter: str) -> str:
     """Return how a letter without an encoding is written: a byte of a file name that is not UTF-8, or as it is."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
+
+
+# -------------------------------------------------------------------------------------------------------------- files
+LONGEST_NAME = 100
+
+
+def default_name(text: str, *, otherwise: str) -> str:
+    """Return a name for a file or folder after a text, of ASCII letters, digits, ``-`` and ``.``, or another name.
+
+    A long text is cut, and its digest keeps the names of two of them apart: no system takes a name of 256 bytes.
+    """
+    name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
+    if len(name) <= LONGEST_NAME:
+        return name
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return f"{name[:LONGEST_NAME].strip('-.')}-{digest}"
 
 
 # -------------------------------------------------------------------------------------------------------------- pages

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -21,6 +22,7 @@ from types import SimpleNamespace
 import pytest
 from tests.shortcuts.strangers import make
 
+from betterbench.cli.evaluate import default_folder
 from betterbench.cli.main import VERBS, main
 from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
 from betterbench.recording.outputs import LIST_NAME, bears_mark
@@ -578,3 +580,14 @@ def test_a_folder_that_may_not_be_written_is_one_line(made, tmp_path, capsys, na
 def test_vqa_names_a_folder_that_is_not_there(tmp_path, capsys):
     words = ["vqa", str(tmp_path / "gone"), "--ask", "http://127.0.0.1:9/v1"]
     assert f"{tmp_path / 'gone'} is not a folder" in said(capsys, words)
+
+
+def test_a_default_name_fits_a_folder_whatever_the_policy_is_called():
+    """No system takes a name of 256 bytes, and the path of a policy's file is often longer."""
+    deep = ["python:/" + "/".join(["deep" * 20] * n) + "/policy.py:Policy" for n in (4, 9)]
+    names = [
+        default_folder(p) for p in (*deep, deep[0] + "2", "x" * 5000, "\x1b[2J", "../../x", "..", "", "\ud800" * 300)
+    ]
+    assert all(re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9.-]{0,109}", name) for name in names), names
+    assert len(set(names[:4])) == 4
+    assert default_folder("openpi://127.0.0.1:8000?preset=native") == "openpi-127.0.0.1-8000-preset-native"

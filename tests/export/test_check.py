@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import json
+import os
 import shutil
 import sys
 from pathlib import Path
@@ -440,6 +441,78 @@ def test_twins_are_compared(demonstrations, tmp_path):
     row(1, better__pairs="other")(out)
     with pytest.raises(InvalidInputError, match='better/pairs is "other" and should be "it"'):
         check_export([run], out)
+
+
+def with_link(name, kind, *place):
+    """Replaces an object by a link."""
+
+    def changed(file) -> None:
+        import h5py
+
+        if name in file:
+            del file[name]
+        file[name] = getattr(h5py, kind)(*place)
+
+    return hdf5(changed)
+
+
+def with_virtual(file) -> None:
+    import h5py
+
+    layout = h5py.VirtualLayout((9, 7), "f8")
+    layout[...] = h5py.VirtualSource("other.hdf5", "data/demo_1/actions", (9, 7))
+    del file["data/demo_0/actions"]
+    file.create_virtual_dataset("data/demo_0/actions", layout)
+
+
+STRANGE = {
+    "a second demonstration by a link": (with_link("data/demo_2", "SoftLink", "/data/demo_0"), "demo_2 is a link"),
+    "another's demonstration": (with_link("data/demo_1", "ExternalLink", "x.hdf5", "/data"), "demo_1 is a link"),
+    "a pipe": (with_link("better", "ExternalLink", "pipe", "/x"), "better is a link"),
+    "a pipe among the actions": (with_link("data/demo_0/actions", "ExternalLink", "pipe", "/x"), "actions is a link"),
+    "one array for two": (
+        hdf5(lambda f: f["data/demo_1"].__setitem__("next", f["data/demo_0"])),
+        "is a second name of something else",
+    ),
+    "a circle": (hdf5(lambda f: f["data"].__setitem__("demo_2", f["data"])), "is a second name of something else"),
+    "a file of the user": (
+        hdf5(lambda f: f.create_dataset("data/x", (4,), "u1", external=[("secret", 0, 4)])),
+        "data/x lies in another file",
+    ),
+    "an array of views": (hdf5(with_virtual), "actions lies in another file"),
+    "a terabyte": (
+        hdf5(lambda f: f.create_dataset("data/x", (10**12,), "u1", chunks=(1 << 20,), compression="gzip")),
+        "data/x claims 1000000000000 bytes",
+    ),
+    "a type": (hdf5(lambda f: f.__setitem__("kind", np.dtype("f8"))), "kind is neither a group nor an array"),
+    "an attribute of the file": (hdf5(lambda f: f.attrs.__setitem__("total", 9)), "something else than when it was"),
+    "a digest of many": (
+        hdf5(lambda f: f.attrs.__setitem__("better_sha256", np.zeros(3))),
+        "something else than when it was",
+    ),
+}
+
+
+@pytest.mark.skipif(not H5PY, reason="needs h5py (extra robomimic)")
+@each("name", [*STRANGE])
+def test_what_we_never_write_into_an_hdf5_file_is_refused_and_not_followed(
+    demonstrations, sets, tmp_path, name, monkeypatch
+):
+    """HDF5 opens what a link names, a pipe too, and fills memory with what no file holds."""
+    from betterbench.export.robomimic import require_same_content
+
+    out, (change, said) = copy_of(sets, "hdf5", tmp_path), STRANGE[name]
+    monkeypatch.chdir(tmp_path)
+    if not (tmp_path / "pipe").exists():
+        os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "secret").write_bytes(b"abcd")
+    shutil.copy(out, tmp_path / "other.hdf5")
+    change(out)
+    with pytest.raises(BetterError, match=said):
+        require_same_content(out, cure="Move it away")
+    with pytest.raises(BetterError) as caught:
+        check_export([demonstrations.run], out)
+    assert len(str(caught.value).splitlines()) == 1
 
 
 @pytest.mark.skipif(not H5PY, reason="needs h5py (extra robomimic)")

@@ -19,7 +19,8 @@ from websockets.sync.server import serve
 
 from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
 from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy
-from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface import EpisodeStart, Observation, observation_spec
+from betterbench.interface.actions import action_space
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.connect import connect
 from betterbench.policies.request_client import RequestClient
@@ -247,6 +248,36 @@ def test_the_error_of_a_server_is_one_line_that_steers_no_terminal():
     assert "\x1b" not in str(raised.value)
     assert "\u202e" not in str(raised.value)
     assert len(str(raised.value)) < 700
+
+
+STEERING = "\x1b[2J\u202e a\nb " + "x" * 200_000
+OURS = {"protocol": 1, "preset": "native", "action_space": action_space("ee_delta").to_json()}
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        OURS | {"protocol": STEERING},
+        OURS | {"preset": STEERING},
+        OURS | {"action_space": OURS["action_space"] | {"name": STEERING}},
+        OURS | {"action_space": OURS["action_space"] | {"convention": STEERING}},
+        OURS | {"action_space": OURS["action_space"] | {"low": [STEERING] * 7}},
+        OURS | {"preset": "openpi_libero", "cameras": {STEERING: [8, 8]}},
+        OURS | {"preset": "openpi_libero", "cameras": {f"c{i}\n": [8, 8] for i in range(5000)}},
+        OURS | {"execution": {STEERING: 1}},
+        {"protocol": {STEERING: STEERING}},
+    ],
+)
+def test_what_a_server_declares_is_told_in_one_short_line(declared):
+    with websocket_server(lambda link: link.send(msgpack.packb({"betterbench": declared}))) as port:
+        with pytest.raises(BetterError) as caught:
+            agree(f"openpi://127.0.0.1:{port}?retries=0&timeout=5")
+        assert one_line(caught.value, most=3000) == str(caught.value)
+
+
+def agree(address):
+    with contextlib.closing(connect(address)) as policy:
+        policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
 
 
 def test_texts_from_outside_keep_their_words_and_lose_what_steers():

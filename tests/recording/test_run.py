@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
@@ -13,6 +14,7 @@ import zipfile
 
 import pytest
 
+from betterbench import json_form
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError
 from betterbench.recording import Journal, JournalEntry, RunFolder, RunLock, read_journal, scene_archive
 from betterbench.tasks import TrialId
@@ -460,6 +462,60 @@ def test_a_scene_that_is_too_large_or_damaged_is_refused(tmp_path, monkeypatch) 
         path.write_bytes(bad)
         with pytest.raises(RecordError, match=r"\.zip"):
             folder.load_scene(HASH)
+
+
+def rewritten(path, **changes) -> bytes:
+    """Return an archive as another program writes it, with its seal kept and some files changed."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(path) as there, zipfile.ZipFile(buffer, "w") as archive:
+        for name in there.namelist():
+            archive.writestr(name, changes.get(name, there.read(name)))
+        archive.comment = there.comment
+    return buffer.getvalue()
+
+
+def test_a_changed_scene_or_that_of_another_hash_is_refused(tmp_path) -> None:
+    """Pictures are drawn from it: the zip format's own sums are made anew by whatever program changes a file."""
+    folder = RunFolder.start(tmp_path / "run", PLAN)
+    files = {"model": b"red mug", "scene": b"{}"}
+    path, other = folder.store_scene(HASH, files), folder.store_scene("cd" * 8, {**files, "model": b"blue mug"})
+    whole = path.read_bytes()
+    for bad in (other.read_bytes(), rewritten(path, model=b"blue mug"), rewritten(path, scene=b"")):
+        path.write_bytes(bad)
+        with pytest.raises(RecordError, match="changed after it was written, or is the archive of another scene"):
+            folder.load_scene(HASH)
+    path.write_bytes(whole)
+    path.write_bytes(rewritten(path))  # only packed in another way
+    assert folder.load_scene(HASH) == files
+
+
+def test_each_bit_of_a_scene_that_counts_is_seen(tmp_path, caplog) -> None:
+    folder = RunFolder.start(tmp_path / "run", PLAN)
+    files = {"model": bytes(range(40)), "scene": b"{}"}
+    path = folder.store_scene(HASH, files)
+    whole, silent, refused = path.read_bytes(), [], 0
+    for place in range(8 * len(whole)):
+        changed = bytearray(whole)
+        changed[place // 8] ^= 1 << place % 8
+        path.write_bytes(changed)
+        caplog.clear()
+        json_form._SAID.clear()
+        try:
+            if folder.load_scene(HASH) != files and not caplog.messages:
+                silent.append(place)
+        except RecordError:
+            refused += 1
+    assert silent == []
+    assert refused > 4 * len(whole)
+
+
+def test_a_scene_of_an_earlier_version_is_read_with_a_word(tmp_path, caplog) -> None:
+    folder = RunFolder.start(tmp_path / "run", PLAN)
+    path = folder.store_scene(HASH, {"model": b"red mug"})
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = b""
+    assert folder.load_scene(HASH) == {"model": b"red mug"}
+    assert "without a seal" in caplog.text
 
 
 def test_run_json_is_readable_and_written_first(tmp_path) -> None:

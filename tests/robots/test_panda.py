@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import itertools
 import math
 from pathlib import Path
@@ -98,6 +99,15 @@ def test_visual_meshes_do_not_touch_physics(arm_model: mujoco.MjModel, tmp_path:
     assert drawn <= 8000
 
 
+def with_larger_finger(cached: bytes) -> bytes:
+    """Return a cache file with its first line kept and its vertices twice as far out, as numpy writes it."""
+    seal, _, packed = cached.partition(b"\n")
+    arrays = dict(np.load(io.BytesIO(packed)))
+    buffer = io.BytesIO()
+    np.savez(buffer, **{name: 2 * value if name.endswith(".v") else value for name, value in arrays.items()})
+    return seal + b"\n" + buffer.getvalue()
+
+
 def test_meshes_are_made_once_and_a_damaged_cache_is_made_again(tmp_path: Path) -> None:
     calls: list[tuple[str, int, int]] = []
 
@@ -119,10 +129,30 @@ def test_meshes_are_made_once_and_a_damaged_cache_is_made_again(tmp_path: Path) 
     assert load() == first
     assert not calls, "the second time comes from the cache"
     (stored,) = tmp_path.iterdir()
-    stored.write_bytes(stored.read_bytes()[:100])
+    whole = stored.read_bytes()
+    for damaged in (
+        whole[:100],
+        b"",
+        whole + b"x",
+        with_larger_finger(whole),
+        with_larger_finger(whole).split(b"\n", 1)[1],
+    ):
+        stored.write_bytes(damaged)
+        assert load() == first
+        assert calls, "a damaged or changed file is not used"
+        assert [p.name for p in tmp_path.iterdir()] == [stored.name], "nothing half-written stays behind"
+    stored.rename(tmp_path / f"{'0' * 24}{stored.suffix}").rename(stored)
     assert load() == first
-    assert calls, "a damaged file is not used"
-    assert [p.suffix for p in tmp_path.iterdir()] == [".npz"], "nothing half-written stays behind"
+    assert not calls
+
+
+def test_the_cache_of_other_meshes_is_not_used(tmp_path: Path) -> None:
+    made = visual_parts({"finger": 1.0}, lambda *_: "a", faces=100, cache_folder=tmp_path / "one")
+    other = visual_parts({"finger": 1.0}, lambda *_: "a", faces=200, cache_folder=tmp_path / "other")
+    (stored,), (strange,) = ((tmp_path / name).iterdir() for name in ("one", "other"))
+    stored.write_bytes(strange.read_bytes())
+    again = visual_parts({"finger": 1.0}, lambda *_: "a", faces=100, cache_folder=tmp_path / "one")
+    assert len(again[0].faces) == len(made[0].faces) < len(other[0].faces)
 
 
 def test_an_unwritable_cache_is_no_error(tmp_path: Path) -> None:

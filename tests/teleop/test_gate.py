@@ -172,7 +172,7 @@ def test_a_signal_ends_it_within_two_seconds_in_the_midst_of_a_flood(tmp_path, n
             click = {"type": "GuiUpdateMessage", "uuid": discard, "updates": {"value": True}}
             with contextlib.suppress(ConnectionClosed):  # viser drops a page now and then; its script comes back
                 for _ in range(400):
-                    link.send(msgspec.msgpack.encode([click]))
+                    link.send(msgspec.msgpack.encode(click))
             time.sleep(0.5)
             assert process.poll() is None
             began = time.monotonic()

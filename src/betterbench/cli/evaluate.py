@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -15,7 +14,7 @@ import tyro
 
 from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
 from betterbench.errors import BetterError, InvalidInputError
-from betterbench.quoting import shell_line, shell_word
+from betterbench.quoting import default_name, shell_line, shell_word
 
 if TYPE_CHECKING:
     from betterbench.diagnosis.until_decided import UntilDecided
@@ -426,7 +425,7 @@ def require_certified(plan: Plan, certificate: Path | None) -> None:
 
 def default_folder(policy: str) -> str:
     """Return the name of the folder that the runs of a policy go to unless another one is named."""
-    return re.sub(r"[^A-Za-z0-9.]+", "-", policy).strip("-.") or "policy"
+    return default_name(policy, otherwise="policy")
 
 
 def prepare_robot(name: str) -> None:

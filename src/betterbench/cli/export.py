@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -14,6 +13,7 @@ import tyro
 
 from betterbench.cli.console import OUT, passing_bar, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import default_name
 
 
 def export_command(
@@ -234,7 +234,7 @@ def _export_outcomes(
         require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
     with passing_bar(f"diagnosing {folder.path.name}") as told:
         submission = submission_of(folder, name=name, on_progress=told)
-    file = out or Path(f"{re.sub(r'[^A-Za-z0-9.]+', '-', submission.name).strip('-.') or 'submission'}.json")
+    file = out or Path(f"{default_name(submission.name, otherwise='submission')}.json")
     try:
         with OutputFile(file, "export", overwrite=overwrite, is_ours=is_submission):
             write_durably(file, submission.file_bytes())

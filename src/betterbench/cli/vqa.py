@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -11,6 +10,7 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, progress_bar, say
 from betterbench.errors import InvalidInputError
+from betterbench.quoting import default_name
 
 if TYPE_CHECKING:
     from betterbench.vqa.asking import Score
@@ -173,7 +173,7 @@ def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[S
 
     if chat.ask is None:
         return None if chat.answers is None else scores_of(made, read_answers(chat.answers, made))
-    name = re.sub(r"[^A-Za-z0-9.]+", "-", chat.model).strip("-.") or "model"
+    name = default_name(chat.model, otherwise="model")
     file = chat.answers or made.path / f"answers-{name}.jsonl"
     with progress_bar(f"asking {chat.model}", len(made.questions)) as (bar, task):
         said = ask_set(

@@ -8,13 +8,14 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Container
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from betterbench.errors import BetterError, RunConflictError
+from betterbench.errors import BetterError, RunConflictError, one_line
 from betterbench.export.episodes import Dataset, DatasetEpisode, starts
 from betterbench.export.layout import IMAGES, DatasetLayout
 from betterbench.export.lerobot import Totals, counters
@@ -27,6 +28,10 @@ GYM_TYPE = 2
 """robomimic's number for environments of Gym (``robomimic/envs/env_base.py``)."""
 
 _GZIP = 1
+
+_MOST_PACKED = 1100
+"""Most bytes of an array for each byte that is stored; gzip packs zeros 1032 to 1."""
+_LEAST_STORED = 4096
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -65,9 +70,11 @@ def write_robomimic(path: Path, dataset: Dataset) -> dict[str, Stats]:
 def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = RunConflictError) -> None:
     """Raise an error if a file holds something else than when it was written; one without a digest is told."""
     try:
-        with open_hdf5(path, "r") as file:
+        with open_stored(path) as file:
             told = file.attrs.get(_DIGEST)
-            same = told is None or told == _content_digest(file)
+            same = told is None or (isinstance(told, str) and told == _content_digest(file))
+    except _StrangeError as error:
+        raise raises(f"{path}: {error}. {cure}.") from error
     except Exception as error:  # what native code raises about a damaged file
         raise raises(f"{path}: is damaged ({type(error).__name__}). {cure}.") from error
     if not same:
@@ -77,11 +84,14 @@ def require_same_content(path: Path, *, cure: str, raises: type[BetterError] = R
 
 
 def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
-    """Return the SHA-256 over names, attributes, types, shapes and values of everything in a file."""
+    """Return the SHA-256 over names, attributes, types, shapes and values of everything in a file of plain objects."""
     whole = hashlib.sha256()
 
-    def take(name: str, item: Any) -> None:  # noqa: ANN401 - of h5py
-        told = {key: np.asarray(value).tolist() for key, value in sorted(item.attrs.items()) if key != _DIGEST}
+    def attributes(item: Any) -> dict[str, Any]:  # noqa: ANN401 - of h5py
+        return {key: np.asarray(value).tolist() for key, value in sorted(item.attrs.items()) if key != _DIGEST}
+
+    def take(name: str, item: Any) -> None:  # noqa: ANN401
+        told = attributes(item)
         whole.update(json.dumps([name, told], default=str).encode())
         if hasattr(item, "dtype"):
             value = item[()]
@@ -93,7 +103,72 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
     file.visit(names.append)
     for name in sorted(names):
         take(name, file[name])
+    if of_file := attributes(file):  # we write none
+        whole.update(json.dumps(["", of_file], default=str).encode())
     return whole.hexdigest()
+
+
+class _StrangeError(ValueError):
+    """Something in a file that we never write."""
+
+
+def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
+    """Open a file that may come from a stranger, to read it; everything in it is plain.
+
+    HDF5 follows links into other files, waits for a pipe that one names, and fills memory with what is not there.
+
+    Raises:
+        MissingDependencyError: If h5py is not installed.
+        OSError: If it cannot be opened.
+        ValueError: If something in it is a link, stands there twice, lies in another file or is not stored at all.
+    """
+    open_ordinary(path).close()  # HDF5 would wait for a pipe
+    file = open_hdf5(path, "r")
+    try:
+        _require_plain(file)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _require_plain(file: Any) -> None:  # noqa: ANN401 - a file of h5py
+    """Raise _StrangeError if an object is none that :func:`write_robomimic` would write."""
+    h5py = _h5py()
+    seen, groups = {_address(file)}, [file]
+    while groups:
+        group = groups.pop()
+        for name in group:
+            is_link = not isinstance(group.get(name, getlink=True), h5py.HardLink)
+            problem = "is a link to another place" if is_link else _problem_of(item := group[name], seen)
+            if problem:
+                raise _StrangeError(f"{one_line(f'{group.name}/{name}'.strip('/'), most=80)} {problem}")
+            seen.add(_address(item))
+            if isinstance(item, h5py.Group):
+                groups.append(item)
+
+
+def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: ANN401 - an object of h5py
+    """Return why an object is none of ours, empty if it may be one."""
+    h5py = _h5py()
+    if _address(item) in seen:
+        return "is a second name of something else"
+    if isinstance(item, h5py.Group):
+        return ""
+    if not isinstance(item, h5py.Dataset):
+        return "is neither a group nor an array"
+    if item.is_virtual or item.external:
+        return "lies in another file"
+    stored = item.id.get_storage_size()
+    if item.nbytes > _MOST_PACKED * max(stored, _LEAST_STORED):
+        return f"claims {item.nbytes} bytes, of which only {stored} are stored"
+    return ""
+
+
+def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
+    """Return where an object lies."""
+    about = _h5py().h5o.get_info(item.id)
+    return about.fileno, about.addr
 
 
 def demo_name(number: int) -> str:
@@ -160,8 +235,7 @@ def require_h5py() -> None:
 
 def read_origin(path: Path) -> dict[str, Any]:
     """Return what a file says about its origin; raise OSError, ValueError or KeyError if it is none of ours."""
-    open_ordinary(path).close()  # HDF5 would wait for a pipe
-    with open_hdf5(path, "r") as file:
+    with open_stored(path) as file:
         form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form
 

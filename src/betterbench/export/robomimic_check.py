@@ -19,7 +19,7 @@ from betterbench.export.robomimic import (
     frame_arrays,
     masks,
     observation_name,
-    open_hdf5,
+    open_stored,
 )
 from betterbench.json_form import parse_json
 
@@ -31,7 +31,7 @@ class RobomimicCheck:
 
     def __init__(self, path: Path, expected: ExpectedDataset) -> None:
         self._path, self._expected = path, expected
-        self._file = open_hdf5(path, "r")
+        self._file = open_stored(path)
 
     def __enter__(self) -> Self:
         return self

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
 
-from betterbench.errors import BetterError, HandshakeError, InvalidInputError
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError, one_line
 from betterbench.interface import Execution
 from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.json_form import first_problem
@@ -17,6 +17,9 @@ from betterbench.policies.image_rule import EVERY_CAMERA
 
 PROTOCOL = 1
 """Version of what our own servers declare."""
+
+_MOST_SHOWN = 12
+"""Differences that one message names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +61,9 @@ class Declaration:
         for entry in fields(self):
             value = getattr(self, entry.name)
             if entry.name not in ("who", "cameras") and value is not None:
-                shown[entry.name.replace("_", " ")] = value if isinstance(value, str) else _text(value)
+                shown[entry.name.replace("_", " ")] = one_line(value) if isinstance(value, str) else _text(value)
         for key, size in (self.cameras or {}).items():
-            shown[f"camera {key}"] = _size(size)
+            shown[_camera(key)] = _size(size)
         return shown
 
 
@@ -121,14 +124,14 @@ def read_server(who: str, form: object) -> Declaration:
     version = form.get("protocol") if isinstance(form, Mapping) else None
     if not isinstance(version, int) or version != PROTOCOL:
         raise HandshakeError(
-            f"{who} speaks version {str(version)[:20]} of our declaration, this side {PROTOCOL}. "
+            f"{who} speaks version {one_line(version, most=20)} of our declaration, this side {PROTOCOL}. "
             "Install the same release on both sides."
         )
     try:
         told = _SERVER.validate_python(form)
         declared = ActionSpace.from_json(told.action_space)
     except (BetterError, ValidationError) as error:
-        problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else str(error)
+        problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else one_line(error)
         raise HandshakeError(
             f"{who} declares conventions that cannot be read ({problem}). Update the server."
         ) from error
@@ -178,20 +181,27 @@ def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
         for key, wanted in (theirs.cameras or {}).items():
             if key not in given:
                 there = ", ".join(given) or "no images"
-                found.append(f"camera {key}: {theirs.who} wants it, {ours.who} gives {there}")
+                found.append(f"{_camera(key)}: {theirs.who} wants it, {ours.who} gives {there}")
             elif wanted is not None and given[key] not in (None, wanted):
-                found.append(f"camera {key}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
+                found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
     if found:
+        more = [f"{len(found) - _MOST_SHOWN} more"] if len(found) > _MOST_SHOWN else []
         raise HandshakeError(
-            f"The two sides declare different conventions: {'; '.join(found)}. "
+            f"The two sides declare different conventions: {'; '.join(found[:_MOST_SHOWN] + more)}. "
             "Choose another preset, or correct the adapter, the run or the server."
         )
+
+
+def _camera(key: str) -> str:
+    return f"camera {one_line(key, most=60)}"
 
 
 def _text(value: object) -> str:
     if isinstance(value, tuple):
         return f"({', '.join(_text(v) for v in value)})"
-    return f"{value:g}" if isinstance(value, float) else repr(value) if isinstance(value, str) else str(value)
+    if isinstance(value, str):
+        return repr(one_line(value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)
 
 
 def _size(size: tuple[int, int] | None) -> str:

@@ -1,7 +1,12 @@
-"""The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger."""
+"""The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger.
+
+The comment of the zip file is its seal: the SHA-256 of the scene's name and of all its files. It is compared before
+anybody reads a file, so that a changed model, or the archive of another scene, never reaches MuJoCo or a picture.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import stat
 import zipfile
@@ -9,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
-from betterbench.json_form import read_bounded
+from betterbench.json_form import read_bounded, say_unsealed
 from betterbench.recording.durable import write_durably
 
 MAX_SCENE_BYTES = 256 * 1024 * 1024
@@ -19,12 +24,13 @@ MAX_SCENE_FILES = 10_000
 """Largest number of files of a stored scene."""
 
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
+_SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
 _AGAIN = "The command that made the run stores it again"
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
-    """Store the files of a scene; the same files give the same bytes.
+    """Store the files of a scene under its hash, ``HASH.zip``; the same files give the same bytes.
 
     Raises InvalidInputError if a name could leave the archive's folder or the scene is too large.
     """
@@ -44,18 +50,22 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
             member.create_system = 3  # Unix, whatever the machine
             member.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(member, files[name])
+        archive.comment = _seal(path.stem, files)
     write_durably(path, buffer.getvalue())
 
 
 def read_scene(path: Path) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing any of them.
 
-    Raises RecordError if the scene is missing, damaged or too large, or a name could leave a folder.
+    An archive of an earlier version has no seal, which is said once.
+
+    Raises RecordError if the scene is missing, damaged, changed, that of another hash or too large, or a name could
+    leave a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            return _read_members(path, archive)
+            files, seal = _read_members(path, archive), archive.comment
     except RecordError as error:
         if isinstance(error.__cause__, FileNotFoundError):
             raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
@@ -63,6 +73,18 @@ def read_scene(path: Path) -> dict[str, bytes]:
     except Exception as error:  # what decompressors raise about a damaged archive
         said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
+    if not seal:
+        say_unsealed(str(path))
+    elif seal != _seal(path.stem, files):
+        problem = "was changed after it was written, or is the archive of another scene: its seal does not fit"
+        raise RecordError(f"{path}: {problem}. {_AGAIN}.")
+    return files
+
+
+def _seal(name: str, files: Mapping[str, bytes]) -> bytes:
+    """Return the comment of an archive: the SHA-256 of the scene's name and of the names and contents of its files."""
+    lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
+    return _SEAL_MARK + hashlib.sha256("".join([f"{name}\n", *lines]).encode()).hexdigest().encode()
 
 
 def _member_problem(name: str) -> str | None:

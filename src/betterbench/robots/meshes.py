@@ -5,8 +5,8 @@ triangles, so each file is split into its connected parts, the parts are sorted 
 decimated to a fixed budget, which goes where it is needed (:mod:`~betterbench.robots.decimation`).
 
 The cache file is named after the bytes of the sources, the budget and the recipe; it is written beside and renamed, so
-two processes that prepare it at once both succeed and end with the same file. A file that cannot be read is made
-again.
+two processes that prepare it at once both succeed and end with the same file. Its first line is the SHA-256 of that
+name and of the rest: a file that was changed, or that cannot be read, is made again.
 """
 
 from __future__ import annotations
@@ -40,6 +40,8 @@ _WELD_M = 1e-4
 
 _CREASE_DEGREES = 38.0
 """Angle above which an edge of the arm is drawn sharp: its housings are round, with edges at flanges and covers."""
+
+_CACHE_SUFFIX, _MOST_CACHE_BYTES = ".meshes", 1 << 26
 
 _PACKAGE, _AGAIN = "gymnasium-robotics>=1.4.2", "--force-reinstall"
 _MESH_FOLDER = Path("envs/assets/kitchen_franka/franka_assets/meshes/visual")
@@ -109,7 +111,7 @@ def visual_parts(
         key.update(hashlib.sha256(sources[link]).digest())
         key.update(" ".join(paint(link, rank) for rank in range(64)).encode())
     home = cache_folder or platformdirs.user_cache_path("betterbench") / "robots"
-    cached = home / f"{key.hexdigest()[:24]}.npz"
+    cached = home / f"{key.hexdigest()[:24]}{_CACHE_SUFFIX}"
     parts = _read_cache(cached)
     if parts is None:
         parts = _prepare(sources, shares, paint, faces, progress)
@@ -166,17 +168,18 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
 
 
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
-    """Return the parts of a cache file, or None if there is none that can be read."""
+    """Return the parts of a cache file, or None if there is none that is as it was written."""
     try:
-        with open_ordinary(path) as stream, np.load(stream, allow_pickle=False) as stored:
+        with open_ordinary(path) as stream:
+            seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
+        if seal != _seal(path, data):
+            _log.warning("The mesh cache %s is damaged or was changed; it is made again.", path)
+            return None
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             parts = []
             for name in stored["names"].tolist():
                 link, _, paint = str(name).rpartition("_")
-                vertices, faces = stored[f"{name}.v"], stored[f"{name}.f"]
-                if faces.size == 0 or int(faces.max()) >= len(vertices) or not np.isfinite(vertices).all():
-                    _log.warning("The cached mesh %s in %s is damaged; it is made again.", name, path)
-                    return None
-                parts.append(MeshPart(link, paint, vertices, faces))
+                parts.append(MeshPart(link, paint, stored[f"{name}.v"], stored[f"{name}.f"]))
             return tuple(parts)
     except FileNotFoundError:
         return None
@@ -185,12 +188,17 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
         return None
 
 
+def _seal(path: Path, data: bytes) -> bytes:
+    """Return the first line of a cache file, without its end."""
+    return hashlib.sha256(f"{path.stem}\n".encode() + data).hexdigest().encode()
+
+
 _LEFTOVER_S = 3600.0
 
 
 def _remove_leftovers(folder: Path) -> None:
     """Delete what killed processes left half-written; one that is an hour old is not being written any more."""
-    for part in folder.glob("tmp*.npz.part"):
+    for part in folder.glob(f"tmp*{_CACHE_SUFFIX}.part"):
         if time.time() - part.stat().st_mtime > _LEFTOVER_S:
             part.unlink(missing_ok=True)
 
@@ -204,10 +212,12 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path.parent)
-        handle, beside = tempfile.mkstemp(dir=path.parent, suffix=".npz.part")
+        handle, beside = tempfile.mkstemp(dir=path.parent, suffix=f"{_CACHE_SUFFIX}.part")
         try:
+            packed = io.BytesIO()
+            np.savez(packed, allow_pickle=False, **arrays)
             with os.fdopen(handle, "wb") as stream:
-                np.savez(stream, allow_pickle=False, **arrays)
+                stream.write(_seal(path, packed.getvalue()) + b"\n" + packed.getvalue())
             Path(beside).replace(path)
         except OSError:
             Path(beside).unlink(missing_ok=True)

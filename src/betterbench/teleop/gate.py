@@ -17,6 +17,7 @@ from http import HTTPStatus
 from typing import Any
 
 from betterbench.policies.callers import is_own_host, is_own_origin
+from betterbench.teleop.incoming import MAX_MESSAGE_BYTES, IncomingMessages
 
 OPEN_TIMEOUT_S = 5.0
 """How long a connection may take to say what it wants [s]."""
@@ -51,9 +52,10 @@ class Gate:
         is_closed: Whether a server stands behind it. A server without it must not be used.
     """
 
-    def __init__(self, host: str) -> None:
-        """Draw a token for a server that listens on an interface."""
+    def __init__(self, host: str, incoming: IncomingMessages) -> None:
+        """Draw a token for a server that listens on an interface, and reads only some messages."""
         self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
+        self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
         """Return what follows the token in the path of a request; None without the right token."""
@@ -77,11 +79,11 @@ class Gate:
         serve = module.serve
 
         @functools.wraps(serve)
-        def gated(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401
+        def gated(handler: Any, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
             options["process_request"] = self._process(options.get("process_request"))
-            options["open_timeout"] = OPEN_TIMEOUT_S
+            options["open_timeout"], options["max_size"] = OPEN_TIMEOUT_S, MAX_MESSAGE_BYTES
             self.is_closed = True
-            return serve(*arguments, **options)
+            return serve(self._incoming.before(handler), *arguments, **options)
 
         module.serve = gated  # type: ignore[attr-defined]
         try:

@@ -30,6 +30,7 @@ from betterbench.installation import missing_extra
 from betterbench.quoting import markup_text
 from betterbench.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
 from betterbench.teleop.gate import Gate
+from betterbench.teleop.incoming import IncomingMessages, InputKind
 from betterbench.teleop.steering import SLOWEST
 
 GIZMO = "/tool"
@@ -119,7 +120,8 @@ class Page:
         self._controls, self._host = controls, host
         wanted = free_port(host, port)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
-        self._gate = Gate(host)
+        self._incoming = IncomingMessages(controls.complain)
+        self._gate = Gate(host, self._incoming)
         with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
             self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
         self.port = int(self._server.get_port())
@@ -164,8 +166,8 @@ class Page:
 
     @property
     def speed(self) -> float:
-        """Share of the full speed that the slider asks for."""
-        return float(self._speed.value) / 100.0
+        """Share of the full speed that the slider asks for, within its limits."""
+        return max(SLOWEST, min(1.0, float(self._speed.value) / 100.0))
 
     def close(self) -> None:
         """Close all connections and stop listening; a page that does not answer is waited for for :data:`STOP_S`."""
@@ -279,6 +281,8 @@ class Page:
             self._controls.take_over(event.client_id)
 
         take.on_click(taken)
+        self._expect(take, "button")
+        self._expect(self._speed, "number")
         with gui.add_folder("Keys", expand_by_default=True):
             gui.add_html(_KEY_TABLE)
         text = gui.add_text("", MARK + "{}")
@@ -288,6 +292,7 @@ class Page:
                 self._tell(event.client_id)
 
         text.on_update(typed)
+        self._expect(text, "text")
         gui.add_html(_script())
 
     def _button(self, label: str, tap: Tap, color: Any, hint: str) -> Any:  # noqa: ANN401
@@ -298,7 +303,12 @@ class Page:
                 self._tell(event.client_id)
 
         button.on_click(pressed)
+        self._expect(button, "button")
         return button
+
+    def _expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401
+        """Let in the values of an element; viser tells its number to the page and not here."""
+        self._incoming.expect(element._impl.uuid, kind)
 
     def _build_images(self, cameras: Sequence[str]) -> dict[str, Any]:
         if not cameras:

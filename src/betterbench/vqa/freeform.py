@@ -29,6 +29,7 @@ from betterbench.json_form import (
     strict_form,
 )
 from betterbench.llm import Chat, RefusedError, user_message
+from betterbench.quoting import default_name
 from betterbench.recording import RunFolder, RunLock, write_durably
 from betterbench.recording.durable import remove_parts
 from betterbench.recording.lock import LOCK_NAME
@@ -235,7 +236,7 @@ def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
     """Return what is kept of what a model says about one image, and why the rest is dropped."""
-    model = re.sub(r"[^A-Za-z0-9.]+", "-", chat.name).strip("-.") or "model"
+    model = default_name(chat.name, otherwise="model")
     file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
     if file.exists():
         cure = "Move it elsewhere and give the same command again, which asks about the image again"
