@@ -35,7 +35,7 @@ def dinner_plate(rng: np.random.Generator, color: str) -> Draft:
     0.10 to 0.15 kg, one of enameled steel sheet of 0.6 mm as much. Held at its rim a plate tilts; at 0.25 kg, as of
     stoneware, by more than 20 degrees, so that no plate is heavier than 0.13 kg.
     """
-    return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, name="dinner plate")
+    return _plate(rng, color, radii=(0.0760, 0.0820), density=1500.0, solid=0.70, name="dinner plate")
 
 
 @generator("serving_plate", colors=_COLORS, family="plates")
@@ -46,11 +46,17 @@ def serving_plate(rng: np.random.Generator, color: str) -> Draft:
     dinner plate, so that stacks are equally high. One of polypropylene (0.9 g/cm^3, 2.5 to 3 mm thick) weighs 0.09 to
     0.12 kg, so that held at its rim it tilts no more than a dinner plate of melamine.
     """
-    return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, name="serving plate")
+    return _plate(rng, color, radii=(0.0950, 0.1010), density=905.0, solid=0.95, name="serving plate")
 
 
-def _plate(rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, name: str) -> Draft:
-    """Make a flat plate with an upright rim, of a radius between two [m]; its density is in kg/m^3."""
+def _plate(
+    rng: np.random.Generator, color: str, *, radii: tuple[float, float], density: float, solid: float, name: str
+) -> Draft:
+    """Make a flat plate with an upright rim, of a radius between two [m]; its density is in kg/m^3.
+
+    The collision shape of the floor is ``solid`` over this share of the radius. The rest, up to the rim, is left to the
+    fingers that pinch it; it has to be narrower than the edge of whatever may be put down there upside down.
+    """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)
     scallops, depth = int(rng.choice([0, 0, 0, 10, 14])), rng.uniform(0.008, 0.014)
@@ -75,7 +81,7 @@ def _plate(rng: np.random.Generator, color: str, *, radii: tuple[float, float], 
         parts=(
             part("plate", mesh, glaze.from_above(1.02 * r, well * r, r - _LIP), specular=0.5, shininess=0.6),
             upright_cylinder(foot, 0.0, 0.006),
-            upright_cylinder(0.70 * r, 0.006, FLOOR_M),
+            upright_cylinder(solid * r, 0.006, FLOOR_M),
             *_lip(r, FLOOR_M - 0.0001, RIM_M),
         ),
         grasps=_rim_grasps(r, RIM_M),
