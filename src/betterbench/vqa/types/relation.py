@@ -89,7 +89,9 @@ def _beside(moment: Moment, thing: tuple[str, str], anchor: tuple[str, str]) -> 
     for region in BESIDE.regions(info):
         words = {"a": definite(thing[0]), "b": definite(anchor[0]), "side": SIDES[region]}
         group = (region, thing[0], anchor[0])
-        yield QuestionDraft(Form.YES_NO, "side of anchor", group, yes(is_at(side, region)), words, (thing[1], anchor[1]))
+        yield QuestionDraft(
+            Form.YES_NO, "side of anchor", group, yes(is_at(side, region)), words, (thing[1], anchor[1])
+        )
 
 
 def _outermost(moment: Moment, kinds: tuple[str, ...]) -> Iterator[QuestionDraft]:
