@@ -203,7 +203,7 @@ def test_changes_add_up():
 
 
 TWO = get_task("fast_food").train("train2").instruction
-LONG = get_task("fast_food").variation("T2").interventions[0].arguments["instruction"]
+LONG = get_task("fast_food").variation("T2").interventions[-1].arguments["instruction"]
 
 
 def test_language_leaves_the_scene_alone(food):
