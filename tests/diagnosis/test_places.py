@@ -279,18 +279,48 @@ def test_what_falls_over_at_a_trained_place_was_brought_there(stage, task, name,
     assert judged(topple(s, s.of(kind))) == MEMORISED
 
 
-@pytest.mark.parametrize(
-    ("task", "name"), [("desk_meeting", "train1"), ("desk_meeting", "R1"), ("breakfast_table", "R1")]
-)
-def test_the_right_place_that_is_met_badly_is_execution(stage, task, name):
-    s = stage(task, name)
+@pytest.mark.parametrize("name", ["train1", "train2", "R1"])
+def test_the_right_place_that_is_met_badly_is_execution(stage, name):
+    """Cutlery that lies across the direction that it has at a laid place."""
+    s = stage("breakfast_table", name)
     goals = s.condition.instruction.subgoals
     k = next(k for k, g in enumerate(goals) if s.info.object(s.condition.resolve(g.reference)[0]).size_m[0] > 0.1)
     thing = s.condition.resolve(goals[k].reference)[0]
     assert judged(bring_turned(s, thing, s.goal(k))) == (Label.EXECUTION_FAILURE, "placed_outside_the_goal")
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_HABITS)
+@pytest.mark.parametrize("name", ["train1", "R1", "R2"])
+@pytest.mark.parametrize("beyond", [0.16, -0.18])
+def test_short_of_the_right_side_or_past_it_is_execution(stage, name, beyond):
+    """At a laptop things may be turned any way, but have to be level with it."""
+    s = stage("desk_meeting", name)
+    goals = s.condition.instruction.subgoals
+    k = next(k for k, g in enumerate(goals) if g.region in ("left", "right"))
+    thing = s.condition.resolve(goals[k].reference)[0]
+    spot = s.goal(k) + np.array([beyond, 0.0, 0.0])
+    assert judged(s.bring(thing, spot)) == (Label.EXECUTION_FAILURE, "placed_outside_the_goal")
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.8])
+def test_where_the_place_would_be_if_its_plate_stood_as_in_training_is_a_habit(stage, turn):
+    s = stage("breakfast_table", "L2")
+    spot = s.goal(0) + s.slot("table_right") - s.slot("table_left")
+    found = judged(bring_turned(s, s.of("spoon"), spot, turn=turn))
+    assert found == (Label.BEHAVIORAL_INERTIA, "memorized_spot")
+
+
+@pytest.mark.parametrize(("task", "name"), [("desk_meeting", "R1"), ("desk_meeting", "R2"), ("breakfast_table", "R1")])
+def test_what_falls_over_at_the_right_place_is_execution(stage, task, name):
+    s = stage(task, name)
+    goals = s.condition.instruction.subgoals
+    k = next(k for k, g in enumerate(goals) if {"mug", "cup", "speaker"} & {s.condition.resolve(g.reference)[0]})
+    thing = s.condition.resolve(goals[k].reference)[0]
+    s.grasp(thing).lift()
+    topple(s, thing)
+    assert judged(s.carry(s.goal(k))) == (Label.EXECUTION_FAILURE, "placed_outside_the_goal")
+
+
+@pytest.mark.parametrize(("task", "name", "kind", "place"), [*LONG_HABITS, HABITS[0], HABITS[2]])
 def test_what_is_dropped_from_high_over_a_wrong_place_was_not_put_there(stage, task, name, kind, place):
     s = stage(task, name)
     thing, spot = s.of(kind), s.place(*place)
@@ -300,7 +330,7 @@ def test_what_is_dropped_from_high_over_a_wrong_place_was_not_put_there(stage, t
     assert judged(s) == (Label.EXECUTION_FAILURE, "dropped")
 
 
-@pytest.mark.parametrize(("task", "name", "kind", "place"), LONG_HABITS)
+@pytest.mark.parametrize(("task", "name", "kind", "place"), [*LONG_HABITS, HABITS[0], HABITS[2]])
 def test_what_slips_over_a_wrong_place_was_not_put_there(stage, task, name, kind, place):
     s = stage(task, name)
     thing, spot = s.of(kind), s.place(*place)

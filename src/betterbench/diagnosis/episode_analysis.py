@@ -259,6 +259,16 @@ class EpisodeAnalysis:
         fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
+    def telling_place(self, row: int, i: int) -> Whereabout | None:
+        """Return the place of a target at which an object is if that alone tells that it was brought there, or None.
+
+        A side that reaches far is no such place: what was not let go on purpose near its middle merely stands there.
+        """
+        place = self.trace.placed(row, i)
+        if place is None or self.state is None or not relation(place.relation).wide:
+            return place
+        return None
+
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
         """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None.
 
@@ -270,12 +280,7 @@ class EpisodeAnalysis:
         gone, rest = rows
         if self.trace.serves[rest, :, i].any() or self.slipped(step):
             return None
-        place = self.trace.placed(rest, i)
-        if place is not None and self.state is not None and relation(place.relation).wide:
-            there = self.trace.info.objects[place.target].name
-            if relation(place.relation).brought(self.state(rest), self.name(i), there) != place.region:
-                place = None  # it merely stands at that side
-        place = place or self._loosely_placed(step, i, rows)
+        place = self.telling_place(rest, i) or self._loosely_placed(step, i, rows)
         return None if place is None else (gone, rest, place)
 
     def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:

@@ -166,11 +166,13 @@ def memorized_spot(trial: TrialView, step: Step) -> Evidence | None:
         return None
     gone, rest = rows
     fall = episode.trace.positions[gone, i, 2] - episode.trace.positions[rest, i, 2]
-    if episode.trace.placed(rest, i) is not None or fall > THRESHOLDS.fall_height:
+    if episode.telling_place(rest, i) is not None or fall > THRESHOLDS.fall_height:
         return None
-    target = episode.trace.targets[step.goal]
+    target, at_rest = episode.trace.targets[step.goal], trial.record.state(rest)
+    if _is_right(at_rest, episode, i, step.goal):
+        return None  # it was brought where the target stands, and fell over there or lies askew
     for slot in episode.slots_in_training(target):
-        state = _as_if_at(trial.record.state(rest), target, slot)
+        state = _as_if_at(at_rest, target, slot)
         if _is_right(state, episode, i, step.goal):
             kind, anchor = episode.kind(i), episode.kind(target)
             text = (
@@ -197,7 +199,7 @@ def _is_right(state: WorldState, episode: EpisodeAnalysis, i: int, goal: int) ->
     wanted = episode.goals[goal]
     kind, name = relation(wanted.relation), episode.name(i)
     target = state.info.objects[episode.trace.targets[goal]]
-    if kind.anyhow(state, name, target.name) == wanted.region:
+    if kind.brought(state, name, target.name) == wanted.region:
         return True
     if kind.surface is None:
         return False

@@ -348,7 +348,7 @@ def _lost(episode: EpisodeAnalysis, step: Step, i: int) -> Evidence | None:
     if rows is None:
         return None
     gone, rest = rows
-    wanted = trace.placed(rest, i) is not None and not episode.slipped(step)
+    wanted = episode.telling_place(rest, i) is not None and not episode.slipped(step)
     if wanted or trace.serves[rest, :, i].any() or episode.put_down(step) is not None:
         return None
     kind, fall = episode.kind(i), float(trace.positions[gone, i, 2] - trace.positions[rest, i, 2])
