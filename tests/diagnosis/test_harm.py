@@ -331,10 +331,18 @@ def test_what_is_knocked_aside_on_the_way_to_an_attempt_at_it_was_meant(stage, f
 # ---------------------------------------------------------------------------------------------------- needless steps
 
 
-@pytest.mark.parametrize(("task", "slot"), [("fruit_lunch", "first"), ("cheeseburger", "first")])
-def test_a_replayed_air_grasp_is_a_success_with_a_needless_step(stage, task, slot):
-    record = do_all(stage(task, "T1").air_grasp(slot)).end()
-    clean = do_all(stage(task, "T1", seed=1)).end()
+@pytest.mark.parametrize(
+    ("task", "name", "slot"),
+    [
+        ("fruit_lunch", "T1", "second"),
+        ("cheeseburger", "T1", "third"),
+        ("seasoning_rack", "L2", "first"),
+        ("dinner_plates", "T2", "left_front"),
+    ],
+)
+def test_a_replayed_air_grasp_is_a_success_with_a_needless_step(stage, task, name, slot):
+    record = do_all(stage(task, name).air_grasp(slot)).end()
+    clean = do_all(stage(task, name, seed=1)).end()
     trials = [diagnose_record(r) for r in (record, clean)]
     assert [t.label for t in trials] == [Label.SUCCESS] * 2
     assert [len(t.needless) for t in trials] == [1, 0]
@@ -342,14 +350,15 @@ def test_a_replayed_air_grasp_is_a_success_with_a_needless_step(stage, task, slo
     assert step.rule == "air_grasp_at_memorized_slot"
     assert slot in step.text
     assert step.start_s == trials[0].attempts[0].start_s
-    metrics = {m.name: m for m in compute_metrics(trials) if m.scope == f"{task}/T1"}
+    metrics = {m.name: m for m in compute_metrics(trials) if m.scope == f"{task}/{name}"}
     assert (metrics["success_rate"].k, metrics["success_rate"].n) == (2, 2)
     rate = metrics["success_with_a_needless_step"]
     assert (rate.k, rate.n) == (1, 2)
     assert trials[0].to_json()["needless"][0]["start_s"] == step.start_s
 
 
-def test_a_failure_has_no_needless_steps_but_evidence(stage):
-    found = diagnose_record(stage("fruit_lunch", "T1").air_grasp("first").wait(1.0).end())
+@pytest.mark.parametrize(("task", "name", "slot"), [("fruit_lunch", "T1", "second"), ("seasoning_rack", "L2", "first")])
+def test_a_failure_has_no_needless_steps_but_evidence(stage, task, name, slot):
+    found = diagnose_record(stage(task, name).air_grasp(slot).wait(1.0).end())
     assert found.needless == ()
     assert found.label is Label.BEHAVIORAL_INERTIA

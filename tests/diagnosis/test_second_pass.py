@@ -93,6 +93,8 @@ def test_each_culprit_gets_its_label(policies, task, rule):
         ("fast_food", "lexical"): {
             "L1": Label.LEXICAL_KINEMATIC_SHORTCUT,
             "O1": Label.SEMANTIC_FEATURE_COLLAPSE,
+            "T1": Label.BEHAVIORAL_INERTIA,  # fries and drink are exchanged, so that it goes on with the drink
+            "T2": Label.ORDER_VIOLATION,
         },
         ("fast_food", "layout"): {
             **dict.fromkeys(("L1", "R1", "R2"), Label.VISUAL_LAYOUT_BIAS),
@@ -377,6 +379,22 @@ def test_one_trial_is_too_few_for_a_favorite_place_in_all_tasks_alike(task):
         if found.label is Label.WRONG_OBJECT:
             rules = {Label.VISUAL_LAYOUT_BIAS.value, Label.LEXICAL_KINEMATIC_SHORTCUT.value}
             assert rules & set(found.evidence.candidates), found.key
+
+
+@pytest.mark.parametrize(
+    ("task", "name", "slots"),
+    [
+        ("cheeseburger", "T1", ()),  # the patty is done, and the lettuce stands where it was picked
+        ("cheeseburger", "L1", ("second",)),
+        ("fruit_lunch", "T1", ()),
+        ("fruit_lunch", "R1", ("first",)),
+        ("fast_food", "T1", ("first",)),
+    ],
+)
+def test_the_habit_of_a_first_step_leads_to_no_other_thing_in_its_slot(task, name, slots):
+    choice = read_trial(go_to_the_favorite_place(task, name)).choice
+    assert choice is not None
+    assert choice.habit_slots == frozenset(slots)
 
 
 def steps_of(name: str, steps: tuple[int, ...]):
