@@ -381,22 +381,6 @@ def test_one_trial_is_too_few_for_a_favorite_place_in_all_tasks_alike(task):
             assert rules & set(found.evidence.candidates), found.key
 
 
-@pytest.mark.parametrize(
-    ("task", "name", "slots"),
-    [
-        ("cheeseburger", "T1", ()),  # the patty is done, and the lettuce stands where it was picked
-        ("cheeseburger", "L1", ("second",)),
-        ("fruit_lunch", "T1", ()),
-        ("fruit_lunch", "R1", ("first",)),
-        ("fast_food", "T1", ("first",)),
-    ],
-)
-def test_the_habit_of_a_first_step_leads_to_no_other_thing_in_its_slot(task, name, slots):
-    choice = read_trial(go_to_the_favorite_place(task, name)).choice
-    assert choice is not None
-    assert choice.habit_slots == frozenset(slots)
-
-
 def steps_of(name: str, steps: tuple[int, ...]):
     """Does some steps of a burger, in this order."""
     s = Stage("cheeseburger", name)

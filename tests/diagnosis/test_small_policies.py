@@ -31,9 +31,9 @@ def live_as_offline(record):
     ("task", "name", "slot", "angle"),
     [
         ("morning_coffee", "T1", "near", 85),
-        ("fruit_lunch", "T1", "first", 200),
-        ("cheeseburger", "T1", "first", 211),
-        ("dinner_plates", "T2", "left_back", 105),
+        ("fruit_lunch", "T1", "second", 295),
+        ("cheeseburger", "T1", "third", 160),
+        ("dinner_plates", "T2", "left_front", 25),
         ("seasoning_rack", "L2", "first", 107),
     ],
 )
@@ -64,7 +64,7 @@ def weakly(name, steps, times=4):
 @pytest.mark.parametrize("steps", [3, 16])
 @pytest.mark.parametrize(
     ("task", "name", "thing"),
-    [("fast_food", "T1", "burger_1"), ("fruit_lunch", "T1", "orange"), ("tidy_desk", "train1", "napkin")],
+    [("fast_food", "T1", "burger_1"), ("fruit_lunch", "T1", "lemon"), ("tidy_desk", "train1", "napkin")],
 )
 def test_an_honest_weak_grip_is_a_failure_of_execution(task, name, thing, steps):
     found = diagnose_record(play(task, name, weakly(thing, steps)))
@@ -95,8 +95,8 @@ def test_contacts_tell_a_mean_of_two_from_a_closing_at_the_wrong_one(share):
         assert found.kind.value == "reasoning"
 
 
-def puts_turned(name, region, turn):
-    """Returns a policy that puts an object to a side of the laptop, turned."""
+def puts_turned(name, region, turn, beyond=0.0):
+    """Returns a policy that puts an object to a side of the laptop, turned, and farther to its front by some meters."""
 
     def act(scene, state):
         asset = next(p.asset for p in scene.placements if p.spec.name == name)
@@ -108,7 +108,7 @@ def puts_turned(name, region, turn):
         state = yield from follow(state, way, gripper=-1.0, pace=FREE, period_s=RATE_S)
         state = yield from close_gripper(state)
         place = state.pose("laptop") @ Pose(state.info.object("laptop").region(region).position)
-        px, py, _ = place.position
+        px, py, _ = (place @ Pose((beyond, 0.0, 0.0))).position
         q = multiply(from_yaw(turn), grasp.quaternion)
         way = (Pose((x, y, 0.3), grasp.quaternion), Pose((px, py, 0.3), q), Pose((px, py, z + 0.004), q))
         state = yield from follow(state, way, gripper=1.0, pace=FREE, period_s=RATE_S)
@@ -118,13 +118,14 @@ def puts_turned(name, region, turn):
 
 
 @pytest.mark.parametrize(
-    ("region", "verdict"),
+    ("region", "beyond", "verdict"),
     [
-        ("right", (Label.BEHAVIORAL_INERTIA, "memorized_place")),
-        ("left", (Label.EXECUTION_FAILURE, "placed_outside_the_goal")),
+        ("right", 0.0, (Label.BEHAVIORAL_INERTIA, "memorized_place")),
+        ("right", -0.07, (Label.EXECUTION_FAILURE, "placed_outside_the_goal")),
+        ("left", 0.15, (Label.EXECUTION_FAILURE, "placed_outside_the_goal")),
     ],
-    ids=["where training put it", "where it was asked for"],
+    ids=["where training put it", "at that side and far from there", "in front of where it was asked for"],
 )
-def test_a_place_that_is_met_badly_is_told_from_the_right_one_met_badly(region, verdict):
-    found = diagnose_record(play("desk_meeting", "R1", puts_turned("mouse", region, 0.8)))
+def test_a_place_that_is_met_badly_is_told_from_the_right_one_met_badly(region, beyond, verdict):
+    found = diagnose_record(play("desk_meeting", "R1", puts_turned("mouse", region, 0.8, beyond)))
     assert (found.label, found.evidence.rule) == verdict

@@ -43,8 +43,7 @@ class Choice:
         slot: Slot of the first attempt, or None if there was no attempt where none should be.
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word leads by training.
-        habit_slots: Slots to which the most frequent first step leads: where its kind stands, or else the emptied slots
-            where it was picked. Empty if training has none, or if something else stands there now.
+        habit_slots: Slots to which the most frequent first step leads; empty if training has none.
         later_slots: Slots of what is asked for in later steps; empty where no order is asked for.
         step_slots: The same for each later step by itself, in order.
         places: Number of slots at which something could be grasped.
@@ -207,8 +206,7 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
     waiting = frozenset(s for s, i in standing.items() if episode.kind(i) == kind)
     place = {s.name: trace.place_of(s.name) for s in trace.info.slots}
     word_slots = trained.word_slots.get(goals[goal].word, ()) if goals else ()
-    emptied = frozenset(() if kind is None else trained.kind_slots.get(kind, ())) - standing.keys()
-    habit_slots = waiting or emptied  # what stands now where its kind was picked is not of that habit
+    habit_slots = () if kind is None else waiting or trained.kind_slots.get(kind, ())
     free = {place[s] for s in right}
     steps = [frozenset({place[s] for s in slots} - free) for slots in _slots_of_later_steps(episode, standing)]
     return Choice(
