@@ -381,6 +381,38 @@ def test_one_trial_is_too_few_for_a_favorite_place_in_all_tasks_alike(task):
             assert rules & set(found.evidence.candidates), found.key
 
 
+@pytest.mark.parametrize(
+    ("task", "name", "replaced"),
+    [
+        ("cheeseburger", "T1", True),  # the patty is done, and the lettuce stands where it was picked
+        ("cheeseburger", "R1", False),
+        ("cheeseburger", "L1", False),
+        ("fruit_lunch", "T1", True),
+        ("fruit_lunch", "R1", False),
+    ],
+)
+def test_one_trial_does_not_show_a_habit_at_something_else_in_its_slot(task, name, replaced):
+    record = go_to_the_favorite_place(task, name)
+    choice = read_trial(record).choice
+    assert choice is not None
+    assert choice.replaced is replaced
+    (found,) = diagnose_records([record]).trials
+    assert (Label.VISUAL_LAYOUT_BIAS.value in found.evidence.candidates) is replaced
+
+
+def test_a_habit_that_the_run_shows_is_told_from_a_place_although_something_else_stands_in_its_slot():
+    """It begins with the patty wherever that stands, and at the patty's slot where it is done already."""
+    records = []
+    for name in ("train1", "train2", "L1", "R1", "R2", "T1"):
+        s = Stage("cheeseburger", name)
+        waiting = s.positions["patty"] if "patty" in s.condition.layout else s.slot("first")
+        there = next(n for n in s.movable() if np.hypot(*(s.positions[n] - waiting)[:2]) < 0.06)
+        records.append(s.bring(there).wait(1.0).end())
+    labels = {t.key.split("/")[1]: t.label for t in diagnose_records(records).trials}
+    assert labels["R1"] is labels["R2"] is Label.BEHAVIORAL_INERTIA
+    assert labels["T1"] is not Label.VISUAL_LAYOUT_BIAS
+
+
 def steps_of(name: str, steps: tuple[int, ...]):
     """Does some steps of a burger, in this order."""
     s = Stage("cheeseburger", name)

@@ -319,7 +319,7 @@ def _rule_on(
             return Ruling("rejected", place="upheld")
         if rule.name == LATER:
             return Ruling("rejected", habit="rejected")
-        return Ruling("rejected")
+        return Ruling("rejected", "open" if choice.replaced and place_open else "rejected")
     shortcut: RuleStatus = "open" if fits_word and not told_apart else "rejected"
     return Ruling(shortcut, "open" if place_open else "rejected")
 

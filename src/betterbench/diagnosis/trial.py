@@ -51,6 +51,8 @@ class Choice:
         color: Its color.
         nearest: Slot of the thing that stood nearest to the gripper at the start; empty if nothing stood in a slot.
         favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
+        replaced: Whether something else stood in the slot of the first attempt, to which the habit leads: a single
+            trial then does not show the habit.
     """
 
     layout: frozenset[tuple[str, str]]
@@ -66,6 +68,7 @@ class Choice:
     nearest: str = ""
     favorite_slots: frozenset[str] = frozenset()
     step_slots: tuple[frozenset[str], ...] = ()
+    replaced: bool = False
 
     @property
     def stocked(self) -> frozenset[str]:
@@ -217,6 +220,7 @@ def choice_of(episode: EpisodeAnalysis) -> Choice | None:
         places=max(2, len(standing), len(set(place.values())) if slot not in standing else 0),
         thing="" if slot not in standing else episode.kind(standing[slot]),
         color="" if slot not in standing else trace.info.objects[standing[slot]].color,
+        replaced=slot in standing and slot in habit_slots and slot not in waiting,
         nearest=place[min(standing, key=lambda s: _distance_at_start(trace, standing[s]))] if standing else "",
     )  # fmt: skip
 
