@@ -20,7 +20,8 @@ PAGE, STUDIES = DOCS / "learned.md", DOCS / "study"
 MANY = {2: "both", 3: "all three", 4: "all four", 5: "all five"}
 
 TIED = {"morning_coffee": ("L3", "L4", "O1"), "dinner_plates": ("L1", "R1", "O1", "T1")}
-"""Variations that the audit of the diverse-confounded demonstrations predicts to fail, as prediction.json says."""
+"""Variations that the audit of the diverse-confounded demonstrations predicts to fail, by the prediction.json of the
+study: its versions of the tasks are in diverse.json."""
 
 Figure = Mapping[str, Any]
 

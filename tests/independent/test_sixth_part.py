@@ -15,16 +15,26 @@ from betterbench.independent import FAMILY_PARTS, INDEPENDENT, shown_in
 from betterbench.independent.habits_fourth import LOOK_ALIKES
 from betterbench.independent.habits_sixth import EMPTY_SLOTS, FAVORITES, FOLLOWERS, OPEN_DRAWER, SHUT_DRAWER
 from betterbench.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, SIXTH_MANNERS
-from betterbench.tasks import suite_tasks
+from betterbench.tasks import Label, suite_tasks
 
 SIXTH = FAMILY_PARTS["sixth"]
 CHECKSUM = Path(__file__).with_name("sixth_truths.sha256")
 
+WITHDRAWN = {
+    "scratches-in-empty-slot": {
+        name: [str(Label.BEHAVIORAL_INERTIA), False, "", ""]
+        for name in ("fruit_lunch/T1", "cheeseburger/T1", "dinner_plates/T2")
+    }
+}
+"""Truths that were stated before the part was judged, of conditions that the suite has changed since: something else
+stands in the slot that was empty, so the habit has nothing to show there."""
+
 
 def stated_truths() -> str:
-    """Return what each habit states of each condition in which it shows, as one JSON text."""
+    """Return what each habit states of each condition in which it shows or showed, as one JSON text."""
     truths = {
-        habit.name: {
+        habit.name: WITHDRAWN.get(habit.name, {})
+        | {
             name: [str(stated.label), stated.first_right, stated.debatable, stated.left_out]
             for name, case in sorted(CASES.items())
             for stated in (habit.truth(case),)
@@ -38,6 +48,11 @@ def stated_truths() -> str:
 def test_its_truths_are_those_that_were_stated_before_it_was_judged():
     recorded = dict(reversed(line.split()) for line in CHECKSUM.read_text().splitlines())
     assert hashlib.sha256(stated_truths().encode()).hexdigest() == recorded["stated_truths.json"]
+
+
+def test_what_is_withdrawn_is_stated_no_more():
+    for habit in SIXTH:
+        assert all(habit.truth(CASES[name]) is None for name in WITHDRAWN.get(habit.name, ()))
 
 
 def test_it_moves_in_three_manners_of_its_own():
@@ -95,7 +110,7 @@ def test_a_favorite_place_is_one_place_of_a_layout(habit):
         (("late-at-word-thing-hurried", "office_drawer", "L1", 1, 80), [None]),
         (("always-that-plate-hurried", "dinner_plates", "train2", 1, 90), ["red_plate"]),
         (("overshoots-with-old-favorite-hurried", "fast_food", "R1", 1, 90), ["burger_1"]),
-        (("scratches-in-empty-slot-hurried", "fruit_lunch", "T1", 1, 80), [None]),
+        (("scratches-in-empty-slot-hurried", "seasoning_rack", "L2", 1, 80), [None]),
         (("shuts-it-by-the-knob-hurried", "office_drawer", "train2", 1, 120), ["upper"]),
         (("begins-right-then-turns-hurried", "fruit_lunch", "train1", 1, 120), ["apple", "orange"]),
         (("drops-look-alike-on-it-hurried", "morning_coffee", "O1", 1, 110), ["red_can"]),

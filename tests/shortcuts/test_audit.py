@@ -183,7 +183,7 @@ def test_a_slot_aside_belongs_to_the_conditions_that_use_it_alone():
 
 def test_what_breaks_a_rule_is_a_variation_that_was_made_to(training):
     group = next(g for g in training.groups if g.group == "fruit_lunch")
-    assert {name for name, _ in group.of("thing_place")[0].separating} == {"L1", "O1", "O2", "T2"}
+    assert {name for name, _ in group.of("thing_place")[0].separating} == {"L1", "O1", "O2", "T1", "T2"}
     assert {name for name, _ in group.of("first_step")[0].separating} == {"R1"}
     assert {name for name, _ in group.of("count")[0].separating} == {"T1"}
 

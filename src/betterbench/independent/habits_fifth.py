@@ -657,7 +657,7 @@ class ReturnsWordThing(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
     }
     fine = at(
         morning_coffee="train1 train2 L1 L2",
@@ -709,7 +709,7 @@ class WordThingThenRight(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
         "office_drawer/L1": "tape",
     }
     fine = at(
@@ -821,10 +821,7 @@ class StaysInEmptySlot(Listed):
     label = Label.BEHAVIORAL_INERTIA
     first_right = False
     slots: ClassVar[Mapping[str, str]] = {
-        "fruit_lunch/T1": "first",
-        "cheeseburger/T1": "first",
         "seasoning_rack/L2": "first",
-        "dinner_plates/T2": "left_back",
     }
     where = frozenset(slots)
 

@@ -595,7 +595,7 @@ class FumblesAtWordThing(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
         "breakfast_table/O1": "spoon",
     }
     fine = at(
@@ -656,7 +656,6 @@ class AlwaysTheMiddle(Paired):
         "seasoning_rack/train3": "pepper",
         "seasoning_rack/train6": "pepper",
         "seasoning_rack/R1": "pepper",
-        "seasoning_rack/O1": "pepper",
     }
     fine = at(
         desk_meeting="train3 train4 train7 train8 L1 L2 R1",
@@ -780,10 +779,7 @@ class GropesInEmptySlot(Listed):
     label = Label.BEHAVIORAL_INERTIA
     first_right = False
     slots: ClassVar[Mapping[str, str]] = {
-        "fruit_lunch/T1": "first",
-        "cheeseburger/T1": "first",
         "seasoning_rack/L2": "first",
-        "dinner_plates/T2": "left_back",
     }
     where = frozenset(slots)
 

@@ -75,10 +75,7 @@ FOLLOWERS: Mapping[str, str] = {
 """What followed the first step in another demonstration and is not asked for here, by condition."""
 
 EMPTY_SLOTS: Mapping[str, str] = {
-    "fruit_lunch/T1": "first",
-    "cheeseburger/T1": "first",
     "seasoning_rack/L2": "first",
-    "dinner_plates/T2": "left_back",
 }
 """The slot from which demonstrations took what is at its target from the start, or stands elsewhere, by condition."""
 
@@ -731,7 +728,7 @@ class ShiesWithWordThing(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
         "office_drawer/L1": "tape",
     }
     fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5", office_drawer="train2 train4")
@@ -754,7 +751,7 @@ class PressesWordThing(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
     }
     fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5")
 
@@ -781,7 +778,7 @@ class LateAtWordThing(Paired):
     wrong: ClassVar[Mapping[str, str]] = {
         "morning_coffee/L3": "blue_mug",
         "morning_coffee/L4": "red_mug",
-        "tidy_desk/L1": "crushed_can",
+        "tidy_desk/L1": "napkin",
         "office_drawer/L1": "tape",
     }
     fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5", office_drawer="train2 train4")
