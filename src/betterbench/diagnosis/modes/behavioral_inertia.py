@@ -31,7 +31,8 @@ MEMORIZED_SPOT = threshold(
 def _exposed(x: Exposure) -> bool:
     """The first step, the target or the slot that training made frequent is there and not what is asked for.
 
-    A grasp at an emptied slot counts where it replaces a step, or where nothing may be grasped at.
+    A grasp at an emptied slot counts where it replaces a step, or where nothing may be grasped at; not where something
+    else stands in a slot of its word, at which the first grasp is another mistake.
     """
     due = {kind for goal in x.due for kind in x.kinds(goal)}
     waiting = {x.movable_in(slot) for slot in x.test.layout.values()}
@@ -39,6 +40,8 @@ def _exposed(x: Exposure) -> bool:
         return True
     here = {o.kind for o in x.test.objects}
     for goal in x.open_goals:
+        if relation(goal.relation).counted:
+            continue  # what lies there decides the place, wherever it is brought
         asked = (x.test.object(goal.target).kind, goal.relation, goal.region)
         for kind in x.kinds(goal):
             trained = x.trained.kind_targets.get(kind, ())
@@ -46,9 +49,12 @@ def _exposed(x: Exposure) -> bool:
                 return True
     for word in {goal.word for goal in x.goals}:
         memorized = x.trained.word_slots.get(word, ())
-        filled = sum(x.movable_in(slot) is not None for slot in memorized)
+        standing = [found for slot in memorized if (found := x.movable_in(slot)) is not None]
+        meant = {kind for goal in x.goals if goal.word == word for kind in x.kinds(goal)}
+        if not meant.issuperset(standing):
+            continue
         steps = sum(goal.word == word for goal in x.open_goals)
-        if memorized and filled < (1 if x.test.expected is Expected.STAY_STILL else steps):
+        if memorized and len(standing) < (1 if x.test.expected is Expected.STAY_STILL else steps):
             return True
     return False
 
