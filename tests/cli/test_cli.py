@@ -17,6 +17,7 @@ from betterbench.cli.main import VERBS, main
 from betterbench.errors import StorageError
 from betterbench.recording import RunFolder, read_record
 from betterbench.tasks import all_tasks
+from betterbench.worlds.registry import ForeignWorld
 
 
 def run(capsys, *arguments):
@@ -100,8 +101,23 @@ def test_lists_are_read_at_80_columns(capsys, monkeypatch, what):
     words = set(re.split(r"[\s,.:]+", out))
     for row in rows:
         for name, value in row.items():
-            if name != "axis":
+            if name not in ("axis", "installed"):
                 assert set(re.split(r"[\s,.:]+", value)) <= words | {""}, value
+
+
+@pytest.mark.parametrize("installed", [False, True])
+def test_suites_say_which_worlds_are_not_installed(capsys, monkeypatch, installed):
+    """The list is as narrow where nothing is installed, as on a new machine."""
+    monkeypatch.setattr("betterbench.cli.console.OUT._width", 80)
+    monkeypatch.setattr(ForeignWorld, "is_installed", installed)
+    _, listed, _ = run(capsys, "list", "suites", "--json")
+    state = {row["suite"]: row["installed"] for row in json.loads(listed)}
+    assert state.pop("better60") == "yes"
+    assert set(state.values()) == {"yes" if installed else "no"}
+    _, out, _ = run(capsys, "list", "suites")
+    said = r"\nnot installed here: libero, libero_plus, calvin. To install one:\n\S+ worlds install libero\n"
+    assert bool(re.search(said, out)) is not installed
+    assert len(out.splitlines()) <= 2 * len(state) + 6
 
 
 def test_variations_are_counted_by_axis(capsys):

@@ -29,6 +29,12 @@ def list_command(
     if what == "tasks":
         shown = [[name, title, n, varied, f"{template}: {said}"] for name, title, template, n, varied, said in rows]
         print_listing(["task", "title", "training", "variations", ""], shown)
+    elif what == "suites":
+        print_table([*columns[:2], *columns[3:]], [[suite, world, *rest] for suite, world, _, *rest in rows])
+        absent = list(dict.fromkeys(world for _, world, installed, *_ in rows if installed == "no"))
+        if absent:
+            OUT.print(f"\nnot installed here: {', '.join(absent)}. To install one:", markup=False)
+            OUT.print(f"better worlds install {absent[0]}", markup=False)
     elif what == "templates":
         print_listing(
             [*columns[:2], ""], [[name, title, f"{said} Tasks: {tasks}."] for name, title, tasks, said in rows]
@@ -51,7 +57,7 @@ def list_command(
 def _table(what: What) -> tuple[list[str], list[list[str]]]:
     """Return the columns and rows of a list."""
     if what == "suites":
-        return ["suite", "world", "tasks", "what it is"], _suites()
+        return ["suite", "world", "installed", "tasks", "what it is"], _suites()
     if what == "policies":
         from betterbench.evaluation import known_policies
 
@@ -83,12 +89,12 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
 
 
 def _suites() -> list[list[str]]:
-    """Return our suite, and those of the foreign worlds with what is missing."""
+    """Return our suite and those of the foreign worlds, and whether each can be run here."""
     from betterbench.tasks import suite_tasks
     from betterbench.worlds import CHAIN_SUITES, PLUS_SUITES, SUITES, WORLDS
 
-    state = {name: name if world.is_installed else f"{name} (missing)" for name, world in WORLDS.items()}
-    listed = [["better60", "betterbench", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
+    listed = [["better60", "betterbench", "yes", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
     for world, suites in (("libero", SUITES), ("libero_plus", PLUS_SUITES), ("calvin", CHAIN_SUITES)):
-        listed += [[suite.name, state[world], str(suite.tasks), suite.summary] for suite in suites.values()]
+        installed = "yes" if WORLDS[world].is_installed else "no"
+        listed += [[suite.name, world, installed, str(suite.tasks), suite.summary] for suite in suites.values()]
     return listed

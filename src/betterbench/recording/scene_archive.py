@@ -57,7 +57,7 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
 def read_scene(path: Path) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing any of them.
 
-    An archive of an earlier version has no seal, which is said once.
+    Archives of an earlier version have no seal, which is said once for all scenes of a run.
 
     Raises RecordError if the scene is missing, damaged, changed, that of another hash or too large, or a name could
     leave a folder.
@@ -74,7 +74,7 @@ def read_scene(path: Path) -> dict[str, bytes]:
         said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
     if not seal:
-        say_unsealed(str(path))
+        say_unsealed(str(path.parent))
     elif seal != _seal(path.stem, files):
         problem = "was changed after it was written, or is the archive of another scene: its seal does not fit"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
