@@ -25,13 +25,13 @@ MOST = int(os.environ.get("BETTERBENCH_MUTATIONS", "120"))
 ABSENT = object()
 VALUES = (None, True, 5, -1, 2.5, 10**400, 1e308, "x", "x" * 300_000, "\x1b[31m\nred", [], [[]], {}, {"a": {}}, ABSENT)
 FORMS = (
-    lambda a: None,
+    lambda _: None,
     lambda a: a[:-1] if a.ndim else a,
     lambda a: a[None],
     lambda a: a.astype(np.float32),
     lambda a: a.astype(np.int64) if a.dtype != np.int64 else a.astype(np.uint8),
     lambda a: np.full(a.shape, np.nan),
-    lambda a: np.zeros_like(a),
+    np.zeros_like,
     lambda a: np.full_like(a, 1) if a.dtype == bool else np.full_like(a, 99),
     lambda a: np.zeros((0,) * max(a.ndim, 1), a.dtype),
 )
@@ -156,10 +156,10 @@ class _Same(WorldProcesses):
         super().__init__(command)
         self.process = WorldProcess(command)
 
-    def take(self, key):
+    def take(self, _key):
         return self.process
 
-    def give_back(self, key, process):
+    def give_back(self, _key, _process):
         pass
 
 
@@ -193,7 +193,7 @@ def test_descriptions_of_libero(fake_command, monkeypatch, suite):
     class Described:
         """A process that was started already."""
 
-        def __init__(self, command):
+        def __init__(self, _command):
             pass
 
         def __enter__(self):
@@ -202,12 +202,13 @@ def test_descriptions_of_libero(fake_command, monkeypatch, suite):
         def __exit__(self, *_):
             pass
 
-        def suite(self, name):
-            return said
+        def suite(self, _name):
+            return said[0]
 
     monkeypatch.setattr(world_plan, "WorldProcess", Described)
     count = 0
-    for said, _ in [answer, *drawn(answer, 2)]:
+    said = [answer[0]]
+    for said[0], _ in drawn(answer, 2):
         count += refused(lambda: make_world_plan("noop", suite=suite, command=fake_command, tasks=["3"], trials=1))
     assert count > 10
 
