@@ -23,7 +23,7 @@ from betterbench.json_form import (
 )
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
-from betterbench.worlds.process import WorldProcess, as_agreed, text_of, texts_of
+from betterbench.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
 
 _MAX_BYTES = 1 << 26
 
@@ -84,7 +84,7 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         tasks = [_AskedTask.of(suite, number, task) for number, task in enumerate(said["tasks"])]
         if not tasks:
             raise ValueError("it has no tasks")
-        versions = json.dumps(texts_of(said["versions"]), sort_keys=True)
+        versions = json.dumps(sent_texts(said["versions"]), sort_keys=True)
     done = {(e.suite, e.task, e.bddl_sha256, json.dumps(e.engine, sort_keys=True)): e for e in known}
     for task in tasks:
         key = (suite, task.number, task.bddl_sha256, versions)
@@ -98,13 +98,13 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         document, arrays = process.premises(request)
         with as_agreed("answers for its premises in a way"):
             holds, moved = arrays["holds"], arrays["moved"]
-            names = [tuple(text_of(name) for name in document[key]) for key in ("premises", "objects")]
+            names = [tuple(sent_text(name) for name in document[key]) for key in ("premises", "objects")]
             due = tuple((len(moved), len(listed)) for listed in names)
             if (holds.shape, moved.shape) != due or holds.dtype != bool or not np.isfinite(moved).all():
                 raise ValueError(f"holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}")
             broken = {name: _where(~holds[:, k]) for k, name in enumerate(names[0])}
             jumps = {name: _where(moved[:, k] > JUMP_M) for k, name in enumerate(names[1])}
-            engine = texts_of(document["engine"])
+            engine = sent_texts(document["engine"])
         yield PremiseEntry(
             suite,
             task.number,
@@ -134,9 +134,9 @@ class _AskedTask:
         plus = suite in PLUS_SUITES
         return cls(
             index(said["task"] if plus else said.get("task", number)),
-            text_of(said["instruction"]),
-            text_of(said["bddl_sha256"]),
-            text_of(said["name"]) if plus else "",
+            sent_text(said["instruction"]),
+            sent_text(said["bddl_sha256"]),
+            sent_text(said["name"]) if plus else "",
             plus and bool(said["needs"]),
         )
 

@@ -49,7 +49,7 @@ def as_agreed(what: str) -> Iterator[None]:
         raise WorldError(f"the simulator {what} that cannot be read ({found})") from problem
 
 
-def text_of(value: object) -> str:
+def sent_text(value: object) -> str:
     """Return a text that a simulator sent; TypeError if it is none, ValueError if it is too long."""
     if not isinstance(value, str):
         raise TypeError(f"it is a {type(value).__name__} and no text")
@@ -58,9 +58,9 @@ def text_of(value: object) -> str:
     return value
 
 
-def texts_of(value: Mapping[str, object]) -> dict[str, str]:
-    """Return texts by name, such as versions, that a simulator sent, as :func:`text_of` does."""
-    return {text_of(name): text_of(found) for name, found in value.items()}
+def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
+    """Return texts by name, such as versions, that a simulator sent, as :func:`sent_text` does."""
+    return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
 class WorldProcess:

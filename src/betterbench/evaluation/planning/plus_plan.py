@@ -28,7 +28,7 @@ from betterbench.worlds import (
 from betterbench.worlds.libero import STATES
 from betterbench.worlds.libero_plus import AXES
 from betterbench.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
-from betterbench.worlds.process import as_agreed, text_of, texts_of
+from betterbench.worlds.process import as_agreed, sent_text, sent_texts
 from betterbench.worlds.regime import TrainedTask
 
 TRIALS = 1
@@ -149,14 +149,17 @@ def _variants_there(
     with as_agreed(f"describes {suite} in a way"):
         wanted = [_read(suite, task, sentences) for task in said["tasks"]]
         regime = tuple(trained_task(task) for task in base["tasks"])
-        return wanted, regime, texts_of(said["versions"])
+        return wanted, regime, sent_texts(said["versions"])
 
 
 def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
     """Return a variant, the number of its initial states, and the files that it lacks."""
-    name, sentence = text_of(said["name"]), text_of(said["published" if sentences == "published" else "instruction"])
-    task = VariantTask(suite, index(said["task"]), name, sentence, text_of(said["bddl_sha256"]), name)
-    return task, index(said["states"]), [text_of(file) for file in said["needs"]]
+    name, sentence = (
+        sent_text(said["name"]),
+        sent_text(said["published" if sentences == "published" else "instruction"]),
+    )
+    task = VariantTask(suite, index(said["task"]), name, sentence, sent_text(said["bddl_sha256"]), name)
+    return task, index(said["states"]), [sent_text(file) for file in said["needs"]]
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:

@@ -36,7 +36,7 @@ from betterbench.worlds.calvin import (
     describe_chains,
 )
 from betterbench.worlds.libero import STATES
-from betterbench.worlds.process import as_agreed, text_of, texts_of
+from betterbench.worlds.process import as_agreed, sent_text, sent_texts
 from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.scene import task_id
 
@@ -150,8 +150,8 @@ def make_chain_plan(
     space = action_space_of(policy, CALVIN, action_space)
     started, said = describe_chains(command, suite)
     with as_agreed(f"describes {suite} in a way"):
-        task = ChainTask(suite, 0, suite, "five instructions in a row", text_of(said["tasks"][0]["fingerprint"]))
-        versions = texts_of(said["versions"])
+        task = ChainTask(suite, 0, suite, "five instructions in a row", sent_text(said["tasks"][0]["fingerprint"]))
+        versions = sent_texts(said["versions"])
         objects = chain_objects(said["objects"])
     planned = tuple(
         Trial(task.id, task.condition, change, None, change and "base", number, Expected.SUCCEED.value)
@@ -231,19 +231,19 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
     with as_agreed(f"describes {suite} in a way"):
         tasks = [
-            WorldTask(suite, i, text_of(task["name"]), text_of(task[key]), text_of(task["bddl_sha256"]))
+            WorldTask(suite, i, sent_text(task["name"]), sent_text(task[key]), sent_text(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])
         ]
         regime = tuple(trained_task(task) for task in base["tasks"])
-        return tasks, regime, texts_of(said["versions"])
+        return tasks, regime, sent_texts(said["versions"])
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
     """Return what a task of a base suite showed, as the world says."""
-    steps = tuple((text_of(r), text_of(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
-    starts = {text_of(name): (_words(kind), text_of(place)) for name, (kind, place) in said["starts"].items()}
-    return TrainedTask(text_of(said["instruction"]), steps, starts)
+    steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
+    starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
+    return TrainedTask(sent_text(said["instruction"]), steps, starts)
 
 
 def _words(kind: str) -> str:
-    return text_of(kind).replace("_", " ")
+    return sent_text(kind).replace("_", " ")
