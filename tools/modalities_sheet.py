@@ -50,7 +50,7 @@ def panels_of(run: RunFolder, trial: str, at: float) -> list[tuple[str, list[Ima
     categories = [o.category for o in meta.scene.objects]
     panels = []
     with LimitedView(quality=seen_quality(run, record)) as limited:
-        limited.open(run.load_scene(meta.scene_hash))
+        limited.open(run.scene_of(meta))
         facts, _ = limited.prepare(VIEWS, MODALITIES)
         (sights,) = limited.sights(record.qpos[row : row + 1], jitter=meta.view_jitter)
         for view, focal_px, sight in zip(VIEWS, facts.focal_px, sights, strict=True):

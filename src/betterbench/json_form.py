@@ -106,6 +106,11 @@ def seal_of(form: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def content_digest(name: str, data: bytes) -> str:
+    """Return the SHA-256 of a name and of what it names: content that takes another's name has another digest."""
+    return hashlib.sha256(f"{name}\n".encode() + data).hexdigest()
+
+
 def sealed_form(form: Mapping[str, Any]) -> dict[str, Any]:
     """Return a JSON object with its seal."""
     return {**form, SEAL: seal_of(form)}

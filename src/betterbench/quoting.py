@@ -73,18 +73,22 @@ def _encoding_of(letter: str) -> str:
 
 # -------------------------------------------------------------------------------------------------------------- files
 LONGEST_NAME = 100
+"""Most characters of a default name, with the digest of a longer text. A file system takes 255 bytes, of which suffixes
+and the names of part files take some."""
+_DIGEST_LETTERS = 8
 
 
 def default_name(text: str, *, otherwise: str) -> str:
     """Return a name for a file or folder after a text, of ASCII letters, digits, ``-`` and ``.``, or another name.
 
-    A long text is cut, and its digest keeps the names of two of them apart: no system takes a name of 256 bytes.
+    It has at most :data:`LONGEST_NAME` characters: a longer one is cut, and ends with a digest of the text, so that two
+    long texts which begin alike have different names.
     """
     name = re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or otherwise
     if len(name) <= LONGEST_NAME:
         return name
-    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
-    return f"{name[:LONGEST_NAME].strip('-.')}-{digest}"
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:_DIGEST_LETTERS]
+    return f"{name[: LONGEST_NAME - _DIGEST_LETTERS - 1].strip('-.')}-{digest}"
 
 
 # -------------------------------------------------------------------------------------------------------------- pages

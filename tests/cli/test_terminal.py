@@ -17,6 +17,7 @@ from betterbench.cli import console, progress
 from betterbench.cli.console import Terminal, complain, print_table, progress_bar
 from betterbench.cli.evaluate import prepare_robot
 from betterbench.cli.main import VERBS, main
+from betterbench.errors import UNPRINTABLE, one_line
 
 WORK = [
     ("calibrate", 2040, 13, "zoo:progress-cue at 60 %", True),
@@ -261,3 +262,20 @@ def test_a_worker_whose_run_is_gone_ends_without_a_word(monkeypatch):
     worker.join(10.0)
     assert not worker.is_alive()
     assert problems == []
+
+
+def test_the_further_lines_of_an_item_are_set_in_and_no_number_loses_its_sign(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(console, "OUT", console.Terminal(file=shown, force_terminal=True, width=40, color_system=None))
+    text = "; ".join(f"{n} %: thing and place \x1b[31m[red]" for n in range(10, 90))
+    console.print_item(text, indent=2)
+    lines = shown.getvalue().splitlines()
+    assert max(map(len, lines)) <= 40
+    assert lines[0].startswith("  10 %")
+    assert all(line.startswith("    ") and not line.strip().startswith("%") for line in lines[1:])
+    assert " ".join(line.strip() for line in lines) == one_line(text, most=20_000)
+    assert not UNPRINTABLE.search("".join(lines))
+    shown = io.StringIO()
+    monkeypatch.setattr(console, "OUT", console.Terminal(file=shown))
+    console.print_item(text, indent=2)
+    assert shown.getvalue() == f"  {one_line(text, most=20_000)}\n"

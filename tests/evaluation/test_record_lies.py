@@ -12,11 +12,24 @@ import pytest
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
+from betterbench.datasets.sheet import draw_sheet
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress, check_record, evaluate
+from betterbench.evaluation.figures.films import Shot, render_shots, write_video
+from betterbench.evaluation.figures.twin_film import render_paths
 from betterbench.evaluation.planning.plan import Trial
+from betterbench.materialization.folder import Wanted
+from betterbench.materialization.run import materialize_run
+from betterbench.materialization.viewing import shown_rows
 from betterbench.recording import RunFolder, read_journal, read_record, write_record
+from betterbench.recording.line_journal import link_after
+from betterbench.recording.metadata import dump_json
+from betterbench.recording.modalities.spec import ViewSpec
+from betterbench.recording.scene_archive import scene_digest
+from betterbench.scenes.limited import LimitedView
+from betterbench.scenes.stored import load_model, scene_files
+from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics
 
@@ -208,7 +221,7 @@ def test_a_journal_of_an_older_version_is_read_and_continued(copy, tiny_plan):
     old = []
     for line in copy.journal_path.read_text(encoding="utf-8").splitlines()[:2]:
         form = json.loads(line)
-        del form["link"], form["record"]
+        del form["link"], form["record"], form["scene"]
         old.append(f"{json.dumps(form)}\n")
     copy.journal_path.write_text("".join(old), encoding="utf-8")
     run = evaluate(tiny_plan(), copy.path)
@@ -274,3 +287,117 @@ def test_the_same_command_stores_a_damaged_scene_again(copy, tiny_plan):
         copy.load_scene(scene)
     evaluate(tiny_plan(), copy.path)
     assert copy.load_scene(scene)
+
+
+def exchanged(run, seed=0):
+    """Exchanges the scene of a trial for another model, resealed, and returns its name and what was there."""
+    name = run.read_record("morning_coffee", "T1", seed).metadata.scene_hash
+    path = run.scene_path(name)
+    whole, files = path.read_bytes(), run.load_scene(name)
+    model = load_model(files)
+    model.geom_rgba[:, :3] = model.geom_rgba[:, 2::-1]  # a red mug is blue
+    path.unlink()
+    run.store_scene(name, scene_files(model, name))
+    run.load_scene(name)  # its own seal fits
+    return name, whole
+
+
+def test_the_journal_holds_the_digest_of_each_scene(copy):
+    for entry in copy.entries():
+        name = copy.read_record(entry.task, entry.condition, entry.seed).metadata.scene_hash
+        assert entry.scene == scene_digest(name, copy.load_scene(name))
+
+
+def test_an_exchanged_scene_with_its_seal_made_anew_is_refused_everywhere(copy, tmp_path, capsys):
+    exchanged(copy)
+    record = copy.read_record("morning_coffee", "T1", 0)
+    trial = TrialId("morning_coffee", "T1", 0)
+    views, out = (ViewSpec("front", 64, 64),), tmp_path / "out"
+    with LimitedView(quality="fast") as limited:
+        for attempt in (
+            lambda: copy.scene_of(record.metadata),
+            lambda: limited.open_of(copy, record),
+            lambda: list(shown_rows(copy, record, views, quality="fast")),
+            lambda: materialize_run(copy, out, Wanted(views, ("rgb",), "fast"), trials=(trial,)),
+            lambda: render_shots(copy, (Shot("morning_coffee", "T1", 0, 0.0),)),
+            lambda: render_paths(copy, (("morning_coffee", "T1", 0),)),
+            lambda: write_video(copy, "morning_coffee", "T1", 0, out=tmp_path / "x.mp4", size=64),
+            lambda: draw_sheet(copy, (trial,), tmp_path / "sheet.jpg"),
+        ):
+            with pytest.raises(RecordError, match=r"is not the scene that the trial ran in.*stores it again"):
+                attempt()
+    place = str(copy.record_path("morning_coffee", "T1", 0))
+    for words in (
+        ["view", place, "--out", str(tmp_path / "x.html")],
+        ["materialize", str(copy.path), "--out", str(out)],
+    ):
+        assert main(words) == 2
+        assert "is not the scene that the trial ran in" in capsys.readouterr().err.replace("\n", " ")
+
+
+@pytest.mark.usefixtures("steps_short")
+def test_the_same_command_stores_an_exchanged_scene_again(copy, tiny_plan, caplog):
+    name, whole = exchanged(copy)
+    run = evaluate(tiny_plan(), copy.path)
+    assert "is run again" in caplog.text
+    assert run.scene_path(name).read_bytes() == whole
+    assert [p.name for p in (run.path / "set-aside").glob("*")] == [f"0-{name}.zip"]
+
+
+@pytest.mark.usefixtures("steps_short")
+def test_a_scene_that_somebody_put_there_before_is_not_taken_for_that_of_a_trial(copy, tiny_plan):
+    name, whole = exchanged(copy)
+    copy.journal_path.unlink()
+    run = evaluate(tiny_plan(), copy.path)
+    told = [e for e in run.entries() if run.scene_path(name).name in (e.message or "")]
+    assert told
+    assert all(e.status == "error" and "is another scene than the one" in e.message for e in told)
+    run.scene_path(name).unlink()
+    run = evaluate(tiny_plan(), copy.path)
+    assert {e.status for e in run.entries()} == {"done"}
+    assert run.scene_path(name).read_bytes() == whole
+
+
+@pytest.mark.usefixtures("steps_short")
+def test_a_damaged_scene_of_no_trial_is_stored_again(copy, tiny_plan):
+    name = copy.read_record("morning_coffee", "T1", 0).metadata.scene_hash
+    whole = copy.scene_path(name).read_bytes()
+    copy.scene_path(name).write_bytes(whole[:-1000])
+    copy.journal_path.unlink()
+    run = evaluate(tiny_plan(), copy.path)
+    assert {e.status for e in run.entries()} == {"done"}
+    assert run.scene_path(name).read_bytes() == whole
+
+
+def without_scenes(path):
+    """Makes the journal of a run as a version wrote it that linked lines and knew no digests of scenes."""
+    link, lines = "", []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        form = {name: value for name, value in json.loads(line).items() if name not in ("link", "scene")}
+        link = link_after(link, form)
+        lines.append(dump_json({**form, "link": link}) + b"\n")
+    path.write_bytes(b"".join(lines))
+
+
+def test_a_run_of_a_version_without_digests_of_scenes_is_read_and_says_so_once(copy, tiny_plan, caplog):
+    without_scenes(copy.journal_path)
+    records = list(copy.records())
+    for record in records:
+        assert copy.scene_of(record.metadata)
+    assert caplog.text.count("without digests of the scenes") == 1
+    assert len(evaluate(tiny_plan(), copy.path).entries()) == 4
+    lines = copy.journal_path.read_text(encoding="utf-8").splitlines()
+    lines[1] = lines[1].replace('"seed":1', '"seed":3')
+    copy.journal_path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(RecordError, match="line 2"):
+        copy.entries()
+
+
+def test_a_digest_of_a_scene_is_not_taken_out_of_its_line(copy):
+    lines = copy.journal_path.read_text(encoding="utf-8").splitlines()
+    form = json.loads(lines[1])
+    for change in ({"scene": None}, {"scene": "0" * 64}, {}):
+        changed = {name: value for name, value in form.items() if name != "scene"} | change
+        copy.journal_path.write_text("\n".join([lines[0], json.dumps(changed), *lines[2:]]) + "\n", encoding="utf-8")
+        with pytest.raises(RecordError, match="line 2 does not follow"):
+            copy.entries()

@@ -11,7 +11,7 @@ import sys
 import numpy as np
 from fake_faults import fail, fault_due
 
-from betterbench.worlds.rows import form_of, row_of
+from betterbench.worlds.rows import RowForm, form_of, row_of
 from betterbench.worlds.simulator_loop import answer_requests
 
 SENTENCE = "pick up the cube and place it on the plate"
@@ -83,13 +83,19 @@ class FakeSimulator:
         self.wrong = kind
         fail(kind)
 
-    def row(self, *, look):
+    def row(self, *, look):  # noqa: C901 - one line for each fault
         there = bool(self.at[0] > 0.2)
         arrays = {"row": row_of(self.numbers()), "touching": np.array([1]), "forces": np.array([1.5])}
         arrays["holds"] = np.array([self.state != 40, there])
         wrong, self.wrong = self.wrong, None
         if wrong == "short row":
             arrays["row"] = arrays["row"][:-1]
+        if wrong == "no rotation":
+            arrays["row"][self.places["quaternions"]] = 0.0
+        if wrong == "row of floats":
+            arrays["row"] = arrays["row"].astype(np.float32)
+        if wrong == "two rows":
+            arrays["row"] = np.stack([arrays["row"]] * 2)
         if wrong == "unknown pair":
             arrays["touching"] = np.array([9])
         if wrong == "pair from the end":
@@ -114,6 +120,10 @@ class FakeSimulator:
         if wrong == "done in words":
             return {"done": "false"}, arrays
         return ({} if wrong == "done is missing" else {"done": there}), arrays
+
+    @property
+    def places(self):
+        return RowForm(form_of(self.numbers())).places
 
     def numbers(self):
         arrays = {name: np.arange(3.0) + self.steps for name in ("qpos", "qvel", "ctrl")}

@@ -1,6 +1,7 @@
 """Runs in a foreign world: the journal, the records and what a failing simulator costs, with a stand-in of a world."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from tests.worlds.clients import CLIENTS, differences
 
 from betterbench.episodes import Observer
-from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError
+from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError, one_line
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
@@ -94,6 +95,18 @@ FAULTS += [
     "contacts in a table",
     "done in words",
     "done is missing",
+    "no rotation",
+    "row of floats",
+    "two rows",
+    "prints much",
+    "raises in lines",
+    "twice",
+    "slowly",
+    "half",
+    "half and waits",
+    "late",
+    "of another request",
+    "huge",
 ]
 
 
@@ -104,10 +117,13 @@ def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
     plan = short(plan_of(policy="noop", trials=3))
     monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
     monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    began = time.monotonic()
     run = evaluate(plan, tmp_path / "run")
+    assert time.monotonic() - began < 60.0
     broken = [e for e in run.entries() if e.status == "error"]
     assert [e.seed for e in broken] == [1]
     assert "simulator" in broken[0].message
+    assert one_line(broken[0].message, most=600) == broken[0].message
     assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
 
 

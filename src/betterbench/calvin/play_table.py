@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -78,7 +79,7 @@ def read_play_table(info: Mapping[str, Any]) -> PlayTable:
             doors={name: _number(found["current_state"]) for name, found in scene["doors"].items()},
             lights={name: int(found["logical_state"]) for name, found in scene["lights"].items()},
         )
-    except (KeyError, TypeError, ValueError, IndexError) as problem:
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError, IndexError) as problem:
         raise InvalidInputError(
             "get_info() of CALVIN",
             f"has not the form of calvin_env@797142c: {type(problem).__name__}: {problem}",
@@ -87,13 +88,22 @@ def read_play_table(info: Mapping[str, Any]) -> PlayTable:
 
 
 def _block(found: Mapping[str, Any]) -> BlockInfo:
-    x, y, z, w = map(float, found["current_orn"])
-    px, py, pz = map(float, found["current_pos"])
-    velocity = tuple(map(float, (*found["current_lin_vel"], *found["current_ang_vel"])))
+    x, y, z, w = map(finite_number, found["current_orn"])
+    px, py, pz = map(finite_number, found["current_pos"])
+    vx, vy, vz = map(finite_number, found["current_lin_vel"])
+    wx, wy, wz = map(finite_number, found["current_ang_vel"])
     contacts = frozenset((int(c[2]), int(c[4])) for c in found["contacts"])
-    return BlockInfo(int(found["uid"]), (px, py, pz), (w, x, y, z), velocity, contacts)
+    return BlockInfo(int(found["uid"]), (px, py, pz), (w, x, y, z), (vx, vy, vz, wx, wy, wz), contacts)
 
 
 def _number(value: float | Sequence[float]) -> float:
     """Return a joint position that may stand alone or as the first of a sequence."""
-    return float(value[0]) if isinstance(value, Sequence) else float(value)
+    return finite_number(value[0] if isinstance(value, Sequence) else value)
+
+
+def finite_number(value: Any) -> float:  # noqa: ANN401 - of a stranger
+    """Return a number of Python or NumPy as a float; ValueError if it is a text, a boolean or not finite."""
+    number = float("nan") if isinstance(value, bool | str | bytes) else float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{str(value)[:40]!r} is not a finite number")
+    return number

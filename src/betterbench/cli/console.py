@@ -159,6 +159,19 @@ def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, title:
     OUT.print(table)
 
 
+def print_item(text: str, *, indent: int = 0) -> None:
+    """Print an item of a list; on a terminal it is broken between words, and its further lines are set in.
+
+    A number stays with its sign of percent.
+    """
+    line = " " * indent + one_line(text, most=LONGEST_MESSAGE)
+    if OUT.is_terminal:
+        whole = line.replace(" %", "\N{NO-BREAK SPACE}%")
+        folded = textwrap.wrap(whole, OUT.width, subsequent_indent=" " * (indent + 2), break_on_hyphens=False)
+        line = "\n".join(folded).replace("\N{NO-BREAK SPACE}%", " %")
+    OUT.print(line, markup=False, soft_wrap=True)
+
+
 def say(text: str, *, whole: bool = False) -> None:
     """Print a message on standard error, broken between words on a terminal and not at all elsewhere.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from betterbench.cli.console import OUT, passing_bar, print_json, print_table, progress_bar, say
+from betterbench.cli.console import OUT, passing_bar, print_item, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def _print(
 ) -> None:
     """Print how the data were read, and what was found."""
     if audit.reading is not None:
-        OUT.print(audit.reading.paragraph, markup=False, soft_wrap=not OUT.is_terminal)
+        print_item(audit.reading.paragraph)
     for group in audit.groups:
         if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
             say(f"{group.group} has one instruction: whether words are followed cannot be told from it")
@@ -186,12 +186,12 @@ def _tell_asked(group: GroupAudit) -> None:
     """Print which questions were tested, which were not, and which rules are the meaning of words."""
     from betterbench.shortcuts.asked import tested_text, untested_text
 
-    lines = [f"tested in {group.group}: {tested_text(group.asked)}"]
+    print_item(f"tested in {group.group}: {tested_text(group.asked)}")
     if untested := untested_text(group.asked):
-        lines.append(f"not tested in {group.group}: {untested}")
-    lines += [f"no shortcut, because {f.meaning}: {'; '.join(f.rules)}" for f in group.findings if f.meaning]
-    for line in lines:
-        OUT.print(line, markup=False, soft_wrap=not OUT.is_terminal)
+        print_item(f"not tested in {group.group}: {untested}")
+    for f in group.findings:
+        if f.meaning:
+            print_item(f"no shortcut, because {f.meaning}: {'; '.join(f.rules)}")
 
 
 def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
@@ -204,23 +204,26 @@ def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
         for f in group.shortcuts:
             p = "–" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
             broken = ", ".join(name for name, _ in f.separating) or "–"
-            rows.append((group.group, f.title, f"{f.strength:.2f}", p, "; ".join(f.rules[:2]), broken))
+            rows.append((group.group, f.title, f"{f.strength:.2f}", p, broken))
     if rows:
-        print_table(("group", "what goes together", "strength", "p", "rule", "broken by"), rows)
+        print_table(("group", "what goes together", "strength", "p", "broken by"), rows)
+        OUT.print("rules:", markup=False)
+    for group in audit.groups:
+        for f in group.shortcuts:
+            print_item(f"{group.group}, {f.title}: {'; '.join(f.rules[:2])}", indent=2)
     count = sum(group.episodes for group in audit.groups)
     groups = plural(len(audit.groups), "group")
     OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
     for group in audit.groups:
         _tell_asked(group)
-    OUT.print("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
+    print_item("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
     for group in audit.groups:
         shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"
-        told = f"  {group.group} ({plural(group.episodes, 'demonstration')}): {shown}"
-        OUT.print(told, markup=False, soft_wrap=not OUT.is_terminal)
+        print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)
     if prediction is not None:
         at_risk = [f for f in prediction.variations if f.risk > 0.0]
         likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
         said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, the likeliest: {likeliest}"
-        OUT.print(said, markup=False, soft_wrap=not OUT.is_terminal)
+        print_item(said)
         if unsure := doubt(audit, prediction):
-            OUT.print(unsure, markup=False, soft_wrap=not OUT.is_terminal)
+            print_item(unsure)

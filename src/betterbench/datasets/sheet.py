@@ -37,7 +37,7 @@ def draw_sheet(run: RunFolder, trials: Sequence[TrialId], path: Path) -> None:
     with LimitedView(quality="standard", size=SIZE) as view:
         for i, trial in enumerate(shown):
             record = run.read_record(trial.task, trial.condition, trial.seed)
-            view.open(run.load_scene(record.metadata.scene_hash))
+            view.open_of(run, record)
             pixels = view.draw(record.qpos[0], "front", jitter=record.metadata.view_jitter)
             x, y = i % columns * SIZE, i // columns * (SIZE + _CAPTION)
             sheet.paste(Image.fromarray(pixels), (x, y))

@@ -53,7 +53,7 @@ def _picture(run: RunFolder, trials: Sequence[TrialId], leads: Mapping[TrialId, 
     records = [run.read_record(t.task, t.condition, t.seed) for t in trials]
     groups = list(dict.fromkeys(leads.get(t) or str(t) for t in trials))
     with LimitedView(quality="standard", size=SIZE) as view:
-        view.open(run.load_scene(records[0].metadata.scene_hash))
+        view.open_of(run, records[0])
         first = records[0]
         image = Image.fromarray(view.draw(first.qpos[0], "front", jitter=first.metadata.view_jitter))
         draw = ImageDraw.Draw(image)

@@ -204,6 +204,7 @@ class StartOutcome:
 class _Produced:
     outcome: StartOutcome
     digest: str | None
+    scene: str | None
     wall: Mapping[str, float]
 
 
@@ -480,7 +481,16 @@ def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> No
         why = None if outcome.accepted else outcome.why_not
         journal.append(
             JournalEntry(
-                trial.task, trial.condition, varied, trial.seed, status, why, produced.wall, {}, produced.digest
+                trial.task,
+                trial.condition,
+                varied,
+                trial.seed,
+                status,
+                why,
+                produced.wall,
+                {},
+                produced.digest,
+                produced.scene,
             )
         )
     attempts.append(outcome)
@@ -495,18 +505,19 @@ def _work(out: str, method: Method, trial: TrialId) -> _Produced:
     setup_s = time.perf_counter() - began
     notes: list[AttemptNote] = []
     digest: str | None = None
+    stored: str | None = None
     for number in range(method.attempts):
         attempt = attempt_at(scene, number, method)
         notes.append(attempt.note)
         if attempt.note.accepted:
-            digest = _write(run, scene, attempt)
+            digest, stored = _write(run, scene, attempt)
             break
     wall = {
         "setup_s": round(setup_s, 6),
         "total_s": round(time.perf_counter() - began, 6),
         "steps": float(sum(note.steps for note in notes)),
     }
-    return _Produced(StartOutcome(trial.task, trial.condition, trial.seed, tuple(notes)), digest, wall)
+    return _Produced(StartOutcome(trial.task, trial.condition, trial.seed, tuple(notes)), digest, stored, wall)
 
 
 def scene_of(trial: TrialId, quality: str) -> Scene:
@@ -536,10 +547,8 @@ def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Li
     return library
 
 
-def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> str:
-    """Write the record of an accepted attempt and, once, its scene; return the SHA-256 of the record's file."""
+def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> tuple[str, str]:
+    """Write the record of an accepted attempt and, once, its scene; return the record's SHA-256, the scene's digest."""
     with on_disk(run.path):
         path = run.write_record(attempt.record)
-        if not run.scene_path(scene.compiled.content_hash).exists():
-            run.store_scene(scene.compiled.content_hash, scene.files())
-        return file_digest(path)
+        return file_digest(path), run.keep_scene(scene)

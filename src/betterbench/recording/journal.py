@@ -1,7 +1,8 @@
 """The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
 
-Each line holds the SHA-256 of its record and a link, the SHA-256 of the link before it and of the line itself, so that
-a line that is changed, left out or moved is noticed. Journals of older versions have neither.
+Each line holds the SHA-256 of its record, the digest of its scene and a link, the SHA-256 of the link before it and of
+the line itself, so that a line that is changed, left out or moved is noticed. Journals of older versions have no digest
+of scenes, or none of these.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ class JournalEntry:
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
         ground_truth: What a faulty policy knows of its own episode, by name; no record holds it, no verdict reads it.
         record: SHA-256 of the file of its record, or None where there is no record or an older version wrote the line.
+        scene: Digest of the files of the scene that it ran in
+            (:func:`~betterbench.recording.scene_archive.scene_digest`), or None likewise.
     """
 
     task: str
@@ -44,11 +47,15 @@ class JournalEntry:
     wall: Mapping[str, float] = field(default_factory=dict)
     ground_truth: Mapping[str, str] = field(default_factory=dict)
     record: str | None = None
+    scene: str | None = None
 
     @property
     def key(self) -> TrialId:
         """The name of the trial within the run."""
         return TrialId(self.task, self.condition, self.seed)
+
+
+_Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
@@ -62,7 +69,8 @@ class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
     message: str | None
     wall: dict[str, float]
     ground_truth: dict[str, str] = {}
-    record: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    record: _Digest | None = None
+    scene: _Digest | None = None
     link: str | None = None
 
 
@@ -121,7 +129,7 @@ class Journal(LineJournal):
         Nothing happens where the trial is not finished.
         """
         if self.is_done(key):
-            self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None))
+            self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
 
     def _append(self, entry: JournalEntry) -> None:
         form = asdict(entry)
@@ -148,8 +156,8 @@ def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, Jou
     for number, line in enumerate(lines, start=1):
         where = f"{path}: line {number}"
         form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
-        fields = form.model_dump()
-        told = fields.pop("link")
+        fields = form.model_dump(exclude_unset=True)  # the link is of the fields that the version had which wrote it
+        told = fields.pop("link", None)
         if told is not None or link:
             link = link_after(link, fields)
             if told != link:

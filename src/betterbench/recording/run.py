@@ -35,7 +35,7 @@ from betterbench.recording.metadata import Outcome, RecordMetadata, dump_json
 from betterbench.recording.parquet import AGAIN, RecordBrief, file_digest, read_brief, read_record, write_record
 from betterbench.recording.places import require_inside
 from betterbench.recording.record import Record
-from betterbench.recording.scene_archive import read_scene, write_scene
+from betterbench.recording.scene_archive import StorableScene, has_digest, read_scene, scene_digest, write_scene
 from betterbench.tasks.trial_id import TrialId
 from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
 
@@ -396,9 +396,66 @@ class RunFolder:
             write_scene(path, files)
         return path
 
-    def load_scene(self, scene_hash: str) -> dict[str, bytes]:
+    def keep_scene(self, scene: StorableScene) -> str:
+        """Store the scene of a trial unless it is there, and return its digest for the journal.
+
+        An empty file stands for a scene that is stored elsewhere. A file that holds no scene is set aside.
+
+        Raises:
+            RunConflictError: If another scene has its name: another version stored it, or somebody put it there.
+            InvalidInputError: As :func:`~betterbench.recording.scene_archive.write_scene`.
+        """
+        name = scene.content_hash
+        path = self.scene_path(name)
+        if name not in _DIGESTS:  # making the files takes 30 ms, which a trial does not pay for again
+            _DIGESTS[name] = scene_digest(name, scene.files())
+        digest = _DIGESTS[name]
+        if has_digest(path, digest) or (path.is_file() and path.stat().st_size == 0):
+            return digest
+        if path.exists():
+            try:
+                there = scene_digest(path.stem, read_scene(path))
+            except RecordError as problem:
+                logger.warning("%s The file is kept as %s.", problem, self.set_aside(path))
+            else:
+                if there == digest:
+                    return digest  # an earlier version stored it, without a seal
+                raise RunConflictError(
+                    f"{path}: is another scene than the one that this trial runs in, though it has its name: another "
+                    "version stored it, or somebody put it there. Evaluate into a new folder, or move the file away if "
+                    "no finished trial is of it."
+                )
+        write_scene(path, scene.files())
+        return digest
+
+    def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
         """Return the files of a stored scene by name, without writing any of them; raises what ``read_scene`` does."""
-        return read_scene(self.scene_path(scene_hash))
+        return read_scene(self.scene_path(scene_hash), digest=digest)
+
+    def scene_digest(self, trial: TrialId) -> str | None:
+        """Return the digest that the journal holds of the scene of a trial.
+
+        None if there is none, as in journals of earlier versions, where that is said once.
+        """
+        entry = self.entry(trial)
+        if entry is None or entry.status != "done":
+            return None
+        if entry.scene is None and self.path not in _WITHOUT_SCENES:
+            _WITHOUT_SCENES.add(self.path)
+            logger.warning(
+                "%s: an earlier version wrote it without digests of the scenes, so an exchanged scene would not be "
+                "seen",
+                self.journal_path,
+            )
+        return entry.scene
+
+    def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
+        """Return the files of the scene that a recorded trial ran in, which have to fit the journal.
+
+        Raises what :func:`~betterbench.recording.scene_archive.read_scene` raises.
+        """
+        digest = self.scene_digest(TrialId(record.task, record.condition, record.seed))
+        return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
         """Return a path below the folder, and refuse one that would lead out of it."""
@@ -419,6 +476,12 @@ class RunFolder:
         with RunLock(self.path / LOCK_NAME):
             yield
 
+
+_DIGESTS: dict[str, str] = {}
+"""Digests of the scenes that trials of this process ran in, by their names."""
+
+_WITHOUT_SCENES: set[Path] = set()
+"""Runs of which was said that their journals hold no digests of scenes."""
 
 _TOLD: set[tuple[Path, int]] = set()
 """Runs with the number of trials that they listed when their unlisted records were looked for."""

@@ -1,20 +1,24 @@
 """The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger.
 
-The comment of the zip file is its seal: the SHA-256 of the scene's name and of all its files. It is compared before
-anybody reads a file, so that a changed model, or the archive of another scene, never reaches MuJoCo or a picture.
+The comment of the zip file is its seal: the digest of the scene's name and of all its files (:func:`scene_digest`). It
+is compared before anybody reads a file, so that a changed model, or the archive of another scene, never reaches MuJoCo
+or a picture. The journal of a run holds the digest too, of the scene that each trial ran in: an archive that was
+exchanged together with its seal does not fit it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import os
 import stat
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
+from typing import Protocol
 
 from betterbench.errors import InvalidInputError, RecordError, one_line
-from betterbench.json_form import read_bounded, say_unsealed
+from betterbench.json_form import content_digest, open_ordinary, read_bounded, say_unsealed
 from betterbench.recording.durable import write_durably
 
 MAX_SCENE_BYTES = 256 * 1024 * 1024
@@ -27,6 +31,23 @@ _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
 _SEAL_MARK = b"betterbench scene sha256 "
 _READ_BLOCK = 1 << 20
 _AGAIN = "The command that made the run stores it again"
+
+
+class StorableScene(Protocol):
+    """A compiled scene that is stored with the records of its trials."""
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene; in one process it stands for the same files."""
+
+    def files(self) -> dict[str, bytes]:
+        """Return what is stored."""
+
+
+def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
+    """Return the SHA-256 of the name of a scene and of the names and contents of its files (hex, 64 characters)."""
+    lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
+    return content_digest(name, "".join(lines).encode())
 
 
 def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
@@ -50,17 +71,29 @@ def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
             member.create_system = 3  # Unix, whatever the machine
             member.external_attr = (stat.S_IFREG | 0o644) << 16
             archive.writestr(member, files[name])
-        archive.comment = _seal(path.stem, files)
+        archive.comment = _seal(scene_digest(path.stem, files))
     write_durably(path, buffer.getvalue())
 
 
-def read_scene(path: Path) -> dict[str, bytes]:
+def has_digest(path: Path, digest: str) -> bool:
+    """Return whether an archive carries the seal of a digest; its files are compared with it when they are read."""
+    seal = _seal(digest)
+    try:
+        with open_ordinary(path) as stream:
+            stream.seek(-len(seal), os.SEEK_END)
+            return stream.read() == seal
+    except OSError:
+        return False
+
+
+def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
     """Return the files of a stored scene by name, without writing any of them.
 
-    Archives of an earlier version have no seal, which is said once for all scenes of a run.
+    Given the ``digest`` that the journal holds of the scene, the files have to have it. Archives of an earlier version
+    have no seal, which is said once for all scenes of a run unless the journal's digest is compared.
 
-    Raises RecordError if the scene is missing, damaged, changed, that of another hash or too large, or a name could
-    leave a folder.
+    Raises RecordError if the scene is missing, damaged, changed, that of another hash or another trial, or too large,
+    or a name could leave a folder.
     """
     try:
         data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
@@ -73,18 +106,21 @@ def read_scene(path: Path) -> dict[str, bytes]:
     except Exception as error:  # what decompressors raise about a damaged archive
         said = one_line(error, most=200) or type(error).__name__
         raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
-    if not seal:
-        say_unsealed(str(path.parent))
-    elif seal != _seal(path.stem, files):
+    found = scene_digest(path.stem, files)
+    if seal and seal != _seal(found):
         problem = "was changed after it was written, or is the archive of another scene: its seal does not fit"
         raise RecordError(f"{path}: {problem}. {_AGAIN}.")
+    if digest is not None and found != digest:
+        problem = "is not the scene that the trial ran in: its digest is another one than the journal holds"
+        raise RecordError(f"{path}: {problem}. {_AGAIN}.")
+    if not seal and digest is None:
+        say_unsealed(str(path.parent))
     return files
 
 
-def _seal(name: str, files: Mapping[str, bytes]) -> bytes:
-    """Return the comment of an archive: the SHA-256 of the scene's name and of the names and contents of its files."""
-    lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
-    return _SEAL_MARK + hashlib.sha256("".join([f"{name}\n", *lines]).encode()).hexdigest().encode()
+def _seal(digest: str) -> bytes:
+    """Return the comment of an archive."""
+    return _SEAL_MARK + digest.encode()
 
 
 def _member_problem(name: str) -> str | None:

@@ -26,7 +26,7 @@ import numpy as np
 import platformdirs
 
 from betterbench.installation import missing_packages
-from betterbench.json_form import open_ordinary
+from betterbench.json_form import content_digest, open_ordinary
 from betterbench.robots.decimation import creased, decimated, welded
 from betterbench.robots.spec import Progress
 
@@ -172,7 +172,7 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
     try:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")
-        if seal != _seal(path, data):
+        if seal != content_digest(path.stem, data).encode():
             _log.warning("The mesh cache %s is damaged or was changed; it is made again.", path)
             return None
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
@@ -186,11 +186,6 @@ def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
     except Exception:  # noqa: BLE001 - what reading a damaged archive raises
         _log.warning("The mesh cache %s cannot be read; it is made again.", path)
         return None
-
-
-def _seal(path: Path, data: bytes) -> bytes:
-    """Return the first line of a cache file, without its end."""
-    return hashlib.sha256(f"{path.stem}\n".encode() + data).hexdigest().encode()
 
 
 _LEFTOVER_S = 3600.0
@@ -217,7 +212,7 @@ def _write_cache(path: Path, parts: tuple[MeshPart, ...]) -> None:
             packed = io.BytesIO()
             np.savez(packed, allow_pickle=False, **arrays)
             with os.fdopen(handle, "wb") as stream:
-                stream.write(_seal(path, packed.getvalue()) + b"\n" + packed.getvalue())
+                stream.write(content_digest(path.stem, packed.getvalue()).encode() + b"\n" + packed.getvalue())
             Path(beside).replace(path)
         except OSError:
             Path(beside).unlink(missing_ok=True)

@@ -41,6 +41,7 @@ from betterbench.scenes.sights import ModelFacts, StoredSights, sight_type
 from betterbench.scenes.stage import quality_preset
 from betterbench.scenes.stored import StoredView, load_model
 from betterbench.state import ViewJitter
+from betterbench.tasks import TrialId
 
 MAX_MEMORY_BYTES = 16 * 1024**3
 """Address space of the process; the software renderer maps 4 GB of it."""
@@ -121,7 +122,7 @@ class LimitedView:
         self._quality, self._size = quality, size
         self._told_to_end = self._is_closed = False
         self._types: list[np.dtype[np.void]] = []
-        self._opened = ""
+        self._opened: tuple[str, str] | None = None
         self._files: Mapping[str, bytes] | None = None
         self._prepared: tuple[_Wanted, tuple[ModelFacts, dict[str, str]]] | None = None
         self._start()
@@ -163,7 +164,7 @@ class LimitedView:
             RecordError: If it cannot be opened: it is damaged or forged, or another version of MuJoCo wrote it.
             MissingDependencyError: If no off-screen OpenGL works here.
         """
-        self._opened, self._prepared, self._files = "", None, None
+        self._opened, self._prepared, self._files = None, None, None
         self._at_most_twice(lambda: self._load(files))
         self._files = files
 
@@ -172,9 +173,11 @@ class LimitedView:
 
     def open_of(self, run: RunFolder, record: Record) -> None:
         """Open the stored scene of a record of a run, unless it is open; raises what :meth:`open` raises."""
-        scene = record.metadata.scene_hash
+        m = record.metadata
+        digest = run.scene_digest(TrialId(m.task, m.condition, m.seed))
+        scene = (m.scene_hash, digest or str(run.path))
         if scene != self._opened:
-            self.open(run.load_scene(scene))
+            self.open(run.load_scene(m.scene_hash, digest=digest))
             self._opened = scene
 
     def draw(self, qpos: np.ndarray, camera: str, *, jitter: ViewJitter) -> np.ndarray:

@@ -139,13 +139,11 @@ class DemonstrationStore:
             raise InvalidInputError(str(start.trial), f"is no demonstration: {note.reason}", "Undo, and do it again")
         with on_disk(self.run.path):
             path = self.run.write_record(attempt.record)
-            if not self.run.scene_path(scene.compiled.content_hash).exists():
-                self.run.store_scene(scene.compiled.content_hash, scene.files())
+            stored = self.run.keep_scene(scene)
             message = f"{note.failure}: {note.reason}" if note.failure else None
+            digest = file_digest(path)
             self._journal.append(
-                JournalEntry(
-                    start.task, start.condition, None, start.seed, "done", message, wall, {}, file_digest(path)
-                )
+                JournalEntry(start.task, start.condition, None, start.seed, "done", message, wall, {}, digest, stored)
             )
         return path
 

@@ -30,16 +30,17 @@ from betterbench.calvin import (
     resampled_start_of,
     start_of,
 )
+from betterbench.calvin.play_table import finite_number
 from betterbench.calvin.sequences import CHAIN_LENGTH, GOLDEN
 from betterbench.calvin.starts import BLOCKS, DRAWER_OPEN_M, SLIDER_OPEN_M
-from betterbench.errors import InvalidInputError, PremiseError
+from betterbench.errors import InvalidInputError, PremiseError, one_line
 from betterbench.geometry import Pose, Quaternion, Vector, horizontal_distance, multiply, rotate
 from betterbench.interface.actions import CALVIN_ABSOLUTE, CALVIN_ABSOLUTE_QUATERNION, CALVIN_DELTA, ActionSpace
 from betterbench.json_form import open_form, read_form
 from betterbench.state import Contact, ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks import Truth
 from betterbench.worlds.libero import FieldProtocol, Suite
-from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.worlds.registry import world_named
 from betterbench.worlds.scene import (
     PANDA_OPENING_M,
@@ -300,7 +301,9 @@ class ChainScene(ForeignScene):
         self._gripper_command = -1.0 if applied[-1] > 0.0 else 1.0
         self._now = self._read()
         self.instructed_anew = False
-        if done(self.chain.subtasks[self._done].rule, self._begun, self._now):
+        with as_agreed("sent a state"):
+            is_done = done(self.chain.subtasks[self._done].rule, self._begun, self._now)
+        if is_done:
             self._done += 1
             if self._done < CHAIN_LENGTH:
                 self._take(self._process.start({"next": True, **self._shown}))
@@ -311,7 +314,11 @@ class ChainScene(ForeignScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now."""
+        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        with as_agreed("sent a state"):
+            return self._state()
+
+    def _state(self) -> WorldState:
         if self._now is None:
             raise WorldError("the episode has not begun")
         robot, target = self._arrays["robot"], self._arrays["target"]
@@ -351,13 +358,15 @@ class ChainScene(ForeignScene):
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
         finished = tuple(i < self._done for i in range(CHAIN_LENGTH))
-        return Truth(
-            relations=(
+        with as_agreed("sent a state"):
+            relations = (
                 doors["base__drawer"] > 0.5 * DRAWER_OPEN_M,
                 doors["base__slide"] > 0.5 * SLIDER_OPEN_M,
                 bool(lights["lightbulb"]),
                 bool(lights["led"]),
-            ),
+            )
+        return Truth(
+            relations=relations,
             subgoals=finished,
             in_order=True,
             goal=all(finished),
@@ -428,15 +437,16 @@ class ChainScene(ForeignScene):
         for name, planned in {**self.settings.versions, "code": self.task.bddl_sha256}.items():
             if str(found.get(name)) != planned:
                 raise WorldError(
-                    f"{name} is {found.get(name)} in the simulator, and was {planned} when the run began. Put the "
-                    "checkout and the configuration back as they were, or begin a new run"
+                    f"{name} is {one_line(found.get(name), most=80)} in the simulator, and was {planned} when the "
+                    "run began. Put the checkout and the configuration back as they were, or begin a new run"
                 )
 
     def _read(self) -> PlayTable:
         try:
             return read_play_table(self._document["info"])
         except (InvalidInputError, KeyError) as problem:
-            raise WorldError(f"the simulator sent no information about its scene: {problem}") from problem
+            told = one_line(problem, most=300)
+            raise WorldError(f"the simulator sent no information about its scene: {told}") from problem
 
     def _block_names(self) -> tuple[str, ...]:
         return tuple(thing.name for thing in self._info.objects if not thing.fixed)
@@ -485,7 +495,7 @@ class ChainScene(ForeignScene):
         for c in points:
             a, b = sorted((label(int(c[1]), int(c[3])), label(int(c[2]), int(c[4]))))
             if a != b and not {a, b} <= {"arm", "floor", *fixed.values()}:
-                sums[a, b] = sums.get((a, b), 0.0) + float(c[5])
+                sums[a, b] = sums.get((a, b), 0.0) + finite_number(c[5])
         return tuple(Contact(a, b, force) for (a, b), force in sorted(sums.items()))
 
 
@@ -573,7 +583,7 @@ def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, .
     Raises:
         WorldError: If a description is malformed.
     """
-    try:
+    with as_agreed("described its objects in a way"):
         return tuple(
             ObjectInfo(
                 name=str(o["name"]),
@@ -589,8 +599,6 @@ def chain_objects(described: Sequence[Mapping[str, Any]]) -> tuple[ObjectInfo, .
             )
             for o in sorted(described, key=lambda o: bool(o["fixed"]))
         )
-    except (KeyError, TypeError, ValueError) as problem:
-        raise WorldError(f"the simulator described its objects otherwise than agreed: {problem}") from problem
 
 
 def _names_calvin_env(modules: Path) -> bool:

@@ -11,6 +11,7 @@ import math
 import re
 import socket
 import struct
+import time
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
@@ -23,7 +24,8 @@ MAX_HEAD_BYTES = 16 << 20
 MAX_ARRAY_BYTES = 256 << 20
 """Largest sum of the arrays of a frame [byte]."""
 
-_LENGTHS = struct.Struct(">IIQ")
+_LENGTHS = struct.Struct(">IIQQ")
+"""Bytes of the document, of the forms of the arrays and of the arrays, and the number of the frame."""
 _TYPES = re.compile(r"[<|](b1|[iu][1248]|f[48])", re.ASCII)
 _MAX_AXES = 8
 _BLOCK = 1 << 16
@@ -38,8 +40,13 @@ class FrameError(Exception):
     """The other side has gone, or what it sent is no frame."""
 
 
-def send_frame(link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> None:
-    """Send a document and arrays by name; FrameError if the other side has gone or does not read in time."""
+def send_frame(
+    link: socket.socket, document: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, number: int = 0
+) -> None:
+    """Send a document and arrays by name; FrameError if the other side has gone or does not read in time.
+
+    The ``number`` is that of a request, and stands in its answer too.
+    """
     forms, kinds = _forms_text(tuple(arrays), tuple([(array.dtype, array.shape) for array in arrays.values()]))
     head = _encoded(document)
     head += b" " * (-(len(head) + len(forms)) % _ALIGNED)
@@ -47,36 +54,43 @@ def send_frame(link: socket.socket, document: Mapping[str, Any], arrays: Mapping
         blocks = [array.tobytes() for array in arrays.values()]
     else:
         blocks = [array.astype(kind).tobytes() for array, kind in zip(arrays.values(), kinds, strict=True)]
-    lengths = _LENGTHS.pack(len(head), len(forms), sum(map(len, blocks)))
+    lengths = _LENGTHS.pack(len(head), len(forms), sum(map(len, blocks)), number)
     try:
         link.sendall(b"".join((lengths, head, forms, *blocks)))
     except OSError as error:
         raise FrameError(f"it cannot be reached ({error})") from error
 
 
-def receive_frame(link: socket.socket) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def receive_frame(link: socket.socket, *, number: int = 0) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return the next document and its arrays, which cannot be written to.
 
+    The timeout of the socket is for the whole frame, however many pieces it comes in.
+
     Raises:
-        FrameError: If the other side has gone, sends what is no frame, or does not send in time.
+        FrameError: If the other side has gone, sends what is no frame or one of another number, or does not send in
+            time.
     """
+    limit_s = link.gettimeout()
+    until = None if limit_s is None else time.monotonic() + limit_s
     frame = _more(link, _BLOCK)
     if len(frame) < _LENGTHS.size:
-        frame += _received(link, _LENGTHS.size - len(frame))
-    head_bytes, forms_bytes, body_bytes = _LENGTHS.unpack_from(frame)
+        frame += _received(link, _LENGTHS.size - len(frame), until)
+    head_bytes, forms_bytes, body_bytes, found = _LENGTHS.unpack_from(frame)
     if head_bytes + forms_bytes > MAX_HEAD_BYTES or body_bytes > MAX_ARRAY_BYTES:
         raise FrameError(f"a frame of {head_bytes + forms_bytes} and {body_bytes} bytes is too large")
     forms_at = _LENGTHS.size + head_bytes
     body_at = forms_at + forms_bytes
     left = body_at + body_bytes - len(frame)
     if left > 0:
-        frame += _received(link, left)
+        frame += _received(link, left, until)
     elif left < 0:
         raise FrameError(f"{-left} bytes follow a frame")
+    if found != number:
+        raise FrameError(f"a frame has the number {found} where {number} is due: one was sent twice or left out")
     try:
         document = _decoded(frame[_LENGTHS.size : forms_at])
         places, end = _places(frame[forms_at:body_at])
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError, MemoryError) as error:
         raise FrameError(f"a frame cannot be read ({' '.join(str(error).split())[:200]})") from error
     if not isinstance(document, dict):
         raise FrameError(f"a frame holds a {type(document).__name__} and no document")
@@ -101,13 +115,25 @@ def _short_text(items: tuple[tuple[str, bool | str], ...]) -> bytes:
 def _decoded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
     """Return what a JSON text holds; the short ones of control steps are alike and remembered."""
     known = _short_items(text) if len(text) <= _SHORT_BYTES else None
-    return json.loads(text.decode()) if known is None else dict(known)
+    return _loaded(text) if known is None else dict(known)
+
+
+def _loaded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
+    """Return what a JSON text holds; ValueError if it is none, or a number in it is not finite."""
+    return json.loads(text.decode(), parse_constant=_finite, parse_float=_finite)
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:40]} is not finite")
+    return number
 
 
 @lru_cache(maxsize=64)
 def _short_items(text: bytes) -> tuple[tuple[str, Any], ...] | None:
     """Return the entries of a short document, or None if it is none or holds what can be changed."""
-    document = json.loads(text.decode())
+    document = _loaded(text)
     if not isinstance(document, dict) or any(isinstance(value, (dict, list)) for value in document.values()):
         return None
     return tuple(document.items())
@@ -145,10 +171,12 @@ def _places(text: bytes) -> tuple[tuple[tuple[str, np.dtype[Any], tuple[int, ...
     return tuple(found), at
 
 
-def _received(link: socket.socket, count: int) -> bytes:
-    """Return exactly so many bytes."""
+def _received(link: socket.socket, count: int, until: float | None) -> bytes:
+    """Return exactly so many bytes, which have to be there by a time of the monotonic clock."""
     blocks = []
     while count:
+        if until is not None:
+            link.settimeout(max(until - time.monotonic(), 1e-3))
         blocks.append(_more(link, min(count, 1 << 20)))
         count -= len(blocks[-1])
     return b"".join(blocks)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import index
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field, TypeAdapter
 
 from betterbench.json_form import (
@@ -21,7 +23,7 @@ from betterbench.json_form import (
 )
 from betterbench.worlds.libero import PLUS_SUITES, SEED, SETTLING_STEPS
 from betterbench.worlds.libero_plus import MOVING_AXES, read_variant
-from betterbench.worlds.process import WorldError, WorldProcess
+from betterbench.worlds.process import WorldProcess, as_agreed, sent_text, sent_texts
 
 _MAX_BYTES = 1 << 26
 
@@ -78,36 +80,64 @@ def check_premises(process: WorldProcess, suite: str, *, known: Sequence[Premise
         WorldError: If the simulator fails or answers nonsense.
     """
     said = process.suite(suite)
+    with as_agreed(f"describes {suite} in a way"):
+        tasks = [_AskedTask.of(suite, number, task) for number, task in enumerate(said["tasks"])]
+        if not tasks:
+            raise ValueError("it has no tasks")
+        versions = json.dumps(sent_texts(said["versions"]), sort_keys=True)
     done = {(e.suite, e.task, e.bddl_sha256, json.dumps(e.engine, sort_keys=True)): e for e in known}
-    for i, task in enumerate(said["tasks"]):
-        key = (suite, int(task.get("task", i)), str(task["bddl_sha256"]), json.dumps(said["versions"], sort_keys=True))
+    for task in tasks:
+        key = (suite, task.number, task.bddl_sha256, versions)
         if key in done:
             yield done[key]
             continue
-        request: dict[str, Any] = {"suite": suite, "task": i, "settle": SETTLING_STEPS, "seed": SEED}
-        variant = str(task["name"]) if suite in PLUS_SUITES else ""
-        if variant:
-            if task["needs"] or read_variant(variant).axis not in MOVING_AXES:
-                continue
-            request |= {"task": int(task["task"]), "variant": variant, "states": 1}
+        if task.variant and (task.needs or read_variant(task.variant).axis not in MOVING_AXES):
+            continue
+        request: dict[str, Any] = {"suite": suite, "task": task.number, "settle": SETTLING_STEPS, "seed": SEED}
+        request |= {"variant": task.variant, "states": 1} if task.variant else {}
         document, arrays = process.premises(request)
-        try:
+        with as_agreed("answers for its premises in a way"):
             holds, moved = arrays["holds"], arrays["moved"]
-            broken = {str(name): _where(~holds[:, k]) for k, name in enumerate(document["premises"])}
-            jumps = {str(name): _where(moved[:, k] > JUMP_M) for k, name in enumerate(document["objects"])}
-            engine = {str(name): str(found) for name, found in document["engine"].items()}
-        except (KeyError, IndexError, TypeError, AttributeError) as error:
-            raise WorldError(f"the world does not answer for its premises as agreed: {error}") from error
+            names = [tuple(sent_text(name) for name in document[key]) for key in ("premises", "objects")]
+            due = tuple((len(moved), len(listed)) for listed in names)
+            if (holds.shape, moved.shape) != due or holds.dtype != bool or not np.isfinite(moved).all():
+                raise ValueError(f"holds {holds.dtype} {holds.shape}, moved {moved.dtype} {moved.shape}")
+            broken = {name: _where(~holds[:, k]) for k, name in enumerate(names[0])}
+            jumps = {name: _where(moved[:, k] > JUMP_M) for k, name in enumerate(names[1])}
+            engine = sent_texts(document["engine"])
         yield PremiseEntry(
             suite,
-            int(request["task"]),
-            str(task["instruction"]),
+            task.number,
+            task.instruction,
             len(moved),
             {name: states for name, states in broken.items() if states},
             {name: states for name, states in jumps.items() if states},
             engine,
-            str(task["bddl_sha256"]),
-            variant,
+            task.bddl_sha256,
+            task.variant,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _AskedTask:
+    """A task of a suite, as its world describes it; ``variant`` and ``needs`` are those of LIBERO-Plus."""
+
+    number: int
+    instruction: str
+    bddl_sha256: str
+    variant: str
+    needs: bool
+
+    @classmethod
+    def of(cls, suite: str, number: int, said: Mapping[str, Any]) -> _AskedTask:
+        """Return it; a LookupError, TypeError or ValueError if something is missing or of another type."""
+        plus = suite in PLUS_SUITES
+        return cls(
+            index(said["task"] if plus else said.get("task", number)),
+            sent_text(said["instruction"]),
+            sent_text(said["bddl_sha256"]),
+            sent_text(said["name"]) if plus else "",
+            plus and bool(said["needs"]),
         )
 
 

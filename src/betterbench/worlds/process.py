@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import socket
 import subprocess
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import IO, Any, Self
 
 import numpy as np
 
-from betterbench.errors import BetterError, last_line
+from betterbench.errors import BetterError, last_line, one_line
 from betterbench.installation import package_command
 from betterbench.worlds.environment import simulator_environment
 from betterbench.worlds.frames import FrameError, receive_frame, send_frame
@@ -27,11 +28,39 @@ STEP_LIMIT_S = 120.0
 """Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
 
 _END_S = 5.0
+_LONGEST_TEXT = 10_000
+"""Most characters of a name, a sentence or a version."""
+_SAID_BYTES = 4000
+"""How much of what a simulator printed last is looked at."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
 class WorldError(BetterError):
     """The process of a foreign simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+
+
+@contextlib.contextmanager
+def as_agreed(what: str) -> Iterator[None]:
+    """Let an answer that is made of something else than agreed end in a WorldError: "the simulator WHAT ..."."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
+        found = one_line(f"{type(problem).__name__}: {problem}", most=200)
+        raise WorldError(f"the simulator {what} that cannot be read ({found})") from problem
+
+
+def sent_text(value: object) -> str:
+    """Return a text that a simulator sent; TypeError if it is none, ValueError if it is too long."""
+    if not isinstance(value, str):
+        raise TypeError(f"it is a {type(value).__name__} and no text")
+    if len(value) > _LONGEST_TEXT:
+        raise ValueError(f"a text of {len(value)} characters")
+    return value
+
+
+def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
+    """Return texts by name, such as versions, that a simulator sent, as :func:`sent_text` does."""
+    return {sent_text(name): sent_text(found) for name, found in value.items()}
 
 
 class WorldProcess:
@@ -43,7 +72,7 @@ class WorldProcess:
         GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.worlds.environment`).
         """
         environment = simulator_environment()
-        self._start_limit_s, self._python = start_limit_s, command[0]
+        self._start_limit_s, self._python, self._asked = start_limit_s, command[0], 0
         self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
         self._link, theirs = socket.socketpair()
         try:
@@ -122,16 +151,17 @@ class WorldProcess:
     def _ask(
         self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float
     ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        self._asked += 1
         try:
             self._link.settimeout(limit_s)
-            send_frame(self._link, request, arrays)
-            document, answer = receive_frame(self._link)
+            send_frame(self._link, request, arrays, number=self._asked)
+            document, answer = receive_frame(self._link, number=self._asked)
         except FrameError as error:
             raise WorldError(
                 self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
             ) from None
         if "problem" in document:
-            raise WorldError(self._with_cure(f"the simulator failed: {str(document['problem'])[:400]}"))
+            raise WorldError(self._with_cure(f"the simulator failed: {one_line(document['problem'], most=400)}"))
         return document, answer
 
     def _with_cure(self, message: str) -> str:
@@ -149,8 +179,8 @@ class WorldProcess:
         """Return how the process ended, and the last line that it said; an empty text if it runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
-            self._said.seek(0)
-            said = last_line(self._said.read()[-4000:].decode(errors="backslashreplace"))
+            self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
+            said = last_line(self._said.read(_SAID_BYTES).decode(errors="backslashreplace"))
             return f"; its process ended with status {status}{f' and said {said}' if said else ''}"
         return ""
 

@@ -19,7 +19,7 @@ from betterbench.json_form import open_form, read_form
 from betterbench.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
 from betterbench.tasks import Expected, Truth
 from betterbench.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
-from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses
+from betterbench.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
 from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.rows import RowForm
 
@@ -340,11 +340,8 @@ class ForeignScene:
                 "size": IMAGE_SIDE,
             }
         )
-        try:
+        with as_agreed("began an episode"):
             self._begin(answer)
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as problem:
-            said = " ".join(f"{type(problem).__name__}: {problem}".split())[:200]
-            raise WorldError(f"the simulator began an episode that cannot be read ({said})") from problem
         if self.broken_premises and self.settings.refuse_broken:
             raise PremiseError(
                 f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
@@ -376,17 +373,18 @@ class ForeignScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now."""
+        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        with as_agreed("sent a state"):
+            return self._state()
+
+    def _state(self) -> WorldState:
         arrays, pairs = self._arrays, self._pairs
-        try:
-            # A number below 0 would count from the end.
-            touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
-            forces = arrays["forces"].tolist()
-            if not math.isfinite(sum(forces)):
-                require_finite({"forces": arrays["forces"]})
-            contacts = tuple([Contact(a, b, force) for (a, b), force in zip(touching, forces, strict=True)])
-        except (IndexError, TypeError, ValueError) as problem:
-            raise WorldError(f"the simulator sent contacts that cannot be read ({problem})") from None
+        # A number below 0 would count from the end.
+        touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
+        forces = arrays["forces"].tolist()
+        if not math.isfinite(sum(forces)):
+            require_finite({"forces": arrays["forces"]})
+        contacts = tuple([Contact(a, b, force) for (a, b), force in zip(touching, forces, strict=True)])
         v = self._get("velocities")
         turning, moving = zip(v[0::6], v[1::6], v[2::6], strict=True), zip(v[3::6], v[4::6], v[5::6], strict=True)
         p, q = self._get("positions"), self._get("quaternions")
@@ -496,7 +494,7 @@ class ForeignScene:
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
         """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold.
 
-        What is malformed otherwise raises an AttributeError, IndexError, KeyError, TypeError or ValueError.
+        What is malformed otherwise raises what :func:`~betterbench.worlds.process.as_agreed` turns into a WorldError.
         """
         where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
         start = read_form(_EPISODE_START, answer[0], where=where, cure=cure, raises=WorldError)

@@ -6,6 +6,7 @@ Like :mod:`betterbench.worlds.frames` it is read in an environment without bette
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import socket
 import sys
@@ -51,14 +52,14 @@ def answer_requests(simulator: Simulator, descriptor: int) -> None:
     os.dup2(2, 1)
     link = socket.socket(fileno=descriptor)
     with link, contextlib.suppress(FrameError):
-        while True:
-            request, arrays = receive_frame(link)
+        for number in itertools.count(1):
+            request, arrays = receive_frame(link, number=number)
             try:
                 document, answer = _answered(simulator, request, arrays)
             except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
                 traceback.print_exc()
                 document, answer = {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
-            send_frame(link, document, answer)
+            send_frame(link, document, answer, number=number)
 
 
 def _told(problem: BaseException) -> str:

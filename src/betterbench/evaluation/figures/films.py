@@ -91,11 +91,11 @@ def render_shots(
         return images
     with LimitedView(quality=quality, size=size) as view:
         for scene_hash in dict.fromkeys(r.metadata.scene_hash for r in records.values()):
-            view.open(run.load_scene(scene_hash))
             for shot in shots:
                 record = records[shot.task, shot.condition, shot.seed]
                 if record.metadata.scene_hash != scene_hash:
                     continue
+                view.open_of(run, record)
                 images[shot] = jpeg_bytes(_image(view, record, camera, shot.time_s), quality=82)
                 if on_progress is not None:
                     on_progress(len(images), len(shots))
@@ -155,7 +155,7 @@ def write_video(
     record = run.read_record(task, condition, seed)
     path = out or run.video_path(task, condition, seed, camera=camera)
     with LimitedView(quality="standard", size=size) as view:
-        view.open(run.load_scene(record.metadata.scene_hash))
+        view.open_of(run, record)
         film_record(view, record, path, camera=camera, on_progress=on_progress)
     return path
 

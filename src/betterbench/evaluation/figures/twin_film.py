@@ -222,7 +222,7 @@ class _Side:
     def __init__(self, view: LimitedView, run: RunFolder, trial: tuple[str, str, int], look: FilmLook) -> None:
         self.record: Record = run.read_record(*trial)
         self._view, self._look, self._jitter = view, look, self.record.metadata.view_jitter
-        view.open(run.load_scene(self.record.metadata.scene_hash))
+        view.open_of(run, self.record)
         self._last: tuple[int, Image.Image] | None = None
         first = self._draw(0)
         self._pixels = self._view.project(self.record.ee_position, look.camera)

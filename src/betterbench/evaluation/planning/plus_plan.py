@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import index
 from typing import Any
 
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
@@ -20,7 +21,6 @@ from betterbench.worlds import (
     PLUS_SUITES,
     PlusSettings,
     VariantTask,
-    WorldError,
     WorldProcess,
     plus_command,
     protocol_named,
@@ -28,6 +28,7 @@ from betterbench.worlds import (
 from betterbench.worlds.libero import STATES
 from betterbench.worlds.libero_plus import AXES
 from betterbench.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
+from betterbench.worlds.process import as_agreed, sent_text, sent_texts
 from betterbench.worlds.regime import TrainedTask
 
 TRIALS = 1
@@ -145,19 +146,20 @@ def _variants_there(
     """Return the variants of a suite, what its base suite teaches, and the versions of its packages."""
     with WorldProcess(command) as process:
         said, base = process.suite(suite), process.suite(PLUS_SUITES[suite].base)
-    try:
+    with as_agreed(f"describes {suite} in a way"):
         wanted = [_read(suite, task, sentences) for task in said["tasks"]]
         regime = tuple(trained_task(task) for task in base["tasks"])
-        return wanted, regime, {str(name): str(found) for name, found in said["versions"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
+        return wanted, regime, sent_texts(said["versions"])
 
 
 def _read(suite: str, said: Mapping[str, Any], sentences: str) -> tuple[VariantTask, int, list[str]]:
     """Return a variant, the number of its initial states, and the files that it lacks."""
-    name, sentence = str(said["name"]), str(said["published" if sentences == "published" else "instruction"])
-    task = VariantTask(suite, int(said["task"]), name, sentence, str(said["bddl_sha256"]), name)
-    return task, int(said["states"]), [str(file) for file in said["needs"]]
+    name, sentence = (
+        sent_text(said["name"]),
+        sent_text(said["published" if sentences == "published" else "instruction"]),
+    )
+    task = VariantTask(suite, index(said["task"]), name, sentence, sent_text(said["bddl_sha256"]), name)
+    return task, index(said["states"]), [sent_text(file) for file in said["needs"]]
 
 
 def _spread(ready: Sequence[tuple[VariantTask, int]], most: int | None) -> list[tuple[VariantTask, int]]:

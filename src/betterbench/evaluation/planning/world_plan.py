@@ -36,6 +36,7 @@ from betterbench.worlds.calvin import (
     describe_chains,
 )
 from betterbench.worlds.libero import STATES
+from betterbench.worlds.process import as_agreed, sent_text, sent_texts
 from betterbench.worlds.regime import TrainedTask
 from betterbench.worlds.scene import task_id
 
@@ -148,12 +149,10 @@ def make_chain_plan(
     _require_policy_for(policy, "CALVIN")
     space = action_space_of(policy, CALVIN, action_space)
     started, said = describe_chains(command, suite)
-    try:
-        task = ChainTask(suite, 0, suite, "five instructions in a row", str(said["tasks"][0]["fingerprint"]))
-        versions = {str(name): str(found) for name, found in said["versions"].items()}
+    with as_agreed(f"describes {suite} in a way"):
+        task = ChainTask(suite, 0, suite, "five instructions in a row", sent_text(said["tasks"][0]["fingerprint"]))
+        versions = sent_texts(said["versions"])
         objects = chain_objects(said["objects"])
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
-        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
     planned = tuple(
         Trial(task.id, task.condition, change, None, change and "base", number, Expected.SUCCEED.value)
         for number in range(seed, seed + count)
@@ -230,23 +229,21 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
         base = said if chosen.base == suite else process.suite(chosen.base)
     # Only in these suites the sentence is another one than that of the task's name, which the field's clients say.
     key = "file_instruction" if chosen.change in ("lan", "task") else "instruction"
-    try:
+    with as_agreed(f"describes {suite} in a way"):
         tasks = [
-            WorldTask(suite, i, str(task["name"]), str(task[key]), str(task["bddl_sha256"]))
+            WorldTask(suite, i, sent_text(task["name"]), sent_text(task[key]), sent_text(task["bddl_sha256"]))
             for i, task in enumerate(said["tasks"])
         ]
         regime = tuple(trained_task(task) for task in base["tasks"])
-        return tasks, regime, {str(name): str(found) for name, found in said["versions"].items()}
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise WorldError(f"the world does not describe {suite} as agreed: {error} is missing or malformed") from error
+        return tasks, regime, sent_texts(said["versions"])
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
     """Return what a task of a base suite showed, as the world says."""
-    steps = tuple((str(r), str(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
-    starts = {str(name): (_words(kind), str(place)) for name, (kind, place) in said["starts"].items()}
-    return TrainedTask(str(said["instruction"]), steps, starts)
+    steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
+    starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
+    return TrainedTask(sent_text(said["instruction"]), steps, starts)
 
 
 def _words(kind: str) -> str:
-    return kind.replace("_", " ")
+    return sent_text(kind).replace("_", " ")

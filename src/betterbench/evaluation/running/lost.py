@@ -16,18 +16,18 @@ def reopen_lost(run: RunFolder, journal: Journal) -> int:
     A file that cannot be used is moved to ``RUN/set-aside`` and never deleted. Raises OSError if that is not possible.
     """
     lost = 0
-    sound: set[str] = set()
+    sound: set[tuple[str, str | None]] = set()
     for entry in journal.entries:
         if entry.status != "done":
             continue
         path = run.record_path(entry.task, entry.condition, entry.seed)
         try:
             scene = run.read_brief(entry.key, entry=entry).metadata.scene_hash
-            if scene in sound:
+            if (scene, entry.scene) in sound:
                 continue
             path = run.scene_path(scene)
-            run.load_scene(scene)
-            sound.add(scene)
+            run.load_scene(scene, digest=entry.scene)
+            sound.add((scene, entry.scene))
         except RecordError as problem:
             aside = run.set_aside(path)
             lost += 1

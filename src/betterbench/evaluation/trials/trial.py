@@ -162,6 +162,7 @@ class TrialRunner:
         wall: dict[str, float] = {}
         ground_truth: dict[str, str] = {}
         digest: str | None = None
+        stored: str | None = None
         scene: Scene | ForeignScene | None = None
         try:
             scene, context = self._set_up(trial)
@@ -171,7 +172,7 @@ class TrialRunner:
             else:
                 result = yield from self._run_asking(scene, context)
             ended = time.perf_counter()
-            digest = self._write(scene, result)
+            digest, stored = self._write(scene, result)
             wall |= {**result.wall, "write_s": round(time.perf_counter() - ended, 6)}
             message = result.record.outcome.error
         except (PremiseError, StorageError):
@@ -187,7 +188,16 @@ class TrialRunner:
                 scene.close(well=digest is not None)
         wall |= {"total_s": round(time.perf_counter() - began, 6), "worker": float(os.getpid())}
         return JournalEntry(
-            trial.task, trial.condition, trial.variation, trial.seed, status, message, wall, ground_truth, digest
+            trial.task,
+            trial.condition,
+            trial.variation,
+            trial.seed,
+            status,
+            message,
+            wall,
+            ground_truth,
+            digest,
+            stored,
         )
 
     def close(self) -> None:
@@ -279,13 +289,11 @@ class TrialRunner:
         )
         return scene, context
 
-    def _write(self, scene: Scene | ForeignScene, result: EpisodeResult) -> str:
-        """Write the record of a trial and, once, its scene, and return the SHA-256 of the record's file."""
+    def _write(self, scene: Scene | ForeignScene, result: EpisodeResult) -> tuple[str, str]:
+        """Write the record of a trial and, once, its scene; return the record's SHA-256 and the scene's digest."""
         with on_disk(self.run.path):
             path = self.run.write_record(result.record)
-            if not self.run.scene_path(scene.content_hash).exists():
-                self.run.store_scene(scene.content_hash, scene.files())
-            return file_digest(path)
+            return file_digest(path), self.run.keep_scene(scene)
 
 
 def broken_entry(trial: Trial, reason: str) -> JournalEntry:
