@@ -97,7 +97,7 @@ SHOVED_AGAIN = threshold(
 COMES_DOWN = threshold(
     "comes_down", 0.035, "m",
     "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery are "
-    "lower than the fingers that take them.",
+    "lower than the fingers that take them, so that the tool center point is above their top when it takes them.",
 )  # fmt: skip
 RUNS_INTO = threshold(
     "runs_into", 3, "1",
@@ -163,9 +163,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     It is there for a moment in all, and seldom where closing would take something else.
     """
     free = ~trace.closing & (trace.held < 0)
-    feet = trace.positions[:, :, 2]
-    tops = feet + np.array([o.size_m[2] for o in trace.info.objects])
-    low = (trace.tool[:, 2, None] <= np.maximum(tops, feet + COMES_DOWN)) & free[:, None]
+    low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
     items = [i for i in trace.items if i not in trace.targets]
     times: Counter[int] = Counter()
     for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
@@ -182,12 +180,24 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     return chosen if enough else None
 
 
+def taken_below(trace: Trace, i: int) -> Floats:
+    """Return the height up to which a gripper has come down to an object, shape (T,) [m]: its top if it is not flat."""
+    feet: Floats = trace.positions[:, i, 2]
+    return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
+
+
+def is_down(trace: Trace, i: int) -> Bools:
+    """Tell at which rows the gripper is as low as where it would take an object, shape (T,)."""
+    low: Bools = trace.tool[:, 2] <= taken_below(trace, i)
+    return low
+
+
 def stays_above(trace: Trace, first: int, i: int) -> bool:
     """Tell whether an open gripper stays over an object from a row on, and comes no lower the longer it is there."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
-    heights = trace.tool[rows, 2] - trace.positions[rows, i, 2] - trace.info.objects[i].size_m[2]
+    heights = trace.tool[rows, 2] - taken_below(trace, i)[rows]
     halves = np.array_split(heights, 2)
     lowered = float(np.median(halves[0]) - np.median(halves[1]))
     return float(heights.min()) > BESIDE and lowered <= THRESHOLDS.rest_travel
@@ -205,16 +215,15 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the rows in which the fingers close around an object without touching it and are lifted off, or None."""
-    z = trace.info.objects[i].size_m[2]
+    below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
-        trace.tool[row, 2] <= trace.positions[row, i, 2] + z and trace.within_reach(row, trace.tool[row])[i]
-        for row in range(first, trace.rows)
+        low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
     ])  # fmt: skip
     for start, end in _spans(down, trace.steps(_FLICKER_S)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
         touched = (trace.left | trace.right)[a : b + 1, i].any()
-        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > trace.positions[b, i, 2] + z + _ABOVE_AGAIN_M
+        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > below[b] + _ABOVE_AGAIN_M
         if narrowed and not touched and lifted:
             return a, b
     return None
@@ -336,13 +345,17 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the nearest object that an empty gripper is over, or -1; a target is come over to let go there."""
+    """Return the object that an empty gripper is over, or -1; a target is come over to let go there.
+
+    Of several it is the one that is nearest as seen from above: what is below the gripper, be it the rim of a plate,
+    rather than what has its middle nearer.
+    """
     if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
         return -1
     tool = trace.tool[row]
     distances, boxes = trace.center_distances(row, tool), trace.box_distances(row, tool)
     reach = in_reach(boxes, distances)
-    best = -1
+    found: list[tuple[float, float, int]] = []
     for i in trace.items:
         if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
             continue
@@ -350,9 +363,10 @@ def _over(trace: Trace, row: int) -> int:
         # Wide things are taken at the rim, so that the gripper is over them far from their middle.
         over = distances[i] <= THRESHOLDS.slot_reach or boxes[i] <= math.hypot(max(0.0, height), BESIDE)
         above = over and height <= OVER_HEIGHT
-        if (above or reach[i]) and (best < 0 or distances[i] < distances[best]):
-            best = i
-    return best
+        if above or reach[i]:
+            beside = math.sqrt(max(0.0, float(boxes[i]) ** 2 - max(0.0, height) ** 2))
+            found.append((round(beside, 3), float(distances[i]), i))
+    return min(found)[2] if found else -1
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
