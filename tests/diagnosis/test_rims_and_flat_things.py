@@ -49,8 +49,9 @@ def close_in_part(s, name, width, *, opens):
 
 @pytest.mark.parametrize("opens", ["there", "above"])
 @pytest.mark.parametrize("width", [0.07, 0.06])
-@pytest.mark.parametrize(("task", "name", "k"), FLAT)
-def test_a_weak_grip_around_a_flat_thing_has_tried(stage, task, name, k, width, opens):
+@pytest.mark.parametrize("case", FLAT)
+def test_a_weak_grip_around_a_flat_thing_has_tried(stage, case, width, opens):
+    task, name, k = case
     s = stage(task, name)
     for before in range(k):
         s.serve(before)
@@ -84,7 +85,7 @@ def test_widths_that_tremble_hide_no_try(stage):
 
 def test_a_wide_gripper_over_a_flat_thing_has_not_closed_around_it(stage):
     s = stage("dinner_plates", "train1")
-    x, y, z = low(s, asked(s))
+    x, y, _ = low(s, asked(s))
     for _ in range(3):
         s.over(np.array([x, y]), 0.12)
         s.command = 1.0

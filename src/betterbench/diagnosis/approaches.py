@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.attempts import GraspAttempt
-from betterbench.tasks.motion import Bools, Floats, in_reach
+from betterbench.tasks.motion import Bools, Floats
 from betterbench.tasks.thresholds import threshold
 
 OVER_HEIGHT = threshold(
@@ -143,8 +143,15 @@ _BEGINS_M = 0.002
 _ABOVE_AGAIN_M = 0.03
 
 
-def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
-    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none."""
+def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
+    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none.
+
+    Args:
+        trace: The episode.
+        first: The row.
+        asked: Indices of what may rightly be taken. Whoever comes over one of them about as long, or as often, as over
+            something else has not chosen that.
+    """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
     for stay in stays:
@@ -154,7 +161,33 @@ def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
     chosen = max(times, key=lambda i: (times[i], -i))
     if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
         return None
+    if chosen not in asked and _comes_over_too(trace, [s for s in stays if s.object == chosen], first, asked):
+        return None
     return next(s for s in stays if s.object == chosen)
+
+
+def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
+    """Tell whether a gripper comes over what is asked for about as long, or as often, as it stays over something else.
+
+    Both are looked at up to the same height over the table, because the taller of two things is come over earlier.
+    """
+    chosen = stays[0].object
+    ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
+    at = np.full(trace.rows, -1, dtype=np.int64)
+    free = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
+    for row in np.flatnonzero(free & (trace.tool[:, 2] <= ceiling)).tolist():
+        if row >= first:
+            gaps = _beside(trace, row)
+            over = [(gaps[i], i) for i in (chosen, *sorted(asked)) if _is_over(trace, row, i, gaps[i])]
+            at[row] = min(over)[1] if over else -1
+    times, visits = Counter[bool](), Counter[bool]()
+    for i in (chosen, *asked):
+        for a, b in spans(at == i, trace.steps(_FLICKER_S)):
+            if not _passes(trace, visit := Stay(a, b, i)):
+                times[i == chosen] += visit.rows
+                visits[i == chosen] += 1
+    as_often = visits[True] >= RETURNS and visits[False] >= visits[True]
+    return as_often or times[True] < STAY_SHARE * times.total()
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
@@ -219,7 +252,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
     ])  # fmt: skip
-    for start, end in _spans(down, trace.steps(_FLICKER_S)):
+    for start, end in spans(down, trace.steps(_FLICKER_S)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
         touched = (trace.left | trace.right)[a : b + 1, i].any()
@@ -238,7 +271,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
     met[:first] = False
     times: list[tuple[int, int]] = []
-    for start, end in _spans(met, trace.steps(_FLICKER_S)):
+    for start, end in spans(met, trace.steps(_FLICKER_S)):
         since = times[-1][1] if times else first
         if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
             times.append((start, end))
@@ -251,7 +284,7 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
     ]
-    return _spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
+    return spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -295,8 +328,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
-    spans = _spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
-    return (spans[-1][0], row) if spans and row - spans[-1][1] <= trace.steps(PUSH_GAP) else None
+    found = spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
+    return (found[-1][0], row) if found and row - found[-1][1] <= trace.steps(PUSH_GAP) else None
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
@@ -326,7 +359,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
     for g in grasps:
         if g.object == i:
             touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
-    return [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
+    return [(_moves_from(trace, i, a), b) for a, b in spans(touched, trace.steps(PUSH_GAP))]
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
@@ -352,21 +385,30 @@ def _over(trace: Trace, row: int) -> int:
     """
     if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
         return -1
-    tool = trace.tool[row]
-    distances, boxes = trace.center_distances(row, tool), trace.box_distances(row, tool)
-    reach = in_reach(boxes, distances)
-    found: list[tuple[float, float, int]] = []
+    reach, gaps = trace.within_reach(row, trace.tool[row]), _beside(trace, row)
+    found: list[tuple[tuple[float, float], int]] = []
     for i in trace.items:
         if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
             continue
-        height = float(tool[2] - trace.positions[row, i, 2] - trace.info.objects[i].size_m[2])
-        # Wide things are taken at the rim, so that the gripper is over them far from their middle.
-        over = distances[i] <= THRESHOLDS.slot_reach or boxes[i] <= math.hypot(max(0.0, height), BESIDE)
-        above = over and height <= OVER_HEIGHT
-        if above or reach[i]:
-            beside = math.sqrt(max(0.0, float(boxes[i]) ** 2 - max(0.0, height) ** 2))
-            found.append((round(beside, 3), float(distances[i]), i))
-    return min(found)[2] if found else -1
+        height = float(trace.tool[row, 2] - trace.positions[row, i, 2] - trace.info.objects[i].size_m[2])
+        if (_is_over(trace, row, i, gaps[i]) and height <= OVER_HEIGHT) or reach[i]:
+            found.append((gaps[i], i))
+    return min(found)[1] if found else -1
+
+
+def _beside(trace: Trace, row: int) -> list[tuple[float, float]]:
+    """Return how far the gripper is beside each object as seen from above, and how far from its middle [m]."""
+    tool = trace.tool[row]
+    tops = trace.positions[row, :, 2] + np.array([o.size_m[2] for o in trace.info.objects])
+    above = np.maximum(tool[2] - tops, 0.0)
+    beside = np.sqrt(np.maximum(trace.box_distances(row, tool) ** 2 - above**2, 0.0))
+    return list(zip(beside.round(3).tolist(), trace.center_distances(row, tool).tolist(), strict=True))
+
+
+def _is_over(trace: Trace, row: int, i: int, gap: tuple[float, float]) -> bool:
+    """Tell whether the gripper is over an object or a little beside it; wide things are taken far from their middle."""
+    beside, center = gap
+    return trace.on_table(row, i) and (beside <= BESIDE or center <= THRESHOLDS.slot_reach)
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
@@ -383,15 +425,15 @@ def _passes(trace: Trace, stay: Stay) -> bool:
     return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
 
 
-def _spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
+def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
     """Return first and last row of the spans of true flags; spans that a short gap separates are one."""
-    spans: list[tuple[int, int]] = []
+    found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
-        if spans and row - spans[-1][1] <= gap:
-            spans[-1] = (spans[-1][0], row)
+        if found and row - found[-1][1] <= gap:
+            found[-1] = (found[-1][0], row)
         else:
-            spans.append((row, row))
-    return spans
+            found.append((row, row))
+    return found
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:

@@ -551,7 +551,7 @@ def analyze_episode(
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
     if condition.expected is Expected.SUCCEED:
-        stay = chosen_by_staying(trace, episode.idle_from)
+        stay = chosen_by_staying(trace, episode.idle_from, episode.wanted(episode.idle_from))
         without += [] if stay is None else [(Means.STAY, stay)]
     others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
     return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
