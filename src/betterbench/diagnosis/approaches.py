@@ -11,13 +11,14 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from betterbench.diagnosis.trace import Trace
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.attempts import GraspAttempt
-from betterbench.tasks.motion import Bools, Floats
+from betterbench.tasks.motion import Bools, Floats, in_reach
 from betterbench.tasks.thresholds import threshold
 
 OVER_HEIGHT = threshold(
@@ -177,8 +178,8 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
     free = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
     for row in np.flatnonzero(free & (trace.tool[:, 2] <= ceiling)).tolist():
         if row >= first:
-            gaps = _beside(trace, row)
-            over = [(gaps[i], i) for i in (chosen, *sorted(asked)) if _is_over(trace, row, i, gaps[i])]
+            gaps = _gaps(trace, row, (chosen, *asked))
+            over = [(gap, i) for i, gap in gaps.items() if gap.is_over]
             at[row] = min(over)[1] if over else -1
     times, visits = Counter[bool](), Counter[bool]()
     for i in (chosen, *asked):
@@ -385,30 +386,43 @@ def _over(trace: Trace, row: int) -> int:
     """
     if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
         return -1
-    reach, gaps = trace.within_reach(row, trace.tool[row]), _beside(trace, row)
-    found: list[tuple[tuple[float, float], int]] = []
-    for i in trace.items:
-        if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
-            continue
-        height = float(trace.tool[row, 2] - trace.positions[row, i, 2] - trace.info.objects[i].size_m[2])
-        if (_is_over(trace, row, i, gaps[i]) and height <= OVER_HEIGHT) or reach[i]:
-            found.append((gaps[i], i))
+    gaps = _gaps(trace, row, trace.items)
+    near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
+    found = [(gaps[i], i) for i in near if (gaps[i].is_over and gaps[i].above <= OVER_HEIGHT) or gaps[i].in_reach]
     return min(found)[1] if found else -1
 
 
-def _beside(trace: Trace, row: int) -> list[tuple[float, float]]:
-    """Return how far the gripper is beside each object as seen from above, and how far from its middle [m]."""
+class _Gap(NamedTuple):
+    """How far the gripper is from an object as seen from above: beside its box, then from its middle [m].
+
+    Attributes:
+        above: Height over its top [m].
+        in_reach: Whether the gripper could close on it.
+    """
+
+    beside: float
+    center: float
+    above: float
+    in_reach: bool
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the gripper is over it or a little beside it; wide things are taken far from their middle."""
+        return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
+
+
+def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
+    """Return how far the gripper is from each of some objects that have not fallen off the table."""
     tool = trace.tool[row]
-    tops = trace.positions[row, :, 2] + np.array([o.size_m[2] for o in trace.info.objects])
-    above = np.maximum(tool[2] - tops, 0.0)
-    beside = np.sqrt(np.maximum(trace.box_distances(row, tool) ** 2 - above**2, 0.0))
-    return list(zip(beside.round(3).tolist(), trace.center_distances(row, tool).tolist(), strict=True))
-
-
-def _is_over(trace: Trace, row: int, i: int, gap: tuple[float, float]) -> bool:
-    """Tell whether the gripper is over an object or a little beside it; wide things are taken far from their middle."""
-    beside, center = gap
-    return trace.on_table(row, i) and (beside <= BESIDE or center <= THRESHOLDS.slot_reach)
+    distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
+    reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
+    found = {}
+    for i in items:
+        if trace.on_table(row, i):
+            above = float(tool[2] - trace.positions[row, i, 2]) - trace.info.objects[i].size_m[2]
+            beside = round(math.sqrt(max(0.0, boxes[i] ** 2 - max(0.0, above) ** 2)), 3)
+            found[i] = _Gap(beside, middles[i], above, reach[i])
+    return found
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
