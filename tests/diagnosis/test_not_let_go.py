@@ -86,14 +86,27 @@ def test_small_movements_with_nothing_in_the_gripper_are_a_halt_still(stage):
     assert "in the gripper" not in found.evidence.text
 
 
-def test_the_edge_of_a_wide_place_is_at_the_place(stage):
-    """Over the lunchbox, 9 cm from the middle of its inside."""
-    s = bring_over(stage("fruit_lunch", "train1"), above=0.2)
+@pytest.mark.parametrize(
+    ("task", "off", "kept"),
+    [
+        ("fruit_lunch", (0.054, 0.09), True),
+        ("fruit_lunch", (0.054, 0.15), False),
+        ("fast_food", (0.08, 0.0), True),
+        ("fast_food", (0.0, 0.09), False),
+        ("dinner_plates", (0.0, 0.07), True),
+        ("morning_coffee", (0.12, 0.07), False),
+    ],
+)
+def test_a_wide_place_reaches_up_to_its_edge(stage, task, off, kept):
+    """Over the lunchbox, for instance, 9 cm from the middle of its inside."""
+    s = bring_over(stage(task, "train1"), above=0.2)
     target = s.condition.instruction.subgoals[0].target
     frame = Pose(tuple(s.positions[target]), from_yaw(s.yaws[target]))
-    far = np.array(frame.apply((0.054, 0.09, 0.0))) - s.positions[asked(s)]
-    s.go(*(s.tool[:2] + far[:2]), s.tool[2])
-    assert diagnose_record(jerk(s, 15).end()).evidence.rule == "never_opens"
+    way = np.array(frame.apply((*off, 0.0))) - s.positions[asked(s)]
+    s.go(*(s.tool[:2] + way[:2]), s.tool[2])
+    found = diagnose_record(jerk(s, 15).end())
+    assert (found.label is Label.TIMEOUT) is kept
+    assert found.evidence.rule == ("never_opens" if kept else "still_with_open_subgoals")
 
 
 def test_contacts_that_tremble_let_go_of_nothing(stage):

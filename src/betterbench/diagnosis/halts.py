@@ -108,9 +108,9 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
     """Tell at which rows from a row on an object is at or over the place at which a subgoal wants it."""
     trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
     target = trace.info.objects[t]
-    region = next((r for r in target.regions if r.name == (goal.region or goal.relation)), None)
-    middle = place_middle(target, goal.relation, goal.region) if region is None else region.position
-    edge = np.zeros(2) if region is None else np.array(region.half_size[:2])
+    middle = place_middle(target, goal.relation, goal.region)
+    regions = [r.half_size[:2] for r in target.regions if np.allclose(r.position[:2], middle[:2])]
+    edge = np.max([(0.0, 0.0), *regions], axis=0)
     offsets = trace.positions[first:, i] - trace.positions[first:, t]
     turned = zip(trace.quaternions[first:, t].tolist(), offsets.tolist(), strict=True)
     inverse = [rotate((w, -x, -y, -z), offset) for (w, x, y, z), offset in turned]
