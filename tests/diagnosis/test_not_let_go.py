@@ -128,6 +128,14 @@ def test_what_stands_at_its_place_between_the_fingers_is_not_let_go(stage):
     assert (found.label, found.kind, found.evidence.rule) == NEVER
 
 
+def test_a_gripper_that_still_sinks_toward_the_place_is_slow_and_not_said_never_to_open(stage):
+    s = bring_over(stage("fast_food", "train1"), above=0.15)
+    x, y, z = s.tool
+    found = diagnose_record(s.go(x, y, z - 0.14, speed=0.02).end())
+    assert (found.label, found.evidence.rule) == (Label.TIMEOUT, "step_limit")
+    assert "with the burger in the gripper" in found.evidence.text
+
+
 def swing(s, times, *, at=(0.3, 0.3), above=0.10, first="right"):
     """Goes to and fro between the right mug and the can that looks like it."""
     names = [s.of("red mug"), s.at_look]

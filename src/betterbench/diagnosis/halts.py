@@ -9,7 +9,7 @@ from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysi
 from betterbench.diagnosis.trace import Trace, place_middle
 from betterbench.geometry import rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.motion import Bools
+from betterbench.tasks.motion import Bools, Floats
 from betterbench.tasks.relations import relation
 from betterbench.tasks.thresholds import threshold
 
@@ -88,7 +88,7 @@ def in_fingers(trace: Trace, row: int) -> int | None:
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
     """Return what the gripper had at its place for long and has not opened for since it took it, to the end, or None.
 
-    It may stand there between the fingers.
+    It may stand there between the fingers. What still sinks toward its place is not kept there.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -99,9 +99,17 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
             rows = spans(gripped, trace.steps(_FLICKER_S))
             if not rows or rows[-1][1] < last - trace.steps(_FLICKER_S) or not trace.closing[rows[-1][0] :].all():
                 continue
-            if _is_at_place(episode, i, g, rows[-1][0]).sum() >= trace.steps(STAY_TIME):
+            first = rows[-1][0]
+            at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
+            if at.size >= trace.steps(STAY_TIME) and not _sinks(trace.positions[at, i, 2]):
                 return i
     return None
+
+
+def _sinks(heights: Floats) -> bool:
+    """Tell whether something comes lower the longer it is over its place: it is on its way, slowly."""
+    halves = np.array_split(heights, 2)
+    return float(np.median(halves[0]) - np.median(halves[1])) > THRESHOLDS.begun_lift
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
