@@ -9,8 +9,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -97,7 +98,7 @@ SHOVED_AGAIN = threshold(
 COMES_DOWN = threshold(
     "comes_down", 0.035, "m",
     "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery are "
-    "lower than the fingers that take them.",
+    "lower than the fingers that take them, so that the tool center point is above their top when it takes them.",
 )  # fmt: skip
 RUNS_INTO = threshold(
     "runs_into", 3, "1",
@@ -143,8 +144,15 @@ _BEGINS_M = 0.002
 _ABOVE_AGAIN_M = 0.03
 
 
-def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
-    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none."""
+def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
+    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none.
+
+    Args:
+        trace: The episode.
+        first: The row.
+        asked: Indices of what may rightly be taken. Whoever comes over one of them about as long, or as often, as over
+            something else has not chosen that.
+    """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
     for stay in stays:
@@ -154,7 +162,33 @@ def chosen_by_staying(trace: Trace, first: int) -> Stay | None:
     chosen = max(times, key=lambda i: (times[i], -i))
     if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
         return None
+    if chosen not in asked and _comes_over_too(trace, [s for s in stays if s.object == chosen], first, asked):
+        return None
     return next(s for s in stays if s.object == chosen)
+
+
+def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
+    """Tell whether a gripper comes over what is asked for about as long, or as often, as it stays over something else.
+
+    Both are looked at up to the same height over the table, because the taller of two things is come over earlier.
+    """
+    chosen = stays[0].object
+    ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
+    at = np.full(trace.rows, -1, dtype=np.int64)
+    free = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
+    for row in np.flatnonzero(free & (trace.tool[:, 2] <= ceiling)).tolist():
+        if row >= first:
+            gaps = _gaps(trace, row, (chosen, *asked))
+            over = [(gap, i) for i, gap in gaps.items() if gap.is_over]
+            at[row] = min(over)[1] if over else -1
+    times, visits = Counter[bool](), Counter[bool]()
+    for i in (chosen, *asked):
+        for a, b in spans(at == i, trace.steps(_FLICKER_S)):
+            if not _passes(trace, visit := Stay(a, b, i)):
+                times[i == chosen] += visit.rows
+                visits[i == chosen] += 1
+    as_often = visits[True] >= RETURNS and visits[False] >= visits[True]
+    return as_often or times[True] < STAY_SHARE * times.total()
 
 
 def comes_down_to(trace: Trace, first: int) -> int | None:
@@ -163,9 +197,7 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     It is there for a moment in all, and seldom where closing would take something else.
     """
     free = ~trace.closing & (trace.held < 0)
-    feet = trace.positions[:, :, 2]
-    tops = feet + np.array([o.size_m[2] for o in trace.info.objects])
-    low = (trace.tool[:, 2, None] <= np.maximum(tops, feet + COMES_DOWN)) & free[:, None]
+    low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
     items = [i for i in trace.items if i not in trace.targets]
     times: Counter[int] = Counter()
     for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
@@ -182,12 +214,24 @@ def comes_down_to(trace: Trace, first: int) -> int | None:
     return chosen if enough else None
 
 
+def taken_below(trace: Trace, i: int) -> Floats:
+    """Return the height up to which a gripper has come down to an object, shape (T,) [m]: its top if it is not flat."""
+    feet: Floats = trace.positions[:, i, 2]
+    return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
+
+
+def is_down(trace: Trace, i: int) -> Bools:
+    """Tell at which rows the gripper is as low as where it would take an object, shape (T,)."""
+    low: Bools = trace.tool[:, 2] <= taken_below(trace, i)
+    return low
+
+
 def stays_above(trace: Trace, first: int, i: int) -> bool:
     """Tell whether an open gripper stays over an object from a row on, and comes no lower the longer it is there."""
     rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
     if len(rows) < trace.steps(STAY_TIME):
         return False
-    heights = trace.tool[rows, 2] - trace.positions[rows, i, 2] - trace.info.objects[i].size_m[2]
+    heights = trace.tool[rows, 2] - taken_below(trace, i)[rows]
     halves = np.array_split(heights, 2)
     lowered = float(np.median(halves[0]) - np.median(halves[1]))
     return float(heights.min()) > BESIDE and lowered <= THRESHOLDS.rest_travel
@@ -205,16 +249,15 @@ def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
 
 def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     """Return the rows in which the fingers close around an object without touching it and are lifted off, or None."""
-    z = trace.info.objects[i].size_m[2]
+    below, low = taken_below(trace, i), is_down(trace, i)
     down = np.array([
-        trace.tool[row, 2] <= trace.positions[row, i, 2] + z and trace.within_reach(row, trace.tool[row])[i]
-        for row in range(first, trace.rows)
+        low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
     ])  # fmt: skip
-    for start, end in _spans(down, trace.steps(_FLICKER_S)):
+    for start, end in spans(down, trace.steps(_FLICKER_S)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
         touched = (trace.left | trace.right)[a : b + 1, i].any()
-        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > trace.positions[b, i, 2] + z + _ABOVE_AGAIN_M
+        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > below[b] + _ABOVE_AGAIN_M
         if narrowed and not touched and lifted:
             return a, b
     return None
@@ -229,7 +272,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
     met[:first] = False
     times: list[tuple[int, int]] = []
-    for start, end in _spans(met, trace.steps(_FLICKER_S)):
+    for start, end in spans(met, trace.steps(_FLICKER_S)):
         since = times[-1][1] if times else first
         if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
             times.append((start, end))
@@ -242,7 +285,7 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
     ]
-    return _spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
+    return spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -286,8 +329,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
     if shut.all() or not shut[-1]:
         return None
     row = int(np.flatnonzero(~shut)[-1]) + 1
-    spans = _spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
-    return (spans[-1][0], row) if spans and row - spans[-1][1] <= trace.steps(PUSH_GAP) else None
+    found = spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
+    return (found[-1][0], row) if found and row - found[-1][1] <= trace.steps(PUSH_GAP) else None
 
 
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
@@ -317,7 +360,7 @@ def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tup
     for g in grasps:
         if g.object == i:
             touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
-    return [(_moves_from(trace, i, a), b) for a, b in _spans(touched, trace.steps(PUSH_GAP))]
+    return [(_moves_from(trace, i, a), b) for a, b in spans(touched, trace.steps(PUSH_GAP))]
 
 
 def _leaves(trace: Trace, i: int, row: int) -> int:
@@ -336,23 +379,50 @@ def _near_anything(trace: Trace) -> Bools:
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the nearest object that an empty gripper is over, or -1; a target is come over to let go there."""
+    """Return the object that an empty gripper is over, or -1; a target is come over to let go there.
+
+    Of several it is the one that is nearest as seen from above: what is below the gripper, be it the rim of a plate,
+    rather than what has its middle nearer.
+    """
     if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
         return -1
+    gaps = _gaps(trace, row, trace.items)
+    near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
+    found = [(gaps[i], i) for i in near if (gaps[i].is_over and gaps[i].above <= OVER_HEIGHT) or gaps[i].in_reach]
+    return min(found)[1] if found else -1
+
+
+class _Gap(NamedTuple):
+    """How far the gripper is from an object as seen from above: beside its box, then from its middle [m].
+
+    Attributes:
+        above: Height over its top [m].
+        in_reach: Whether the gripper could close on it.
+    """
+
+    beside: float
+    center: float
+    above: float
+    in_reach: bool
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the gripper is over it or a little beside it; wide things are taken far from their middle."""
+        return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
+
+
+def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
+    """Return how far the gripper is from each of some objects that have not fallen off the table."""
     tool = trace.tool[row]
-    distances, boxes = trace.center_distances(row, tool), trace.box_distances(row, tool)
-    reach = in_reach(boxes, distances)
-    best = -1
-    for i in trace.items:
-        if trace.there[row, i] or not trace.on_table(row, i) or trace.is_drawer(i) or i in trace.targets:
-            continue
-        height = float(tool[2] - trace.positions[row, i, 2] - trace.info.objects[i].size_m[2])
-        # Wide things are taken at the rim, so that the gripper is over them far from their middle.
-        over = distances[i] <= THRESHOLDS.slot_reach or boxes[i] <= math.hypot(max(0.0, height), BESIDE)
-        above = over and height <= OVER_HEIGHT
-        if (above or reach[i]) and (best < 0 or distances[i] < distances[best]):
-            best = i
-    return best
+    distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
+    reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
+    found = {}
+    for i in items:
+        if trace.on_table(row, i):
+            above = float(tool[2] - trace.positions[row, i, 2]) - trace.info.objects[i].size_m[2]
+            beside = round(math.sqrt(max(0.0, boxes[i] ** 2 - max(0.0, above) ** 2)), 3)
+            found[i] = _Gap(beside, middles[i], above, reach[i])
+    return found
 
 
 def _passes(trace: Trace, stay: Stay) -> bool:
@@ -369,15 +439,15 @@ def _passes(trace: Trace, stay: Stay) -> bool:
     return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
 
 
-def _spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
+def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
     """Return first and last row of the spans of true flags; spans that a short gap separates are one."""
-    spans: list[tuple[int, int]] = []
+    found: list[tuple[int, int]] = []
     for row in np.flatnonzero(flags).tolist():
-        if spans and row - spans[-1][1] <= gap:
-            spans[-1] = (spans[-1][0], row)
+        if found and row - found[-1][1] <= gap:
+            found[-1] = (found[-1][0], row)
         else:
-            spans.append((row, row))
-    return spans
+            found.append((row, row))
+    return found
 
 
 def _moves_from(trace: Trace, i: int, touched: int) -> int:

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves
+from betterbench.diagnosis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves, is_down
 from betterbench.diagnosis.harm import DatedHarm
 from betterbench.diagnosis.trace import Trace, Whereabout, place_middle
 from betterbench.diagnosis.verdict import Attempt, Evidence
@@ -551,7 +551,7 @@ def analyze_episode(
         return episode
     without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
     if condition.expected is Expected.SUCCEED:
-        stay = chosen_by_staying(trace, episode.idle_from)
+        stay = chosen_by_staying(trace, episode.idle_from, episode.wanted(episode.idle_from))
         without += [] if stay is None else [(Means.STAY, stay)]
     others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
     return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
@@ -601,8 +601,7 @@ def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps:
             if not near:
                 continue
             i = min(near, key=lambda i: (float(gaps[i]), i))
-            top = float(trace.positions[closing.start, i, 2]) + trace.info.objects[i].size_m[2]
-            if found is brief and tool[2] > top:
+            if found is brief and not is_down(trace, i)[closing.end]:
                 continue  # brought to the width of it from above
             grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
             found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))

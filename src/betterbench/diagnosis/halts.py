@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from betterbench.diagnosis.approaches import STAY_TIME, spans
 from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
-from betterbench.diagnosis.trace import Trace
+from betterbench.diagnosis.trace import Trace, place_middle
+from betterbench.geometry import rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.motion import Bools
+from betterbench.tasks.motion import Bools, Floats
+from betterbench.tasks.relations import relation
 from betterbench.tasks.thresholds import threshold
 
 HALT_RADIUS = threshold(
@@ -39,17 +42,26 @@ TREMBLE_TIME = threshold(
     "policies of the independent family go on after at most 6.5 s.",
 )  # fmt: skip
 
+OVER_GOAL = threshold(
+    "over_goal", 0.06, "m",
+    "Horizontal distance from the middle of its place within which a held object has been brought there; wider places "
+    "count up to their edge.",
+)  # fmt: skip
+
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
     A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
     moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
-    that pauses is slow, and what is shorter than an earlier pause may be one more.
+    that pauses is slow, and what is shorter than an earlier pause may be one more. An arm that has the right thing at
+    its place and does not let go of it has halted only if it does not move at all, to and fro in one place neither: its
+    gripper fails to open.
     """
     trace = episode.trace
-    still = _still(trace)
-    if not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+    kept = kept_at_its_place(episode) is not None
+    still = _at_rest(trace) if kept else _still(trace)
+    if not kept and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
         still[_in_place_from(trace) :] = True
     for step in episode.steps:
         still[step.grasp.start : step.grasp.end + 1] = False
@@ -64,6 +76,58 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
             return (begin, stop - 1) if stop - begin >= _usual(pauses, needed) else None
         pauses.append(stop - start)
     return None
+
+
+def in_fingers(trace: Trace, row: int) -> int | None:
+    """Return what the gripper holds at a row, or None; contacts that tremble let go of nothing."""
+    rows = slice(max(0, row - trace.steps(_FLICKER_S)), row + 1)
+    held = [i for i in trace.held[rows].tolist() if i >= 0]
+    return held[-1] if held else None
+
+
+def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
+    """Return what the gripper had at its place for long and has not opened for since it took it, to the end, or None.
+
+    It may stand there between the fingers. What still sinks toward its place is not kept there.
+    """
+    trace, last = episode.trace, episode.trace.rows - 1
+    for g, goal in enumerate(episode.goals):
+        if trace.done[last, g] or not relation(goal.relation).carried:
+            continue
+        for i in episode.meant[g]:
+            gripped = (trace.held == i) | (trace.left[:, i] & trace.right[:, i])
+            rows = spans(gripped, trace.steps(_FLICKER_S))
+            if not rows or rows[-1][1] < last - trace.steps(_FLICKER_S) or not trace.closing[rows[-1][0] :].all():
+                continue
+            first = rows[-1][0]
+            at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
+            if at.size >= trace.steps(STAY_TIME) and not _sinks(trace.positions[at, i, 2]):
+                return i
+    return None
+
+
+def _sinks(heights: Floats) -> bool:
+    """Tell whether something comes lower the longer it is over its place: it is on its way, slowly."""
+    halves = np.array_split(heights, 2)
+    return float(np.median(halves[0]) - np.median(halves[1])) > THRESHOLDS.begun_lift
+
+
+def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
+    """Tell at which rows from a row on an object is at or over the place at which a subgoal wants it."""
+    trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
+    target = trace.info.objects[t]
+    middle = place_middle(target, goal.relation, goal.region)
+    regions = [r.half_size[:2] for r in target.regions if np.allclose(r.position[:2], middle[:2])]
+    edge = np.max([(0.0, 0.0), *regions], axis=0)
+    offsets = trace.positions[first:, i] - trace.positions[first:, t]
+    turned = zip(trace.quaternions[first:, t].tolist(), offsets.tolist(), strict=True)
+    inverse = [rotate((w, -x, -y, -z), offset) for (w, x, y, z), offset in turned]
+    gaps = np.abs(np.array(inverse) - np.array(middle))[:, :2]
+    found: Bools = (np.linalg.norm(gaps, axis=1) <= OVER_GOAL) | (gaps <= edge).all(axis=1)
+    return found
+
+
+_FLICKER_S = 0.25
 
 
 def _usual(pauses: list[int], long: int) -> float:
@@ -121,8 +185,21 @@ def _still(trace: Trace) -> Bools:
     window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
     gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
     slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
-    still = np.zeros(trace.rows, dtype=np.bool_)
-    for shift in range(window + 1):  # every row of a slow stretch counts as still
+    return _covered(slow, window, trace.rows)
+
+
+def _at_rest(trace: Trace) -> Bools:
+    """Return the rows at which the way of the tool center point is slower than ``halt_speed``, to and fro as well."""
+    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
+    way = travel(trace)
+    slow = (way[window:] - way[:-window]) * trace.rate_hz / window < THRESHOLDS.halt_speed
+    return _covered(slow, window, trace.rows)
+
+
+def _covered(slow: Bools, window: int, rows: int) -> Bools:
+    """Return the rows that are in a slow window; every row of a slow stretch counts."""
+    still = np.zeros(rows, dtype=np.bool_)
+    for shift in range(window + 1):
         still[shift : shift + len(slow)] |= slow
     return still
 

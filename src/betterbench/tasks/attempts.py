@@ -130,25 +130,30 @@ def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
 def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
 
-    A change of the width by less than ``finger_travel`` is none. They are no grasp attempts by themselves.
+    A change of the width by less than ``finger_travel`` is none, and one by up to 1 mm is a tremble: the fingers are
+    still as wide, and already as narrow. They are no grasp attempts by themselves.
     """
     found, width = [], motion.width
     widest = narrowest = 0
-    narrowing = False
+    open_width, narrowing = 0.0, False
     for row in range(motion.rows):
         if not narrowing:
-            if width[row] >= width[widest]:
+            open_width = max(open_width, float(width[row]))
+            if width[row] >= open_width - _TREMBLE_M:
                 widest = row
-            elif width[widest] - width[row] >= THRESHOLDS.finger_travel:
+            elif open_width - width[row] >= THRESHOLDS.finger_travel:
                 narrowing, narrowest = True, row
-        elif width[row] < width[narrowest]:
+        elif width[row] < width[narrowest] - _TREMBLE_M:
             narrowest = row
         elif width[row] - width[narrowest] >= THRESHOLDS.finger_travel:
             empty = not (motion.held[widest : row + 1] >= 0).any()
             if empty and widest < narrowest and _low_and_away(motion, widest, narrowest):
                 found.append(GraspAttempt(widest, narrowest, row, None, None, None, secured=False))
-            narrowing, widest = False, row
+            narrowing, widest, open_width = False, row, float(width[row])
     return tuple(found)
+
+
+_TREMBLE_M = 0.001
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:

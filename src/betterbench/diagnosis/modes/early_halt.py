@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
-from betterbench.diagnosis.halts import find_halt
+from betterbench.diagnosis.halts import find_halt, in_fingers
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
@@ -48,5 +48,7 @@ def _find(trial: TrialView) -> Evidence | None:
     halt = find_halt(episode)
     if halt is None:
         return None
-    text = f"The arm stands still to the end; asked for and still to do: {listed(episode.open_words(halt[0]))}."
+    held = in_fingers(episode.trace, halt[1])
+    how = "" if held is None else f" with the {episode.kind(held)} in the gripper"
+    text = f"The arm stands still to the end{how}; asked for and still to do: {listed(episode.open_words(halt[0]))}."
     return episode.evidence("still_with_open_subgoals", text, rows=halt)

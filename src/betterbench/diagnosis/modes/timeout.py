@@ -4,25 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from betterbench.diagnosis.approaches import STAY_TIME, comes_down_to, stays_above
+from betterbench.diagnosis.approaches import comes_down_to, stays_above
 from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.trace import place_middle
+from betterbench.diagnosis.halts import in_fingers, kept_at_its_place
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
-from betterbench.geometry import rotate
 from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label
-from betterbench.tasks.relations import relation
-from betterbench.tasks.thresholds import threshold
-
-OVER_GOAL = threshold(
-    "over_goal", 0.06, "m",
-    "Horizontal distance from the middle of its place within which a held object has been brought there; the largest "
-    "of our target regions reach 6 cm to each side.",
-)  # fmt: skip
-
 
 _BY_MECHANISM = sharper_by_rule(
     {
@@ -57,11 +45,11 @@ def _find(trial: TrialView) -> Evidence | None:
     last = episode.trace.rows - 1
     words = listed(episode.open_words(last))
     tail = f"; asked for and still to do: {words}" if words else ""
-    rule, course = _stuck(episode, last) or ("step_limit", _course(episode, last))
+    rule, course = _stuck(episode) or ("step_limit", _course(episode, last))
     return episode.evidence(rule, f"The step limit is reached {course}{tail}.", rows=(last, last))
 
 
-def _stuck(episode: EpisodeAnalysis, last: int) -> tuple[str, str] | None:
+def _stuck(episode: EpisodeAnalysis) -> tuple[str, str] | None:
     """Return the rule and the clause of a gripper that never closes on the right thing, or never lets go of it."""
     trace, first = episode.trace, episode.idle_from
     reached = comes_down_to(trace, first)
@@ -76,30 +64,11 @@ def _stuck(episode: EpisodeAnalysis, last: int) -> tuple[str, str] | None:
     stay = _stay(episode)
     if stay is not None and stays_above(trace, first, stay):
         return "never_descends", f"{_over(episode, stay)}, and does not come down to it"
-    held = int(trace.held[last])
-    if held < 0 or not _kept_at_its_place(episode, held, last):
+    kept = kept_at_its_place(episode)
+    if kept is None:
         return None
-    kind = episode.kind(held)
+    kind = episode.kind(kept)
     return "never_opens", f"with the {kind} in a gripper that has come to the right place with it and never opens"
-
-
-def _kept_at_its_place(episode: EpisodeAnalysis, held: int, last: int) -> bool:
-    """Tell whether the gripper held an object at its place for long, and has not opened since it took it."""
-    trace = episode.trace
-    taken = int(np.flatnonzero(trace.held != held)[-1]) + 1 if (trace.held != held).any() else 0
-    if not trace.closing[taken : last + 1].all():
-        return False
-    for g in episode.open_goals(last):
-        goal, t = episode.goals[g], trace.targets[g]
-        if held not in episode.meant[g] or not relation(goal.relation).carried:
-            continue
-        target = trace.info.objects[t]
-        middle = place_middle(target, goal.relation, goal.region)
-        turned = [rotate((w, x, y, z), middle) for w, x, y, z in trace.quaternions[taken:, t].tolist()]
-        gaps = trace.positions[taken:, held, :2] - trace.positions[taken:, t, :2] - np.array(turned)[:, :2]
-        if (np.linalg.norm(gaps, axis=1) <= OVER_GOAL).sum() >= trace.steps(STAY_TIME):
-            return True
-    return False
 
 
 def _stay(episode: EpisodeAnalysis) -> int | None:
@@ -113,8 +82,8 @@ def _over(episode: EpisodeAnalysis, i: int) -> str:
 
 def _course(episode: EpisodeAnalysis, last: int) -> str:
     """Return a clause that says on which course the policy was."""
-    held = int(episode.trace.held[last])
-    if held >= 0:
+    held = in_fingers(episode.trace, last)
+    if held is not None:
         return f"with the {episode.kind(held)} in the gripper"
     stay = _stay(episode)
     if stay is not None:
