@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402
 
 import betterbench  # noqa: E402
 from betterbench.errors import MissingDependencyError  # noqa: E402
-from betterbench.scenes import engine_version, renderer_fingerprint  # noqa: E402
+from betterbench.sim.scenes import engine_version, renderer_fingerprint  # noqa: E402
 from figures import Figure  # noqa: E402
 from peer_rows import PeerRows  # noqa: E402
 from rows import rows  # noqa: E402

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import zmq
 
-from betterbench.policies.server import PolicyServer
-from betterbench.policies.wire import decode_gr00t, encode_gr00t
+from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
+from betterbench.policies.serving.server import PolicyServer
 
 CHUNK = 8
 """Actions of an answer."""

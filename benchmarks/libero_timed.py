@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.worlds.libero_simulator import LiberoSimulator
-from betterbench.worlds.simulator_loop import FrameContent, answer_requests
+from betterbench.sim.worlds.libero_simulator import LiberoSimulator
+from betterbench.sim.worlds.simulator_loop import FrameContent, answer_requests
 
 
 class TimedSimulator(LiberoSimulator):

@@ -13,13 +13,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from betterbench.materialization.ahead import ahead
-from betterbench.materialization.trial_files import TrialFiles
-from betterbench.recording.modalities.columns import MAX_CHUNK_ROWS
-from betterbench.recording.modalities.spec import MODALITIES, ViewSpec
-from betterbench.scenes.cameras import ViewPlacement
-from betterbench.scenes.limited import LimitedView
-from betterbench.scenes.stage import Quality
+from betterbench.jobs.ahead import ahead
+from betterbench.records.modalities.columns import MAX_CHUNK_ROWS
+from betterbench.records.modalities.spec import MODALITIES, ViewSpec
+from betterbench.sim.modalities.trial_files import TrialFiles
+from betterbench.sim.scenes.cameras import ViewPlacement
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.stage import Quality
 from pacing import RawViews, Rehearsal, rehearse
 
 VIEWS = (ViewSpec("front"), ViewSpec("wrist"))

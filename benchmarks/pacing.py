@@ -18,13 +18,13 @@ import mujoco
 import numpy as np
 
 from betterbench.episodes import Observer, TrialContext, run_episode
-from betterbench.experts import make_expert
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.interface.actions import action_space
-from betterbench.recording import Record
-from betterbench.scenes import Scene, renderer_fingerprint
-from betterbench.scenes.stage import Quality
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.policies.experts import make_expert
+from betterbench.records import Record
+from betterbench.sim.scenes import Scene, renderer_fingerprint
+from betterbench.sim.scenes.stage import Quality
 from betterbench.tasks import GoalTracker, get_task
 
 CONTEXT = TrialContext(

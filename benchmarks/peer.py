@@ -29,7 +29,7 @@ from typing import Any, Self
 import platformdirs
 
 from betterbench.errors import MissingDependencyError
-from betterbench.worlds import world_named
+from betterbench.sim.worlds import world_named
 
 LOCKS = Path(__file__).resolve().parents[1] / "requirements"
 

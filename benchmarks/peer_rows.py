@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from betterbench.episodes import Observer
 from betterbench.interface import ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import QUALITIES
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import Condition, Task, get_task
 from figures import Figure, spread
 from pacing import PICTURE_BLOCK, PICTURE_TASK, PICTURE_TASKS, Rehearsal, play, rehearse

@@ -18,21 +18,21 @@ from pathlib import Path
 
 import numpy as np
 
-from betterbench.demonstrations.amplifier import AmplifierSettings
-from betterbench.demonstrations.attempt import LASTING_STEPS, amplify_attempt, collect_attempt
-from betterbench.demonstrations.production import scene_of
-from betterbench.demonstrations.sources import Library, demonstrated_source
-from betterbench.demonstrations.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts
+from betterbench.demonstrations.making.amplifier import AmplifierSettings
+from betterbench.demonstrations.making.attempt import LASTING_STEPS, amplify_attempt, collect_attempt
+from betterbench.demonstrations.making.production import scene_of
+from betterbench.demonstrations.making.sources import Library, demonstrated_source
+from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED, Start, planned_starts
 from betterbench.diagnosis import diagnose_run
 from betterbench.episodes import Observer, append_row, describe
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.interface import observation_spec
 from betterbench.policies.batching import MAX_BATCH
-from betterbench.recording import JournalEntry, Record, RecordBuilder, RunFolder
-from betterbench.recording.modalities.columns import MAX_CHUNK_ROWS
-from betterbench.recording.parquet import record_bytes
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import QUALITIES
+from betterbench.records import JournalEntry, Record, RecordBuilder, RunFolder
+from betterbench.records.modalities.columns import MAX_CHUNK_ROWS
+from betterbench.records.parquet import record_bytes
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import GoalTracker, all_tasks
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from dummy import dummy_gr00t_server, dummy_server

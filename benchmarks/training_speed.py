@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from betterbench.errors import MissingDependencyError
-from betterbench.learned import TrainingRecipe, read_training_recipe
-from betterbench.learned.address import require_torch
-from betterbench.recording import JournalEntry, RunFolder
-from betterbench.recording.parquet import file_digest
-from betterbench.scenes import renderer_fingerprint
-from betterbench.scenes.stage import QUALITIES
-from betterbench.training.data import TrainingSet, read_training_set
-from betterbench.training.frames import FrameStore
+from betterbench.json_form import file_digest
+from betterbench.learning.training.data import TrainingSet, read_training_set
+from betterbench.learning.training.frames import FrameStore
+from betterbench.policies.learned import TrainingRecipe, read_training_recipe
+from betterbench.policies.learned.address import require_torch
+from betterbench.records import JournalEntry, RunFolder
+from betterbench.sim.scenes import renderer_fingerprint
+from betterbench.sim.scenes.stage import QUALITIES
 from figures import Figure, spread
 from pacing import PICTURE_TASK, Rehearsal, rehearse
 
@@ -55,9 +55,9 @@ def training_figure(recipe: TrainingRecipe, data: TrainingSet, *, blocks: int) -
     """Return the figure of a family, from blocks of steps in turn; the first pair of blocks warms everything."""
     import torch  # noqa: PLC0415 - of the extra
 
-    from betterbench.learned.networks import new_network  # noqa: PLC0415
-    from betterbench.training.batches import Batches  # noqa: PLC0415
-    from betterbench.training.data import scales_of  # noqa: PLC0415
+    from betterbench.learning.training.batches import Batches  # noqa: PLC0415
+    from betterbench.learning.training.data import scales_of  # noqa: PLC0415
+    from betterbench.policies.learned.networks import new_network  # noqa: PLC0415
 
     torch.set_num_threads(1)
     batches, network = Batches(data, recipe, "cpu"), new_network(recipe, data.vocabulary)

@@ -19,9 +19,9 @@ from betterbench.episodes.episode import append_row
 from betterbench.evaluation.planning.world_plan import make_world_plan
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.recording import RecordBuilder
-from betterbench.worlds import ForeignScene, ForeignTracker, WorldProcesses, world_named
-from betterbench.worlds.registry import start_code
+from betterbench.records import RecordBuilder
+from betterbench.sim.worlds import ForeignScene, ForeignTracker, WorldProcesses, world_named
+from betterbench.sim.worlds.registry import start_code
 
 TARGET = 0.05
 """Share of LIBERO's own time that a step may cost on top."""

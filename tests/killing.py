@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.recording.line_journal import LOCK_NAME
+from betterbench.jobs.line_journal import LOCK_NAME
 
 KILLS = 10
 SESSIONS = 60

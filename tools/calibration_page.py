@@ -10,9 +10,14 @@ from pathlib import Path
 
 from betterbench.cli.output.calibration import film_strips
 from betterbench.diagnosis import Calibration, Judged, packaged_calibration
-from betterbench.diagnosis.power_matrix import packaged_power_matrix
-from betterbench.report.calibration_page import calibration_markdown, label_name, rate_text, write_calibration_page
-from betterbench.report.power_page import power_markdown
+from betterbench.diagnosis.measures.power_matrix import packaged_power_matrix
+from betterbench.report.pages.calibration_page import (
+    calibration_markdown,
+    label_name,
+    rate_text,
+    write_calibration_page,
+)
+from betterbench.report.pages.power_page import power_markdown
 
 HEAD = """# Calibration
 

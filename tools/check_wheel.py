@@ -5,7 +5,7 @@ for is part of the check. The other wheel, by which LeRobot finds our tasks, is 
 LeRobot to be run (tests/episodes/test_lerobot_plugin.py).
 
 Examples:
-    python tools/check_wheel.py                 both wheels into dist/, with one trial per variation
+    python tools/check_wheel.py                 all wheels into dist/, with one trial per variation
     python tools/check_wheel.py --trials 4      as much as `better demo` does by itself
 """
 
@@ -27,7 +27,11 @@ import setup_environment
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCKS = ROOT / "requirements"
-SOURCES = {"betterbench": ROOT, "lerobot_env_betterbench": ROOT / "packages" / "lerobot_env_betterbench"}
+SOURCES = {
+    "betterbench": ROOT,
+    "betterbench_calibration": ROOT / "packages" / "betterbench-calibration",
+    "lerobot_env_betterbench": ROOT / "packages" / "lerobot_env_betterbench",
+}
 """The projects of this repository: the folder of each, by the name of the package that its wheel holds."""
 
 

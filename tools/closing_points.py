@@ -10,9 +10,9 @@ import math
 import sys
 from importlib import resources
 
-from betterbench.assets import build, categories, looks, unseen_looks
 from betterbench.json_form import SEAL, seal_of
-from betterbench.tasks.picked_slots import FORM, PACKAGED
+from betterbench.sim.assets import build, categories, looks, unseen_looks
+from betterbench.tasks.judging.picked_slots import FORM, PACKAGED
 
 
 def points_of(category: str) -> list[tuple[float, float, float]]:

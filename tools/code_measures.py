@@ -161,7 +161,7 @@ def measure(root: Path) -> Shape:
         tasks={
             f.path.name: f.lines for f in files if f.path.parent == Path("tasks/suite") and f.path.stem != "__init__"
         },
-        assets={str(f.path): f.lines for f in files if f.package == "assets" and f.path.stem in ASSETS},
+        assets={str(f.path): f.lines for f in files if "assets" in f.path.parts and f.path.stem in ASSETS},
         packages=packages_of(files, read_layers(root)),
     )
 

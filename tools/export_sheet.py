@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from PIL import Image, ImageDraw, ImageFont
 
-from betterbench.export.video import read_pictures
+from betterbench.demonstrations.export.video import read_pictures
 
 SIDE, GAP, HEADING, COLUMNS = 160, 6, 34, 6
 """Size of a picture, space between them, height of the texts [pixel], and pictures per row."""

@@ -15,8 +15,8 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.evaluation.figures.films import Shot, render_shots
-from betterbench.recording import RunFolder
-from betterbench.study.outcomes import TrialOutcome, read_trials
+from betterbench.learning.study.outcomes import TrialOutcome, read_trials
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 from judged_films import moments
 

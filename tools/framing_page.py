@@ -9,10 +9,9 @@ from PIL import Image, ImageDraw
 
 import scene_pictures
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.appearance import room_of
-from betterbench.scenes.framing import (
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.appearance import room_of
+from betterbench.sim.scenes.framing import (
     BACKGROUND,
     GRIPPER_PX,
     MARGIN_M,
@@ -22,9 +21,10 @@ from betterbench.scenes.framing import (
     extreme_jitters,
     least_margin_m,
 )
-from betterbench.scenes.rooms import ROOMS, UNSEEN_ROOMS
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes.rooms import ROOMS, UNSEEN_ROOMS
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Looks, Task
+from betterbench.tasks.interventions import vary
 
 SEEDS = range(40)
 PICTURE_TASK_SIZE = 192
@@ -78,7 +78,7 @@ def page(tasks: Sequence[Task]) -> str:
             "",
             (
                 f"The table gives the worst value over all training conditions and variations and the seeds {SEEDS[0]} "
-                f"to {SEEDS[-1]}; `tests/scenes/test_framing.py` checks the limits."
+                f"to {SEEDS[-1]}; `tests/sim/scenes/test_framing.py` checks the limits."
             ),
             "",
             f"| {' | '.join(HEADINGS)} |",

@@ -22,9 +22,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.evaluation.figures.films import Shot, render_shots
-from betterbench.recording import Record, RunFolder
+from betterbench.learning.study.outcomes import TrialOutcome, read_trials
+from betterbench.records import Record, RunFolder
 from betterbench.statistics import wilson_interval
-from betterbench.study.outcomes import TrialOutcome, read_trials
 from betterbench.tasks import stream
 
 FRAMES, SIDE_PX, PER_SHEET = 8, 236, 5

@@ -20,11 +20,11 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.framing import FramingView
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.framing import FramingView
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, all_tasks
+from betterbench.tasks.interventions import vary
 
 CROPS = 200
 PER_SHEET = 25

@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 from PIL import Image
 
-from betterbench.assets import Asset, build, categories, colors, looks
 from betterbench.geometry import Pose
-from betterbench.report.image_sheet import SheetCell, image_sheet
-from betterbench.scenes.objects import add_asset
+from betterbench.report.figures.image_sheet import SheetCell, image_sheet
+from betterbench.sim.assets import Asset, build, categories, colors, looks
+from betterbench.sim.scenes.objects import add_asset
 
 # The front camera stands at (1.6, 0, 0.9) m and looks at the table some 0.5 m from the robot: about 35 degrees down.
 _ELEVATION_DEGREES = -35.0

@@ -13,10 +13,10 @@ import framing_page
 import library_sheet
 import scene_pictures
 import task_pages
-from betterbench.assets import categories, colors, looks, unseen_looks
 from betterbench.evaluation import show_comparison
-from betterbench.interventions import vary
+from betterbench.sim.assets import categories, colors, looks, unseen_looks
 from betterbench.tasks import Task, all_tasks, suite_tasks
+from betterbench.tasks.interventions import vary
 
 HERO = (("morning_coffee", "O1"), ("fast_food", "T1"))
 SHEET_BYTES = 900_000

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from betterbench.materialization.pictures import depth_image, mask_image, object_colors, with_boxes
-from betterbench.materialization.run import seen_quality
-from betterbench.materialization.values import ViewValues
-from betterbench.recording import RunFolder
-from betterbench.recording.modalities.labels import SEMANTIC_IDS
-from betterbench.recording.modalities.spec import ViewSpec
-from betterbench.scenes.limited import LimitedView
+from betterbench.records import RunFolder
+from betterbench.records.modalities.labels import SEMANTIC_IDS
+from betterbench.records.modalities.spec import ViewSpec
+from betterbench.sim.modalities.pictures import depth_image, mask_image, object_colors, with_boxes
+from betterbench.sim.modalities.run import seen_quality
+from betterbench.sim.modalities.values import ViewValues
+from betterbench.sim.scenes.limited import LimitedView
 
 VIEWS = (ViewSpec("front"), ViewSpec("wrist"))
 MODALITIES = ("rgb", "depth", "instances", "semantics", "boxes")

@@ -23,7 +23,7 @@ from typing import Any
 
 from PIL import Image
 
-from betterbench.teleop.session import TeleopSession
+from betterbench.demonstrations.teleop.session import TeleopSession
 
 TESTS = Path(__file__).resolve().parents[1] / "tests"
 sys.path[:0] = [str(TESTS / "report"), str(TESTS / "teleop")]

@@ -13,11 +13,11 @@ from PIL import Image, ImageDraw, ImageFilter, ImageFont, ImageOps
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import OUTLINE, wrap_text
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.report.image_sheet import INK, PAPER, SheetCell, image_sheet
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.report.figures.image_sheet import INK, PAPER, SheetCell, image_sheet
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, Variation, get_task
+from betterbench.tasks.interventions import vary
 
 PICTURE_BYTES = 25_000
 """Largest size of a card's picture; 70 of them shall not weigh more than the code."""

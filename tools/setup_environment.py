@@ -37,6 +37,8 @@ VENV = ROOT / ".venv"
 VENV_PYTHON = VENV / "bin" / "python"
 UV_HOME = ROOT / ".uv"
 LOCKS = ROOT / "requirements"
+CALIBRATION = ROOT / "packages" / "betterbench-calibration"
+"""The instruments for maintainers, a distribution of their own that a clone has too."""
 BOOTSTRAP_LOCK = LOCKS / "bootstrap.lock"
 STAMP = VENV / "betterbench-setup.stamp"
 GL_STAMP = VENV / "mujoco-gl"
@@ -401,7 +403,7 @@ def fingerprint(lock: str, extras: Sequence[str] = ()) -> str:
     """
     digest = hashlib.sha256(f"{ROOT}\n{lock}\n{' '.join(extras)}\n".encode())
     locks = [LOCKS / f"{lock}.lock", *map(extra_lock, extras)]
-    for file in (*locks, BOOTSTRAP_LOCK, ROOT / "pyproject.toml", Path(__file__)):
+    for file in (*locks, BOOTSTRAP_LOCK, ROOT / "pyproject.toml", CALIBRATION / "pyproject.toml", Path(__file__)):
         digest.update(file.read_bytes())
     return f"{lock} {digest.hexdigest()}\n"
 
@@ -417,6 +419,8 @@ def is_filled(lock: str, extras: Sequence[str] = ()) -> bool:
     """
     if not STAMP.exists() or not VENV_PYTHON.exists():
         return False
+    if not any(VENV.glob("lib/python*/site-packages/betterbench_calibration-*.dist-info")):
+        return False  # taken out by hand; messages name `make setup` as its cure
     accepted = {fingerprint(lock, extras), fingerprint("dev", extras)}
     return STAMP.read_text(encoding="ascii") in accepted
 
@@ -533,7 +537,7 @@ def chosen_python(*, named: bool, places: Sequence[Path] | None = None) -> str:
 
 
 def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
-    """Makes ``.venv`` where there is none and installs the locked packages and this one (editable) into it.
+    """Makes ``.venv`` where there is none and installs the locked packages and those of this clone (editable) into it.
 
     Packages that someone added by hand stay; ``make distclean setup`` gives exactly what the lock names.
 
@@ -559,7 +563,8 @@ def fill(lock: str, extras: Sequence[str] = (), *, named: bool = False) -> None:
     size = "a few hundred MB the first time" + ("; PyTorch for graphics cards has a few GB" if extras else "")
     say(f"installing {listed} into .venv ({size})")
     install_locked([*install, "--require-hashes", "--no-deps", "--only-binary", ":all:"], lock, extras, env=env)
-    require([*install, "--no-deps", "--build-constraints", BOOTSTRAP_LOCK, "--editable", ROOT], env=env)
+    editable = [word for project in (ROOT, CALIBRATION) for word in ("--editable", project)]
+    require([*install, "--no-deps", "--build-constraints", BOOTSTRAP_LOCK, *editable], env=env)
     EXTRAS_NOTE.write_text("".join(f"{extra}\n" for extra in extras), encoding="utf-8")
     STAMP.write_text(fingerprint(lock, extras), encoding="ascii")
     say(f"environment ready in {time.monotonic() - started:.0f} s")

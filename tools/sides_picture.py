@@ -10,9 +10,9 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.cameras import camera_matrices
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.cameras import camera_matrices
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
 from betterbench.tasks.relations.beside import SIDES, side_of
 from betterbench.tasks.relations.relation import SHARED

@@ -9,9 +9,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.power_matrix import Key, packaged_power_matrix
-from betterbench.interventions import vary
-from betterbench.report.not_shown import not_shown
+from betterbench.diagnosis.measures.power_matrix import Key, packaged_power_matrix
+from betterbench.report.pages.not_shown import not_shown
 from betterbench.statistics import percent
 from betterbench.tasks import (
     TEMPLATES,
@@ -25,10 +24,11 @@ from betterbench.tasks import (
     Variation,
     training_distribution_of,
 )
-from betterbench.tasks.harm import NO_HARM
-from betterbench.tasks.registry import notes_of
+from betterbench.tasks.authoring.registry import notes_of
+from betterbench.tasks.authoring.template_form import template_to_json
+from betterbench.tasks.interventions import vary
+from betterbench.tasks.judging.harm import NO_HARM
 from betterbench.tasks.relations import RELATIONS
-from betterbench.tasks.template_form import template_to_json
 from construct_validity import validity_text
 
 LETTERS = tuple(axis.letter for axis in Axis)
@@ -165,7 +165,7 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "",
         "```python",
         "from betterbench.tasks import TEMPLATES",
-        "from betterbench.tasks.template_form import template_from_json, template_to_json",
+        "from betterbench.tasks.authoring.template_form import template_from_json, template_to_json",
         "",
         'form = template_to_json(TEMPLATES["loose_packing"])',
         'assert template_from_json(form) == TEMPLATES["loose_packing"]',

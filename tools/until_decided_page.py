@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from betterbench.evaluation import make_plan
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.statistics import (
     PairedTable,
     Question,

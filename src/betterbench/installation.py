@@ -17,6 +17,7 @@ import sysconfig
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from urllib.parse import unquote, urlsplit
 
 from betterbench.errors import MissingDependencyError, UnknownNameError
@@ -24,6 +25,7 @@ from betterbench.json_form import parse_json
 from betterbench.quoting import shell_line, shell_word
 
 _NAME = "betterbench"
+_CALIBRATION = "betterbench_calibration"
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([A-Za-z0-9._-]+)['"]""")
 
 VERBS = (
@@ -110,6 +112,40 @@ def package_command(*requirements: str, python: str | None = None) -> str:
     if uv is not None:
         return f"{shell_word(uv)} pip install --python {shell_word(python)} {words}"
     return f"{shell_word(python)} -m pip install {words}"
+
+
+def calibration_module(name: str, problem: str) -> ModuleType:
+    """Import a module of the distribution betterbench-calibration, which is not part of the wheel.
+
+    Args:
+        name: Its name below ``betterbench_calibration``.
+        problem: What needs it, as a sentence without its period.
+
+    Raises:
+        MissingDependencyError: If the distribution is not installed; the text ends with the command that installs it.
+    """
+    try:
+        return importlib.import_module(f"{_CALIBRATION}.{name}")
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != _CALIBRATION:
+            raise
+        raise MissingDependencyError(f"{problem}. Run: {calibration_command()}") from error
+
+
+def calibration_command() -> str:
+    """Return the shell command that adds the distribution betterbench-calibration to this installation."""
+    clone = clone_folder()
+    if clone is not None and Path(sys.prefix).resolve() == (clone / ".venv").resolve():
+        return f"make{'' if Path.cwd() == clone else f' -C {shell_word(clone)}'} setup"
+    if clone is not None:
+        return _installing("--editable", str(clone / "packages" / "betterbench-calibration"))
+    wheel = _wheel()
+    if wheel is not None:
+        folder = wheel / "packages" / "betterbench-calibration"
+        beside = [folder] if folder.is_dir() else sorted(wheel.parent.glob(f"{_CALIBRATION}-*.whl"))
+        if beside:
+            return _installing(str(beside[-1]))
+    return _installing(f"betterbench-calibration=={importlib.metadata.version(_NAME)}")
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:

@@ -364,3 +364,20 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
         case _:
             shown = repr(first["input"])
             return field, f"{first['msg']}, not {shown if len(shown) <= 80 else shown[:77] + '...'}"
+
+
+def dump_json(form: object) -> bytes:
+    """Return the one byte sequence that stands for a JSON value: sorted keys, no spaces, no NaN.
+
+    Raises InvalidInputError if the value holds something that JSON cannot say.
+    """
+    try:
+        text = json.dumps(form, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        return text.encode("utf-8")
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, as journals hold it."""
+    return hashlib.sha256(read_ordinary(path)).hexdigest()

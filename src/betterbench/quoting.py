@@ -3,7 +3,7 @@
 A name in a stranger's data set, run, record, plan or answer may hold anything. What is written with it is read by a
 program (a shell, a browser, a spreadsheet, LaTeX), so each place has its rules, and each rule stands here once. Lines
 of a terminal and of messages have :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; names
-of files that are read are refused rather than quoted (``betterbench.recording``). Source of Python is written with
+of files that are read are refused rather than quoted (``betterbench.records``). Source of Python is written with
 ``repr``, JSON and strings of YAML with ``json.dumps``.
 """
 

@@ -6,16 +6,16 @@ import dataclasses
 import functools
 from dataclasses import dataclass
 
-from betterbench.experts.decisions import Bring, Decision, Draw, ExpertRule, Freeze, GraspAt, Rest, Situation, Wander
-from betterbench.experts.registry import EXPERTS
 from betterbench.geometry import Pose, horizontal_distance
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import WorldState
-from betterbench.state.world import GRIPPER_BODIES
+from betterbench.interface.state import WorldState
+from betterbench.interface.state.world import GRIPPER_BODIES
+from betterbench.policies.decisions import Bring, Decision, Draw, ExpertRule, Freeze, GraspAt, Rest, Situation, Wander
+from betterbench.policies.experts.registry import EXPERTS
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Expected, Label, Subgoal, get_task
+from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import relation
 
 MAX_DECISIONS = 12

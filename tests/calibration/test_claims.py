@@ -8,7 +8,7 @@ import pytest
 from tests.calibration.ideal import Walk, walk
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.experts.registry import witnessed
+from betterbench.policies.experts.registry import witnessed
 from betterbench.tasks import get_task, suite_tasks
 
 pytestmark = pytest.mark.physics

@@ -12,9 +12,9 @@ from betterbench.calibration import CalibrationPolicy, calibration_policies, tru
 from betterbench.calibration.chance import chance_of
 from betterbench.diagnosis import Calibration, Judged, Kind, Label
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.experts import EXPERTS, parse_address
-from betterbench.report.calibration_page import calibration_markdown, write_calibration_page
-from betterbench.report.power_page import blind_sentences, power_markdown, write_power_page
+from betterbench.policies.experts import EXPERTS, parse_address
+from betterbench.report.pages.calibration_page import calibration_markdown, write_calibration_page
+from betterbench.report.pages.power_page import blind_sentences, power_markdown, write_power_page
 from betterbench.tasks import all_labels
 
 S, E, R, C = Label.SUCCESS, Label.EXECUTION_FAILURE, Label.BEHAVIORAL_INERTIA, Label.CAUSAL_CONFUSION

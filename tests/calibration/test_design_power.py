@@ -11,10 +11,10 @@ import pytest
 from tests.calibration.ideal import start, walk, walk_by
 
 from betterbench.calibration.chance import chance_of
-from betterbench.experts.decisions import ExpertRule, Situation
-from betterbench.experts.faulty.blind import possible_instructions
-from betterbench.interventions import vary
+from betterbench.policies.decisions import ExpertRule, Situation
+from betterbench.policies.faulty.blind import possible_instructions
 from betterbench.tasks import Condition, Expected, get_task, suite_tasks
+from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import RELATIONS
 
 VARIATIONS = [(task, v.name) for task in suite_tasks("better60") for v in get_task(task).variations]

@@ -8,11 +8,11 @@ import pytest
 from tests.report.factory import run_of
 
 from betterbench.diagnosis import packaged_calibration
-from betterbench.diagnosis.confusion import CLAIMED, FAMILIES
-from betterbench.independent import FAMILY_PARTS, INDEPENDENT
-from betterbench.report.calibration_page import calibration_markdown, calibration_summary, rate_text
-from betterbench.report.trust import trust_of
+from betterbench.diagnosis.measures.confusion import CLAIMED, FAMILIES
+from betterbench.report.pages.calibration_page import calibration_markdown, calibration_summary, rate_text
+from betterbench.report.pages.trust import trust_of
 from betterbench.statistics.wording import points
+from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -6,10 +6,10 @@ import pytest
 
 from betterbench.calibration import PowerTrials, measure_power, power_trials
 from betterbench.calibration.power import GUESS_TRIALS, STILL_TRIALS, trials_to_flag
-from betterbench.cli.calibrate import calibrate_command
-from betterbench.diagnosis.power_matrix import BLIND, EXPERT, FLOOR
+from betterbench.cli.verbs.calibrate import calibrate_command
+from betterbench.diagnosis.measures.power_matrix import BLIND, EXPERT, FLOOR
 from betterbench.errors import InvalidInputError
-from betterbench.experts.registry import witnessed
+from betterbench.policies.experts.registry import witnessed
 from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import get_task
 

@@ -10,8 +10,8 @@ from betterbench.calibration import CalibrationPolicy, calibrate, true_label
 from betterbench.calibration.run import assess, run_plans
 from betterbench.diagnosis import Calibration, Label, RunDiagnosis, diagnose_run
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.experts import Address
-from betterbench.recording import RunFolder
+from betterbench.policies.experts import Address
+from betterbench.records import RunFolder
 
 
 def calibrated(tmp_path, policy: str, tasks: tuple[str, ...], *, trials: int = 1, strength: float = 1.0) -> Calibration:

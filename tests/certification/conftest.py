@@ -10,9 +10,9 @@ from betterbench.certification import CLAUSES, Certificate, Clause, TrialCertifi
 from betterbench.certification.runner import versions_in_use
 from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import Contact
+from betterbench.interface.state import Contact
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
 
 

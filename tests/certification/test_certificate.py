@@ -13,7 +13,7 @@ from betterbench.certification.certificate import seed_ranges
 from betterbench.certification.coverage import parse_ranges
 from betterbench.certification.runner import versions_in_use, write_coverage, write_json
 from betterbench.errors import InvalidInputError
-from betterbench.report.certificate_page import render_certificate, write_certificate_page
+from betterbench.report.pages.certificate_page import render_certificate, write_certificate_page
 from betterbench.tasks import SUITE_VERSION, TrialId, all_tasks
 
 USED = versions_in_use([t.id for t in all_tasks()])

@@ -18,12 +18,11 @@ from betterbench.certification.demonstrations import (
 from betterbench.certification.examine import _at_rest
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.experts.skills import Skills
 from betterbench.geometry import Pose, yaw_of
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Scene, engine_version
-from betterbench.scenes.stage import QUALITIES
+from betterbench.policies.experts.skills import Skills
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import SUITE_VERSION, TargetRegion, all_tasks, get_task, stream
 from betterbench.tasks.demonstrated import (
     Demonstrated,
@@ -35,6 +34,7 @@ from betterbench.tasks.demonstrated import (
     measured_so_far,
     read_demonstrations,
 )
+from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.tasks.relations import RELATIONS, PlaceGoal
 

@@ -11,11 +11,11 @@ from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.coverage import Coverage, Seeds
 from betterbench.certification.refusal import require_coverage
 from betterbench.certification.runner import write_json
-from betterbench.cli import evaluate as verb
 from betterbench.cli.main import main
+from betterbench.cli.verbs import evaluate as verb
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation import make_plan
-from betterbench.scenes import engine_version
+from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, TrialId, get_task
 
 FAR = 90_000

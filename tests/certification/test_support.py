@@ -10,8 +10,7 @@ import pytest
 from betterbench.certification.handling import DrawerMove, Handling, Pick, Preplaced, Put, Release
 from betterbench.certification.support import LEFT_M, LEFT_RAD, TrainedSupport
 from betterbench.geometry import Pose, from_yaw
-from betterbench.interventions import vary
-from betterbench.scenes import engine_version
+from betterbench.sim.scenes import engine_version
 from betterbench.tasks import Slot, all_tasks, get_task
 from betterbench.tasks.demonstrated import (
     HEIGHT_MM,
@@ -22,6 +21,7 @@ from betterbench.tasks.demonstrated import (
     Releases,
     demonstrated,
 )
+from betterbench.tasks.interventions import vary
 
 TASKS = all_tasks()
 

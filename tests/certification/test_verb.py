@@ -17,7 +17,7 @@ from betterbench.tasks import SUITE_VERSION, TrialId
 def better(capsys, monkeypatch, tmp_path, trial):
     """Runs `better certify` with an examination that takes no time; keywords say what fails."""
     fails: dict[tuple[str, int], str] = {}
-    monkeypatch.setattr("betterbench.cli.evaluate.prepare_robot", lambda _name: None)
+    monkeypatch.setattr("betterbench.cli.verbs.evaluate.prepare_robot", lambda _name: None)
     monkeypatch.setattr(
         runner, "examine", lambda s: trial(s.task, s.condition, s.seed, fails=fails.get((s.condition, s.seed), ""))
     )

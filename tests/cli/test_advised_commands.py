@@ -15,7 +15,8 @@ from betterbench.certification.coverage import Gap, cure_for
 from betterbench.cli.main import VERBS, main
 from betterbench.tasks import TrialId
 
-SOURCE = Path(__file__).resolve().parents[2] / "src" / "betterbench"
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = (ROOT / "src", ROOT / "packages" / "betterbench-calibration" / "src")
 ADVISED = re.compile(rf"(?<![\w./`-])better ({'|'.join(VERBS)})\b(?!-)((?: (?:--)?[\w./{{}}|:=\[\]<>-]+)*)")
 
 
@@ -35,11 +36,11 @@ def texts(tree):
 def advised():
     """The commands of all messages: verb and options, with the file that has them."""
     found = {}
-    for file in sorted(SOURCE.rglob("*.py")):
+    for file in sorted(file for source in SOURCES for file in source.rglob("*.py")):
         for text in texts(ast.parse(file.read_text(encoding="utf-8"))):
             for verb, rest in ADVISED.findall(text):
                 options = tuple(re.findall(r"(?<= )--[a-z][a-z-]*", rest))
-                found.setdefault((verb, options), file.relative_to(SOURCE))
+                found.setdefault((verb, options), file.relative_to(ROOT))
     return sorted(found.items())
 
 
@@ -73,7 +74,7 @@ def test_an_advised_command_has_a_verb_and_options_that_exist(command, file, opt
 OWN = """
 from dataclasses import replace
 from betterbench.tasks import get_task
-from betterbench.tasks.registry import task
+from betterbench.tasks.authoring.registry import task
 
 @task
 def my_advised_task():

@@ -15,9 +15,9 @@ import pytest
 
 from betterbench.cli.main import VERBS, main
 from betterbench.errors import StorageError
-from betterbench.recording import RunFolder, read_record
+from betterbench.records import RunFolder, read_record
+from betterbench.sim.worlds.registry import ForeignWorld
 from betterbench.tasks import all_tasks
-from betterbench.worlds.registry import ForeignWorld
 
 
 def run(capsys, *arguments):
@@ -295,7 +295,7 @@ def test_wandb_gets_the_numbers_and_the_trials(capsys, small_run, tmp_path, fake
 def test_an_export_to_wandb_is_whole_or_not_there(capsys, small_run, tmp_path, fake_wandb, monkeypatch):
     """wandb ends well on a full disk, with a file that is cut short, and a run that was killed would be sent later."""
     from betterbench.cli import trackers
-    from betterbench.recording.durable import DurableFile
+    from betterbench.jobs.durable import DurableFile
 
     words = ("export", str(small_run), "--to", "wandb", "--out", str(tmp_path))
     left = tmp_path / ".wandb-killed.part" / "wandb" / "offline-run-9"

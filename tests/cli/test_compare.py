@@ -11,7 +11,7 @@ from betterbench.cli.console import OUT
 from betterbench.cli.main import main
 from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.power import what_trials_show
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.statistics import smallest_paired_difference
 
 

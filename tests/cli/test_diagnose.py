@@ -10,7 +10,7 @@ from tests.resealing import rewrite
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, RunConflictError, StorageError
 from betterbench.json_form import sealed_form
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 from betterbench.vqa.knowing import Knowledge
 
 

@@ -17,9 +17,9 @@ import pytest
 from betterbench.cli.main import main
 from betterbench.errors import RunConflictError, StorageError, system_error_text
 from betterbench.evaluation import evaluate, make_plan
-from betterbench.recording import JournalEntry, RunFolder
-from betterbench.recording.durable import DurableFile, write_durably
-from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
+from betterbench.jobs.durable import DurableFile, write_durably
+from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
+from betterbench.records import JournalEntry, RunFolder
 
 FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))  # as write() raises it: without a name
 
@@ -50,7 +50,7 @@ def test_a_full_disk_names_the_file_and_the_cure(tmp_path, monkeypatch):
     "words", [["recipe", "openpi", "--data", "sets/pi"], ["shortcuts", "SET"]], ids=lambda words: words[0]
 )
 def test_a_verb_names_the_folder_that_is_on_a_full_disk(tmp_path, monkeypatch, capsys, words):
-    from tests.shortcuts.strangers import make
+    from tests.demonstrations.shortcuts.strangers import make
 
     strange = str(make(tmp_path / "set", "plain", "word", count=12)) if "SET" in words else ""
     fill(monkeypatch)
@@ -160,7 +160,7 @@ def test_a_refusal_names_the_output_and_no_lock_beside_it(tmp_path, monkeypatch,
 
 def test_a_lock_on_a_folder_that_was_removed_keeps_nobody_out_and_is_taken_again(tmp_path, monkeypatch):
     """Who waits for a lock may get one on a file that its holder has removed, as a command that fails does."""
-    from betterbench.recording import lock
+    from betterbench.jobs import lock
 
     file, usual = tmp_path / "out" / LOCK_NAME, lock._lock_exclusively
     removals = []
@@ -344,7 +344,7 @@ def test_an_error_that_ctrl_c_became_during_imports_is_one_line(tmp_path):
 def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, capsys):
     """PyOpenGL makes an ArgumentError of it, and a child that Ctrl-C ended too lets its parent fail."""
     from betterbench import cli
-    from betterbench.recipes import write
+    from betterbench.demonstrations.recipes import write
 
     def interrupted(*_, **__):
         cli._interrupts.append(signal.SIGINT)
@@ -360,7 +360,7 @@ def test_an_error_that_ctrl_c_became_in_native_code_is_one_line(monkeypatch, cap
 
 
 def test_a_finished_export_does_not_remove_what_another_process_is_making(tmp_path):
-    from betterbench.export.job import _remove_leftover
+    from betterbench.demonstrations.export.job import _remove_leftover
 
     staging = tmp_path / ".set.parts"
     staging.mkdir()

@@ -14,13 +14,13 @@ from betterbench.evaluation import open_server, run_preflight
 from betterbench.evaluation.preflight.view import PreflightView
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.policies.presets import OPENPI_LIBERO
-from betterbench.policies.server import PolicyServer
-from betterbench.report.preflight_sheet import arrow_factor, write_preflight_sheet
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.presets import OPENPI_LIBERO
+from betterbench.policies.serving.server import PolicyServer
+from betterbench.report.pages.preflight_sheet import arrow_factor, write_preflight_sheet
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
 TRIAL = TrialId("morning_coffee", "train1", 0)

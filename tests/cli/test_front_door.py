@@ -26,10 +26,21 @@ HEAVY = {
         "pyarrow",
     ),
     *("ray", "scipy", "torch", "trimesh", "vla_eval", "websockets", "zmq"),
-    *(f"betterbench.{name}" for name in ("audit", "calibration", "certification", "comparison", "diagnosis")),
-    *(f"betterbench.{name}" for name in ("episodes", "policies", "recording", "report", "robots", "scenes")),
+    *(f"betterbench.{name}" for name in ("calibration", "certification", "comparison", "diagnosis", "episodes")),
+    *(f"betterbench.policies.{name}" for name in ("clients", "conventions", "process", "protocols", "serving")),
+    *(f"betterbench.{name}" for name in ("records", "report", "sim.robots", "sim.scenes")),
+    *("betterbench_calibration.audit", "betterbench_calibration.independent"),
 }
-SIMULATORS = {"mujoco", "mink", "gymnasium", "scipy", "matplotlib", "av", "betterbench.robots", "betterbench.scenes"}
+SIMULATORS = {
+    "mujoco",
+    "mink",
+    "gymnasium",
+    "scipy",
+    "matplotlib",
+    "av",
+    "betterbench.sim.robots",
+    "betterbench.sim.scenes",
+}
 
 RUN = """
 import sys
@@ -61,7 +72,7 @@ HELP = [["--help"], *([verb, "--help"] for verb in VERBS)]
 def test_help_imports_nothing_heavy(arguments):
     out, modules = modules_after(VERB.format(arguments=arguments))
     assert "usage: better" in out
-    assert not modules & (HEAVY | {"numpy", "betterbench.assets", "betterbench.evaluation", "betterbench.tasks"})
+    assert not modules & (HEAVY | {"numpy", "betterbench.sim.assets", "betterbench.evaluation", "betterbench.tasks"})
 
 
 @pytest.mark.parametrize("what", ["tasks", "variations", "policies", "assets", "templates"])
@@ -72,7 +83,7 @@ def test_lists_import_nothing_heavy(what):
 
 
 @pytest.mark.parametrize(
-    "package", ["betterbench", "betterbench.tasks", "betterbench.interventions", "betterbench.recording"]
+    "package", ["betterbench", "betterbench.tasks", "betterbench.tasks.interventions", "betterbench.records"]
 )
 def test_packages_that_read_import_no_simulator(package):
     _, modules = modules_after(f"import {package}")

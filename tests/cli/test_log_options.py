@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from betterbench.cli.main import VERBS, main
-from betterbench.recording.worker_process import prepare_process
+from betterbench.jobs.worker_process import prepare_process
 
 WRONG = ("diagnose", "no/such/run")
 

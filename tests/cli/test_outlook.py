@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from betterbench.cli import evaluate as module
-from betterbench.cli.evaluate import TrialOptions, smaller_command
 from betterbench.cli.main import main
 from betterbench.cli.outlook import FEW, Outlook, step_limits
+from betterbench.cli.verbs import evaluate as module
+from betterbench.cli.verbs.evaluate import TrialOptions, smaller_command
 from betterbench.evaluation import Progress, make_plan
 from betterbench.evaluation.planning.power import smallest_drop_line
 from betterbench.tasks import TrialId

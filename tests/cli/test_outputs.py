@@ -20,12 +20,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.shortcuts.strangers import make
+from tests.demonstrations.shortcuts.strangers import make
 
-from betterbench.cli.evaluate import default_folder
 from betterbench.cli.main import VERBS, main
-from betterbench.recording.lock import LOCK_NAME, FileLock, RunLock
-from betterbench.recording.outputs import LIST_NAME, bears_mark
+from betterbench.cli.verbs.evaluate import default_folder
+from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
+from betterbench.jobs.outputs import LIST_NAME, bears_mark
 
 FOREIGN = b"notes of a thesis, without an end"
 

@@ -11,12 +11,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from betterbench.cli.evaluate import RayOptions, TrialOptions, evaluate_command
 from betterbench.cli.main import main
 from betterbench.cli.run_file import RunFile, read_run_file, with_run_file
+from betterbench.cli.verbs.evaluate import RayOptions, TrialOptions, evaluate_command
 from betterbench.errors import BetterError
 from betterbench.evaluation import make_plan
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 OF_THE_CALL = {"from", "json", "allow_other_versions", "allow_changed_policy", "trust"}
 """What is decided anew each time the command is given, and so stands in no file."""
@@ -64,7 +64,7 @@ def test_what_is_typed_counts_instead_of_the_file(run_file, typed):
 def test_the_plan_of_a_file_is_that_of_its_options(run_file, tmp_path, monkeypatch, capsys):
     path = run_file(f"policy: noop\nout: {tmp_path / 'run'}\ntasks: [fast_food]\ntrials: 3\nseed: 5\nquality: fast\n")
     started = lambda plan, out, **_: RunFolder.start(out, plan.to_json())  # noqa: E731
-    monkeypatch.setattr("betterbench.cli.evaluate.run_with_bar", started)
+    monkeypatch.setattr("betterbench.cli.verbs.evaluate.run_with_bar", started)
     assert main(["eval", "--run-file", str(path), "--trials", "2"]) == 0
     run = RunFolder.open(tmp_path / "run")
     plan = make_plan("noop", tasks=["fast_food"], trials=2, seed=5, quality="fast").to_json()

@@ -17,12 +17,12 @@ import pytest
 from websockets.sync.client import connect
 
 from betterbench import evaluation
-from betterbench.cli import serve as serve_module
 from betterbench.cli.main import main
+from betterbench.cli.verbs import serve as serve_module
 from betterbench.errors import BetterError
 from betterbench.evaluation.serving.server import DEFAULT_CHUNK
 from betterbench.policies.batching import MAX_BATCH
-from betterbench.policies.wire import encode_openpi
+from betterbench.policies.protocols.wire import encode_openpi
 
 PATIENCE_S = 60
 
@@ -75,7 +75,7 @@ def test_it_says_where_it_is_logs_who_comes_and_ends_cleanly(serve, number):
 
 @pytest.mark.parametrize(("level", "logged"), [(logging.WARNING, True), (logging.ERROR, False)])
 def test_who_comes_is_logged_unless_only_errors_are_wanted(level, logged):
-    everything, ours = logging.getLogger("betterbench"), logging.getLogger("betterbench.policies.server")
+    everything, ours = logging.getLogger("betterbench"), logging.getLogger("betterbench.policies.serving.server")
     before = everything.level
     everything.setLevel(level)
     try:

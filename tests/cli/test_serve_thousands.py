@@ -20,7 +20,7 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
-from betterbench.policies.wire import encode_openpi
+from betterbench.policies.protocols.wire import encode_openpi
 
 pytestmark = pytest.mark.slow
 

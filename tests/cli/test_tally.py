@@ -14,9 +14,9 @@ from betterbench.cli.tally import RunTally, duration, pace, service_text
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import policy_service
-from betterbench.policies.connection import ConnectionLimits, PolicyConnection
-from betterbench.policies.server import PolicyServer
-from betterbench.recording import JournalEntry, RunFolder, read_outcome, read_record
+from betterbench.policies.clients.connection import ConnectionLimits, PolicyConnection
+from betterbench.policies.serving.server import PolicyServer
+from betterbench.records import JournalEntry, RunFolder, read_outcome, read_record
 
 
 def progress(done: int, planned: int, elapsed_s: float, *, started_with: int = 0) -> Progress:
@@ -149,7 +149,7 @@ def test_a_tally_is_that_of_the_records(run):
 
 
 def test_better_eval_ends_with_how_the_policy_answered(run, capsys, monkeypatch):
-    monkeypatch.setattr("betterbench.cli.evaluate.LOG_EVERY_S", 0.0)
+    monkeypatch.setattr("betterbench.cli.verbs.evaluate.LOG_EVERY_S", 0.0)
     policy = json.loads((run / "run.json").read_bytes())["plan"]["policy"]
     (run / "journal.jsonl").write_text(
         "".join(f"{line}\n" for line in (run / "journal.jsonl").read_text(encoding="utf-8").splitlines()[:3]),

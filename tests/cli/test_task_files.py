@@ -19,8 +19,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "own-tasks.md"
 SERVER = """
 import json, os, sys
 
-import betterbench.cli.certify, betterbench.cli.compare, betterbench.cli.diagnose, betterbench.cli.evaluate
-import betterbench.cli.listing, betterbench.cli.output.page, betterbench.cli.replay, betterbench.cli.report
+import betterbench.cli.verbs.certify, betterbench.cli.verbs.compare
+import betterbench.cli.verbs.diagnose, betterbench.cli.verbs.evaluate
+import betterbench.cli.verbs.listing, betterbench.cli.output.page
+import betterbench.cli.verbs.replay, betterbench.cli.verbs.report
 import betterbench.cli.output.diagnosis, betterbench.cli.output.standing, betterbench.evaluation.running.runner
 from betterbench.cli.main import main
 

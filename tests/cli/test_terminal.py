@@ -15,8 +15,8 @@ import pytest
 
 from betterbench.cli import console, progress
 from betterbench.cli.console import Terminal, complain, print_table, progress_bar
-from betterbench.cli.evaluate import prepare_robot
 from betterbench.cli.main import VERBS, main
+from betterbench.cli.verbs.evaluate import prepare_robot
 from betterbench.errors import UNPRINTABLE, one_line
 
 WORK = [
@@ -102,7 +102,7 @@ def test_each_step_of_preparing_the_arm_is_named_with_its_own_count(monkeypatch)
             progress("decimating the arm's meshes", done, 1)
 
     monkeypatch.setattr(progress, "WorkProgress", Shown)
-    monkeypatch.setattr("betterbench.robots.build_robot_spec", build)
+    monkeypatch.setattr("betterbench.sim.robots.build_robot_spec", build)
     prepare_robot("panda")
     assert ["0/10" in seen[0], "9/10" in seen[1]] == [True, True]
     assert [line.startswith("decimating the arm's meshes") for line in seen] == [False, False, True, True]
@@ -175,7 +175,7 @@ def on_terminal(command, **environment):
 
 LOG = """
 import logging
-from betterbench.recording.worker_process import prepare_process
+from betterbench.jobs.worker_process import prepare_process
 prepare_process()
 logging.getLogger("betterbench.evaluation").warning("a trial broke")
 """

@@ -13,8 +13,8 @@ from betterbench.cli.tally import times_text
 from betterbench.episodes.chunks import Chunks
 from betterbench.evaluation.running.summary import RunTimes, run_times
 from betterbench.interface import Execution
-from betterbench.policies.server import PolicyServer
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.policies.serving.server import PolicyServer
+from betterbench.records import JournalEntry, RunFolder
 
 LATENCY_S = 0.2
 

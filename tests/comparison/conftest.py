@@ -9,7 +9,7 @@ import pytest
 
 from betterbench.comparison import Side
 from betterbench.diagnosis import Evidence, Label, RunDiagnosis, TrialDiagnosis
-from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.tasks import get_task
 
 SHORTCUT, MISSED = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.EXECUTION_FAILURE

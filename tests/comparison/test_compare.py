@@ -10,7 +10,8 @@ from tests.diagnosis.small_matrix import matrix
 
 from betterbench.cli.output.comparison import print_comparison
 from betterbench.comparison import compare, match_sides, name_sides
-from betterbench.diagnosis import Label, standing
+from betterbench.diagnosis import Label
+from betterbench.diagnosis.measures import standing
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.statistics import PairedTable, Rate, boschloo_p, holm, mcnemar_p, smallest_paired_difference
 from betterbench.tasks import all_labels

@@ -7,7 +7,7 @@ import pytest
 from betterbench.comparison import load_sides
 from betterbench.comparison.conventions import side_conventions
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 
 
 @pytest.fixture

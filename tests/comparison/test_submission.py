@@ -12,7 +12,7 @@ from betterbench.cli.main import main
 from betterbench.comparison import Submission, compare, load_sides, read_submission, require_same, submission_of
 from betterbench.comparison.submission import SubmittedTrial
 from betterbench.errors import BetterError, InvalidInputError, RunConflictError
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 
 HASH = "0" * 64
 

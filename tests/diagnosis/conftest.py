@@ -11,10 +11,10 @@ import pytest
 
 from betterbench.diagnosis import trial
 from betterbench.geometry import Pose, from_yaw
-from betterbench.interventions.resolve import resolve_condition
-from betterbench.recording import Record, RecordBuilder, RecordMetadata
-from betterbench.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
+from betterbench.interface.state import Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
+from betterbench.records import Record, RecordBuilder, RecordMetadata
 from betterbench.tasks import Condition, GoalTracker, training_distribution_of
+from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.relations import relation
 
 HOME = (0.31, 0.0, 0.59)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.power_matrix import PowerCell, PowerMatrix, task_versions
+from betterbench.diagnosis.measures.power_matrix import PowerCell, PowerMatrix, task_versions
 from betterbench.tasks import Label, get_task
 
 L1, R1, T1 = (("fast_food", name) for name in ("L1", "R1", "T1"))

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from betterbench.episodes import TrialContext, run_episode
-from betterbench.experts.motion import FREE, close_gripper, follow, hold
 from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions.resolve import resolve_condition
-from betterbench.recording import Record
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.policies.experts.motion import FREE, close_gripper, follow, hold
+from betterbench.records import Record
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 RATE_S = 0.05

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import diagnose_record
+from betterbench.tasks.judging.motion import closing_of
 from betterbench.tasks.labels import Label
-from betterbench.tasks.motion import closing_of
 
 
 def test_closing_at_home_is_no_attempt(stage):

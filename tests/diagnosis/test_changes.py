@@ -20,7 +20,7 @@ from betterbench.diagnosis.stored import (
 )
 from betterbench.errors import RecordError
 from betterbench.json_form import sealed_form
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 
 TRIAL = StoredTrial(
     key="fast_food/R1/0",

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from betterbench.diagnosis.collisions import count_collisions
-from betterbench.diagnosis.trace import trace_of
+from betterbench.diagnosis.analysis.collisions import count_collisions
+from betterbench.diagnosis.analysis.trace import trace_of
 from betterbench.episodes import TrialContext, run_episode
-from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions.resolve import resolve_condition
-from betterbench.recording.columns import Contacts
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
+from betterbench.policies.experts import make_expert
+from betterbench.records.columns import Contacts
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import THRESHOLDS, get_task
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 pytestmark = pytest.mark.physics
 

@@ -9,7 +9,7 @@ import pytest
 
 from betterbench.diagnosis import Label, diagnose_record, diagnose_records
 from betterbench.diagnosis.modes import MODES
-from betterbench.state import Contact
+from betterbench.interface.state import Contact
 
 
 def pressing(s, name, force, *, rows=None, finger="left_finger"):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, diagnose_record, offline_truth
-from betterbench.interventions.resolve import resolve_condition
-from betterbench.tasks.operations import remove
-from betterbench.tasks.picked_slots import EMPTY_SLOT_REACH, closing_points, picked_slots
+from betterbench.tasks.authoring.operations import remove
+from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.tasks.judging.picked_slots import EMPTY_SLOT_REACH, closing_points, picked_slots
 
 EMPTY = (Label.BEHAVIORAL_INERTIA, "air_grasp_at_memorized_slot")
 FAR = (Label.EXECUTION_FAILURE, "missed_by_far")

@@ -9,13 +9,13 @@ import pytest
 
 from betterbench.diagnosis import diagnose_record
 from betterbench.episodes import TrialContext, run_episode
-from betterbench.experts import make_expert
 from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.experts import make_expert
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker
+from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 WITHIN = {

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import diagnose_record
-from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.diagnosis.trial import offline_truth
-from betterbench.state import Contact
+from betterbench.interface.state import Contact
 from betterbench.tasks.labels import Label
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Kind, Label, diagnose_record, diagnose_records
-from betterbench.recording import Record
-from betterbench.state import Contact
+from betterbench.interface.state import Contact
+from betterbench.records import Record
 from betterbench.tasks import Expected, get_task
-from betterbench.tasks.operations import remove, swap
+from betterbench.tasks.authoring.operations import remove, swap
 
 
 def label_of(record: Record) -> Label:

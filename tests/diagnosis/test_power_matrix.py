@@ -8,7 +8,7 @@ import pytest
 from tests.diagnosis.small_matrix import L1, LEXICAL, R1, T1, failing, matrix, solving
 
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.diagnosis.power_matrix import (
+from betterbench.diagnosis.measures.power_matrix import (
     BLIND,
     PowerCell,
     PowerMatrix,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, TrialDiagnosis, diagnose_record
-from betterbench.state import Contact
+from betterbench.interface.state import Contact
 from betterbench.tasks import Expected
-from betterbench.tasks.operations import remove
+from betterbench.tasks.authoring.operations import remove
 
 
 def verdict(s) -> tuple[Label, str]:

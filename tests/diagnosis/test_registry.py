@@ -60,7 +60,7 @@ def entered(tree: ast.Module) -> dict[str, str]:
 
 def test_every_threshold_is_read_somewhere():
     """A threshold is read as ``THRESHOLDS.name``, or as the constant of the file that enters it, there or imported."""
-    importlib.import_module("betterbench.diagnosis.power_matrix")  # it enters thresholds of its own
+    importlib.import_module("betterbench.diagnosis.measures.power_matrix")  # it enters thresholds of its own
     constants = {name: (constant, path) for path, tree in SOURCES.items() for name, constant in entered(tree).items()}
     read = set()
     for path, tree in SOURCES.items():

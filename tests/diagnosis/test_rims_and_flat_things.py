@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from betterbench.diagnosis import Label, diagnose_record
-from betterbench.diagnosis.approaches import find_stays
-from betterbench.diagnosis.trace import trace_of
-from betterbench.recording import RecordBuilder
+from betterbench.diagnosis.analysis.approaches import find_stays
+from betterbench.diagnosis.analysis.trace import trace_of
+from betterbench.records import RecordBuilder
 from betterbench.tasks import GoalTracker
 
 PARTLY = (Label.EXECUTION_FAILURE, "closed_in_part")

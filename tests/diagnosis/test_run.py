@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 from betterbench.diagnosis import Label, diagnose_records, diagnose_run
-from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import RecordError, RunConflictError
-from betterbench.interventions.resolve import resolve_condition
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 
 def plan(*trials: tuple[str, str, str | None, int]) -> dict[str, object]:

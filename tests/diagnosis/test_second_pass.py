@@ -12,8 +12,8 @@ from betterbench.diagnosis import Label, diagnose_records
 from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import judge_policy, judge_rules, rule_of_all_tasks
 from betterbench.diagnosis.trial import Choice, read_trial
-from betterbench.interventions.resolve import resolve_condition
 from betterbench.tasks import get_task, training_distribution_of
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 COFFEE = ("train1", "train2", "train3", "train4", "L1", "L2", "L3", "L4", "O1", "T1")
 FOOD = ("train1", "train2", "L1", "R1", "R2", "O1", "T1", "T2")

@@ -14,9 +14,9 @@ from small_policies import RATE_S, closing_at, go_down, play, rise_and_open
 
 from betterbench.diagnosis import Label, diagnose_record, offline_truth
 from betterbench.diagnosis.modes import MODES
-from betterbench.experts.motion import FREE, close_gripper, follow, hold
 from betterbench.geometry import Pose, angle_between, from_yaw, multiply
-from betterbench.interventions.resolve import resolve_condition
+from betterbench.policies.experts.motion import FREE, close_gripper, follow, hold
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 pytestmark = pytest.mark.physics
 

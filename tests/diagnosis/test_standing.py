@@ -8,8 +8,8 @@ import json
 import pytest
 from tests.diagnosis.small_matrix import L1, R1, T1, failing, matrix, solving
 
-from betterbench.diagnosis import standing as standing_module
-from betterbench.diagnosis.standing import standing_of
+from betterbench.diagnosis.measures import standing as standing_module
+from betterbench.diagnosis.measures.standing import standing_of
 from betterbench.diagnosis.verdict import Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.statistics import Rate

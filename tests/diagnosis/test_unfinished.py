@@ -11,7 +11,7 @@ from betterbench.comparison.submission import submission_of
 from betterbench.diagnosis import diagnose_run
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import make_plan
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.report import write_report
 from betterbench.tasks.labels import Kind, Label
 

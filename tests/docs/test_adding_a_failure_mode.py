@@ -14,7 +14,7 @@ import pytest
 
 from betterbench.diagnosis.failure_mode import remove_mode
 from betterbench.diagnosis.modes import MODES
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 from betterbench.tasks import THRESHOLDS, Label, all_labels, remove_label
 from betterbench.tasks.thresholds import remove_threshold
 

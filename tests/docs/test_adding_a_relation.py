@@ -13,9 +13,9 @@ ROOT = Path(__file__).parents[2]
 CHECK = """
 from betterbench.geometry import from_axis_angle
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
-from betterbench.state import ObjectInfo, Region
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
+from betterbench.interface.state import ObjectInfo, Region
 from betterbench.tasks import get_task
 import dataclasses
 

@@ -12,7 +12,7 @@ import pytest
 
 from betterbench.cli.main import VERBS
 from betterbench.diagnosis.failure_mode import exposed_labels
-from betterbench.experts import expert_names
+from betterbench.policies.experts import expert_names
 from betterbench.tasks import TEMPLATES, all_labels, get_task, suite_tasks, threshold_table
 
 ROOT = Path(__file__).parents[2]
@@ -86,11 +86,11 @@ sys.path.insert(0, sys.argv[1])
 import tea_tray
 from betterbench.certification.support import TrainedSupport
 from betterbench.episodes import TrialContext, run_episode
-from betterbench.experts import make_expert
+from betterbench.policies.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
+from betterbench.tasks.interventions import vary
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import environment_id, get_task, suite_tasks
 from betterbench.tasks.demonstrated import Demonstrated
 task = get_task("tea_tray")

@@ -13,15 +13,15 @@ import pytest
 
 from betterbench.episodes import Observer, TrialContext, run_episode, settled_heap
 from betterbench.evaluation import check_record
-from betterbench.experts import make_expert
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.interventions import vary
 from betterbench.policies import Noop, Random
-from betterbench.recording import read_record, write_record
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.experts import make_expert
+from betterbench.records import read_record, write_record
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker, Task, get_task
+from betterbench.tasks.interventions import vary
 
 pytestmark = pytest.mark.physics
 

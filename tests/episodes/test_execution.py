@@ -12,8 +12,8 @@ from betterbench.episodes import Observer, Question, Reply, TrialContext, answer
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
 from betterbench.interface import EpisodeStart, Execution, PolicyInfo, observation_spec
 from betterbench.interface.actions import EE_DELTA, EE_POSE, action_space
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
 
 pytestmark = pytest.mark.physics

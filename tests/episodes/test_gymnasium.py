@@ -104,8 +104,8 @@ def test_a_seed_is_the_trial_of_that_seed(make):
     from betterbench.episodes import Observer, TrialContext, run_episode
     from betterbench.interface import observation_spec
     from betterbench.interface.actions import EE_DELTA
-    from betterbench.scenes import Scene
-    from betterbench.scenes.stage import quality_preset
+    from betterbench.sim.scenes import Scene
+    from betterbench.sim.scenes.stage import quality_preset
     from betterbench.tasks import get_task
 
     env = make(variation="train2")

@@ -18,12 +18,12 @@ from betterbench.episodes.lerobot_env import ENVIRONMENT_ID, make_env
 from betterbench.episodes.lerobot_task import STATES, LeRobotTaskEnv
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.presets import OPENPI_LIBERO
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
+from betterbench.policies.conventions.presets import OPENPI_LIBERO
+from betterbench.policies.experts import make_expert
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import get_task, suite_tasks
 
 pytestmark = pytest.mark.physics

@@ -10,10 +10,10 @@ from betterbench.diagnosis.trial import offline_truth
 from betterbench.episodes import TrialContext, run_episode
 from betterbench.geometry import distance
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
+from betterbench.tasks.interventions import vary
 
 pytestmark = pytest.mark.physics
 

@@ -14,8 +14,8 @@ import betterbench  # noqa: F401 - makes the tasks known to Gymnasium
 from betterbench.episodes import Observer
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
 
 pytestmark = pytest.mark.physics

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.evaluation import Plan, evaluate, make_plan
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 
 def tiny(policy: str = "random", *, trials: int = 4) -> Plan:

@@ -20,9 +20,9 @@ import betterbench
 from betterbench.errors import InvalidInputError, PolicyError, PolicyKilledError, PolicyProcessError
 from betterbench.evaluation import evaluate
 from betterbench.interface import EpisodeStart, PolicyInfo, episode_number
-from betterbench.policies import policy_process
-from betterbench.policies.policy_process import BatchPolicyProcess, PolicyProcess, start_policy
-from betterbench.recording import RunFolder
+from betterbench.policies.process import policy_process
+from betterbench.policies.process.policy_process import BatchPolicyProcess, PolicyProcess, start_policy
+from betterbench.records import RunFolder
 
 STEPS = 12
 
@@ -491,7 +491,7 @@ def test_a_run_folder_stays_where_it_was_when_the_working_directory_changes(tmp_
 
 def test_the_process_of_a_policy_does_not_outlive_a_run_that_was_killed(plugin, tmp_path):
     code = (
-        "import sys, time; from betterbench.policies.policy_process import start_policy\n"
+        "import sys, time; from betterbench.policies.process.policy_process import start_policy\n"
         "policy = start_policy(sys.argv[1]); print(policy._running._process.pid, flush=True); time.sleep(60)"
     )
     source = str(Path(betterbench.__file__).parents[1])

@@ -17,7 +17,6 @@ import pyarrow.parquet as pq
 import pytest
 from tests.evaluation.mutating import deep, places
 
-from betterbench.audit import load_tables
 from betterbench.certification import load_coverage
 from betterbench.cli.main import main
 from betterbench.comparison.side import load_sides
@@ -26,12 +25,13 @@ from betterbench.errors import BetterError, InvalidInputError, system_error_text
 from betterbench.evaluation.planning.manifest import policy_difference
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.json_form import read_bounded
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.presets import preset
-from betterbench.recording import Journal, RunFolder, read_record
-from betterbench.recording.parquet import METADATA_KEY, SEAL_KEY, seal
-from betterbench.recording.scene_archive import read_scene
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.presets import preset
+from betterbench.records import Journal, RunFolder, read_record
+from betterbench.records.parquet import METADATA_KEY, SEAL_KEY, seal
+from betterbench.records.scene_archive import read_scene
 from betterbench.tasks.user_files import TaskFile
+from betterbench_calibration.audit import load_tables
 
 LONGEST_S = 20.0
 """Longest time of one mutated artifact [s], on a busy machine; a hang is an hour."""
@@ -188,7 +188,7 @@ def kinds(finished):
     record = run.record_path("morning_coffee", "T1", 0)
     scene = run.scene_path(read_record(record).metadata.scene_hash)
     certificate = resources.files("betterbench.certification").joinpath("data/better60.json").read_bytes()
-    tables = resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes()
+    tables = resources.files("betterbench_calibration.audit").joinpath("data/paper_tables.json").read_bytes()
     adapter = text_of(preset("openpi_libero").to_json())
 
     def stored_of(path):

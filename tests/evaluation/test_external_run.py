@@ -9,7 +9,7 @@ from betterbench.diagnosis import Label, diagnose_run
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.evaluation import ExternalRun, evaluate, make_plan
 from betterbench.interface import episode_number
-from betterbench.recording import RunFolder, record_bytes
+from betterbench.records import RunFolder, record_bytes
 
 pytestmark = pytest.mark.physics
 

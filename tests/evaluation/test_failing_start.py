@@ -8,7 +8,7 @@ import pytest
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.running.failing_start import FIRST_TRIALS, FailingStart
-from betterbench.recording import JournalEntry
+from betterbench.records import JournalEntry
 
 
 def entry(seed, message):

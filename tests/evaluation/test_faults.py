@@ -22,7 +22,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
 from betterbench.interface import episode_number
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
 
@@ -248,7 +248,7 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
                 os.close(handle)
                 return os.open("/dev/full", os.O_WRONLY), name
 
-            monkeypatch.setattr("betterbench.recording.durable.tempfile.mkstemp", full)
+            monkeypatch.setattr("betterbench.jobs.durable.tempfile.mkstemp", full)
         else:
             write = os.pwrite
 
@@ -260,7 +260,7 @@ def test_a_full_disk_stops_the_run_which_the_same_command_finishes(what, tiny_pl
                         device.write(data)
                 return write(handle, data, offset)
 
-            monkeypatch.setattr("betterbench.recording.line_journal.os.pwrite", full)
+            monkeypatch.setattr("betterbench.jobs.line_journal.os.pwrite", full)
         with pytest.raises(StorageError, match=r"No space left on device.* run the same command again"):
             evaluate(plan, tmp_path / "run", envs=1)
         monkeypatch.undo()

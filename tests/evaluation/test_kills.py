@@ -22,7 +22,7 @@ from tests.evaluation.test_misbehavior import left_over, resolve_shortly
 import betterbench
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 

@@ -18,9 +18,9 @@ import betterbench
 from betterbench.cli.main import main
 from betterbench.diagnosis import Label, diagnose_run
 from betterbench.errors import RunConflictError
-from betterbench.recording import RunFolder
-from betterbench.recording import lock as lock_module
-from betterbench.recording.lock import RunLock, is_locked
+from betterbench.jobs import lock as lock_module
+from betterbench.jobs.lock import RunLock, is_locked
+from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
 

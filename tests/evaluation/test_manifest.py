@@ -15,17 +15,11 @@ from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError, RunConflictError
 from betterbench.evaluation import evaluate, make_plan, open_server
 from betterbench.evaluation.planning import machine
-from betterbench.evaluation.planning.manifest import (
-    bounded,
-    describe_policy,
-    policy_difference,
-    run_context,
-    run_conventions,
-    same_policy,
-)
+from betterbench.evaluation.planning.manifest import policy_difference, run_context, run_conventions, same_policy
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.interface.actions import ActionSpace, action_space
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.policies.kinds.description import bounded, describe_policy
+from betterbench.records import JournalEntry, RunFolder
 
 PLAN = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=1, observation="state_only")
 

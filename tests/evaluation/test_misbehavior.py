@@ -29,7 +29,7 @@ from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.running import replay
 from betterbench.evaluation.workers import pool
 from betterbench.interface import episode_number
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]

@@ -28,23 +28,23 @@ from tests.evaluation.mutating import (
 from tests.evaluation.test_faults import shortened
 
 from betterbench import json_form
-from betterbench.audit import load_tables
 from betterbench.certification import load_coverage
 from betterbench.cli.run_file import read_run_file, with_run_file
 from betterbench.comparison import read_submission, submission_of
 from betterbench.diagnosis import diagnose_run, stored
-from betterbench.diagnosis.confusion import Calibration
-from betterbench.diagnosis.power_matrix import PowerMatrix
+from betterbench.diagnosis.measures.confusion import Calibration
+from betterbench.diagnosis.measures.power_matrix import PowerMatrix
 from betterbench.errors import BetterError
 from betterbench.evaluation import check_record, evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.planning.repeat import repeated_plan
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.presets import preset
-from betterbench.recording import RunFolder, read_record
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.parquet import METADATA_KEY, SEAL_KEY, seal
-from betterbench.recording.scene_archive import read_scene, write_scene
+from betterbench.json_form import dump_json
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.presets import preset
+from betterbench.records import RunFolder, read_record
+from betterbench.records.parquet import METADATA_KEY, SEAL_KEY, seal
+from betterbench.records.scene_archive import read_scene, write_scene
+from betterbench_calibration.audit import load_tables
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 
@@ -337,7 +337,7 @@ def test_mutated_adapters(tmp_path):
 
 
 def test_mutated_tables(tmp_path):
-    form = json.loads(resources.files("betterbench.audit").joinpath("data/paper_tables.json").read_bytes())
+    form = json.loads(resources.files("betterbench_calibration.audit").joinpath("data/paper_tables.json").read_bytes())
     data = json_bytes({**form, "tables": form["tables"][:2]})  # every mutation reads all
     path = tmp_path / "tables.json"
 

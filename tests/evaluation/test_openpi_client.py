@@ -23,11 +23,11 @@ from betterbench.evaluation import open_server
 from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.interface import EpisodeStart, episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.presets import NATIVE, OPENPI_LIBERO
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker, TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements" / "openpi-client.lock"

@@ -31,7 +31,7 @@ def test_the_package_alone_imports_nothing():
 
 @pytest.mark.parametrize(
     ("name", "packages"),
-    [("make_plan", {"planning"}), ("known_policies", {"trials"}), ("show_training", {"figures"})],
+    [("make_plan", {"planning"}), ("show_training", {"figures"})],
 )
 def test_one_name_imports_only_its_own_packages(name, packages):
     modules = imported(f"from betterbench.evaluation import {name}")
@@ -50,10 +50,14 @@ def test_a_local_run_imports_no_ray_no_film_and_no_network():
 
 def test_a_run_in_our_own_scenes_reads_nothing_of_calvin():
     modules = imported("from betterbench.evaluation import evaluate, make_plan")
-    assert not [name for name in modules if name.startswith(("betterbench.calvin", "betterbench.worlds.calvin"))]
+    assert not [
+        name
+        for name in modules
+        if name.startswith(("betterbench.tasks.worlds.calvin", "betterbench.sim.worlds.calvin"))
+    ]
 
 
 def test_a_worker_imports_no_planner_no_special_functions_and_no_habits():
     modules = imported("import betterbench.evaluation.workers.worker, betterbench.evaluation.running.runner")
     assert not {"mink", "qpsolvers", "scipy.special", "scipy.sparse"} & modules
-    assert "betterbench.independent.registry" not in modules
+    assert "betterbench_calibration.independent.registry" not in modules

@@ -12,10 +12,10 @@ from betterbench.diagnosis.run import read_plan
 from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.schedule import Schedule
-from betterbench.interventions import vary
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.statistics import decide, smallest_paired_difference
 from betterbench.tasks import all_tasks, get_task
+from betterbench.tasks.interventions import vary
 
 TASKS = all_tasks()
 

@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 from betterbench.cli.main import main
 from betterbench.evaluation import open_server, run_preflight
 from betterbench.evaluation.preflight.proof import MAX_REQUESTS
-from betterbench.experts import make_expert
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.policies.presets import OWN_PRESETS
-from betterbench.policies.server import PolicyServer
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.presets import OWN_PRESETS
+from betterbench.policies.experts import make_expert
+from betterbench.policies.serving.server import PolicyServer
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 REPRESENTATIVES = ["openpi_droid", "being_h_libero_study"]

@@ -21,7 +21,7 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.ray_engine import pool, replicas
 from betterbench.evaluation.ray_engine.cluster import Cluster
 from betterbench.evaluation.ray_engine.session import RaySession
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]
 

@@ -17,8 +17,8 @@ from betterbench.evaluation.ray_engine.pool import ray_entries
 from betterbench.evaluation.ray_engine.remote_worker import Delivery, Turn, versions_here
 from betterbench.evaluation.ray_engine.session import RaySession
 from betterbench.evaluation.trials.trial import RunSettings
-from betterbench.recording import JournalEntry
-from betterbench.recording.retries import MAX_DEATHS_IN_A_ROW
+from betterbench.jobs.retries import MAX_DEATHS_IN_A_ROW
+from betterbench.records import JournalEntry
 
 errors = pytest.importorskip("ray").exceptions
 

@@ -12,23 +12,23 @@ import pytest
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
-from betterbench.datasets.sheet import draw_sheet
+from betterbench.demonstrations.sets.sheet import draw_sheet
 from betterbench.diagnosis import diagnose_run
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress, check_record, evaluate
 from betterbench.evaluation.figures.films import Shot, render_shots, write_video
 from betterbench.evaluation.figures.twin_film import render_paths
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.materialization.folder import Wanted
-from betterbench.materialization.run import materialize_run
-from betterbench.materialization.viewing import shown_rows
-from betterbench.recording import RunFolder, read_journal, read_record, write_record
-from betterbench.recording.line_journal import link_after
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.modalities.spec import ViewSpec
-from betterbench.recording.scene_archive import scene_digest
-from betterbench.scenes.limited import LimitedView
-from betterbench.scenes.stored import load_model, scene_files
+from betterbench.jobs.line_journal import link_after
+from betterbench.json_form import dump_json
+from betterbench.records import RunFolder, read_journal, read_record, write_record
+from betterbench.records.modalities.spec import ViewSpec
+from betterbench.records.scene_archive import scene_digest
+from betterbench.sim.modalities.folder import Wanted
+from betterbench.sim.modalities.run import materialize_run
+from betterbench.sim.modalities.viewing import shown_rows
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.stored import load_model, scene_files
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics

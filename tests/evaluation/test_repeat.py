@@ -13,7 +13,7 @@ from betterbench.errors import RecordError, RunConflictError, UnknownNameError
 from betterbench.evaluation import make_plan
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.evaluation.planning.trust import risks_of
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
 

@@ -31,7 +31,8 @@ from betterbench.evaluation import Progress, evaluate
 from betterbench.evaluation.trials import trial as trial_module
 from betterbench.evaluation.workers import pool
 from betterbench.evaluation.workers.worker import Worker
-from betterbench.recording import RunFolder, retries
+from betterbench.jobs import retries
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 
 pytestmark = pytest.mark.physics

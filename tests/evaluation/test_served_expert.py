@@ -8,15 +8,15 @@ import pytest
 
 from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.evaluation import open_server
-from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.policies.connect import connect
-from betterbench.recording.parquet import record_bytes
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.experts import make_expert
+from betterbench.records.parquet import record_bytes
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 TRIAL = TrialId("morning_coffee", "train1", 1)
 CONTEXT = TrialContext(policy="the same name")

@@ -17,18 +17,18 @@ from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.evaluation import open_server
 from betterbench.evaluation.serving.shadow import ShadowSimulation
-from betterbench.experts import make_expert
 from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
 from betterbench.policies import Random
-from betterbench.policies.connect import connect as connect_policy
-from betterbench.policies.presets import NATIVE, OPENPI_LIBERO
-from betterbench.policies.request import read_request
-from betterbench.policies.wire import decode_openpi, encode_openpi
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.clients.connect import connect as connect_policy
+from betterbench.policies.conventions.presets import NATIVE, OPENPI_LIBERO
+from betterbench.policies.conventions.request import read_request
+from betterbench.policies.experts import make_expert
+from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, all_tasks
+from betterbench.tasks.interventions import resolve_condition
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 PATIENCE_S = 60

@@ -15,15 +15,15 @@ from betterbench.evaluation import named_trial
 from betterbench.evaluation.serving import shadow as serving
 from betterbench.evaluation.serving.sessions import ShadowSession
 from betterbench.evaluation.serving.shadow import KEPT, ShadowSimulation, ShadowSimulations
-from betterbench.experts import make_expert
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.policies.presets import PRESETS
-from betterbench.policies.request import read_request, read_states
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.presets import PRESETS
+from betterbench.policies.conventions.request import read_request, read_states
+from betterbench.policies.experts import make_expert
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 TRIAL = TrialId("morning_coffee", "train1", 0)
 STEPS = 60

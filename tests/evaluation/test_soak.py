@@ -16,7 +16,7 @@ from tests.evaluation.test_faults import shortened
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.workers import pool
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 
 pytestmark = [pytest.mark.physics, pytest.mark.slow]

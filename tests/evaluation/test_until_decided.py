@@ -20,8 +20,8 @@ from betterbench.evaluation.planning.power import what_trials_show
 from betterbench.evaluation.planning.repeat import repeated_plan
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.workers.worker import Worker
-from betterbench.recording import JournalEntry, RunFolder
-from betterbench.report.page import write_report
+from betterbench.records import JournalEntry, RunFolder
+from betterbench.report.pages.page import write_report
 from betterbench.statistics import StoppingRule, Verdict
 from betterbench.tasks import TrialId, all_tasks
 

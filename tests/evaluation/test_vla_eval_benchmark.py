@@ -32,10 +32,10 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.integrations.vla_eval_benchmark import BetterBench
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.presets import VLA_EVAL
-from betterbench.recording import RunFolder, record_bytes
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.presets import VLA_EVAL
+from betterbench.records import RunFolder, record_bytes
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task, suite_tasks
 
 pytestmark = pytest.mark.physics

@@ -10,8 +10,8 @@ import pytest
 
 from betterbench.evaluation import evaluate
 from betterbench.evaluation.workers import memory
-from betterbench.policies.server import PolicyServer
-from betterbench.recording import RunFolder
+from betterbench.policies.serving.server import PolicyServer
+from betterbench.records import RunFolder
 
 LATENCY_S = 0.15
 CHUNK = 2

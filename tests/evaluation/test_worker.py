@@ -17,14 +17,14 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.ray_engine.remote_worker import RemoteWorker
 from betterbench.evaluation.running.runner import _by_scene
 from betterbench.evaluation.serving.host import Host, run_address
-from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
-from betterbench.policies.connection import ConnectionLimits
-from betterbench.recording import RunFolder
+from betterbench.policies.clients.connection import ConnectionLimits
+from betterbench.policies.kinds.factory import PolicyFactory
+from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
 

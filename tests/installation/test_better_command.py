@@ -99,7 +99,7 @@ def test_messages_and_errors_name_it(monkeypatch, capsys):
 
 
 def test_reports_do_not_depend_on_this_machine():
-    from betterbench.report.media import Media
+    from betterbench.report.figures.media import Media
 
     command = Media(folders={"p": "runs/a"}).replay_command("p", "records/t/T1/0.parquet")
     assert command == "better replay runs/a/records/t/T1/0.parquet --twin"

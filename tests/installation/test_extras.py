@@ -102,6 +102,8 @@ def environment(tool, tmp_path, monkeypatch):
     monkeypatch.setattr(tool, "STAMP", tmp_path / "stamp")
     monkeypatch.setattr(tool, "EXTRAS_NOTE", tmp_path / "extras")
     monkeypatch.setattr(tool, "find_uv", lambda _: Path("uv"))
+    site = tmp_path / "lib" / "python3" / "site-packages"
+    (site / "betterbench_calibration-0.1.0.dist-info").mkdir(parents=True)
 
     def run(command, **_):
         words = list(map(str, command))

@@ -21,8 +21,8 @@ import msgpack
 import numpy as np
 
 from betterbench.errors import PolicyError
-from betterbench.policies import wire
-from betterbench.policies.wire import ModalityConfig
+from betterbench.policies.protocols import wire
+from betterbench.policies.protocols.wire import ModalityConfig
 
 DECODERS: dict[str, Callable[[bytes], object]] = {
     "openpi": wire.decode_openpi,

@@ -14,16 +14,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, UnknownNameError
-from betterbench.evaluation.trials.policy_factory import make_policy
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA, action_space
-from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.handshake import Declaration, compare_declarations, declare_adapter, declare_space
-from betterbench.policies.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
-from betterbench.policies.proprioception import StateRule
-from betterbench.policies.rotation import ROTATION_SIZES, from_format
+from betterbench.policies.conventions.adapter import Adapter, InstructionRule
+from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
+from betterbench.policies.conventions.handshake import Declaration, compare_declarations, declare_adapter, declare_space
+from betterbench.policies.conventions.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.policies.conventions.rotation import ROTATION_SIZES, from_format
+from betterbench.policies.kinds.factory import make_policy
 from betterbench.tasks import TrialId
 
 TOOL = Rotation.from_euler("xyz", [3.0, 0.2, -0.4])

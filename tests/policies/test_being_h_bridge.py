@@ -17,9 +17,9 @@ from websockets.sync.client import connect as connect_raw
 
 from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.bridges import being_h_bridge
-from betterbench.policies.connect import connect
-from betterbench.policies.presets import BEING_H_LIBERO
+from betterbench.policies.clients.bridges import being_h_bridge
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.conventions.presets import BEING_H_LIBERO
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.gripper_position": 1}

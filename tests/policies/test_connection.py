@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
-from betterbench.policies import connection as connection_module
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connection import FIRST_PAUSE_S, LONGEST_PAUSE_S, ConnectionLimits, PolicyConnection
+from betterbench.policies.clients import connection as connection_module
+from betterbench.policies.clients.connection import FIRST_PAUSE_S, LONGEST_PAUSE_S, ConnectionLimits, PolicyConnection
 
 
 class Wire:

@@ -17,10 +17,10 @@ from PIL import Image
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.adapter import Adapter, InstructionRule
-from betterbench.policies.connect import connect
-from betterbench.policies.presets import PRESETS
-from betterbench.policies.request import read_layout_request
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.conventions.adapter import Adapter, InstructionRule
+from betterbench.policies.conventions.presets import PRESETS
+from betterbench.policies.conventions.request import read_layout_request
 
 CHUNK = [[0.25, 0, 0, 0, 0, 0, 1.0], [0, 0.5, 0, 0, 0, 0, -1.0]]
 START = EpisodeStart("pack the apple", 7, "ee_delta")

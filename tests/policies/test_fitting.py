@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.policies.image_rule import ImageRule
+from betterbench.policies.conventions.image_rule import ImageRule
 
 RED, GREEN, BLUE, GREY = (200, 0, 0), (0, 200, 0), (0, 0, 200), (90, 90, 90)
 CORNERS = {"top left": RED, "top right": GREEN, "bottom left": BLUE, "bottom right": GREY}

@@ -17,8 +17,8 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from betterbench.policies.frame_budget import FrameBudget, MessageMeter
-from betterbench.policies.server import PolicyServer
+from betterbench.policies.serving.frame_budget import FrameBudget, MessageMeter
+from betterbench.policies.serving.server import PolicyServer
 
 PATIENCE_S = 20.0
 MIB = 1 << 20
@@ -162,7 +162,7 @@ def test_a_server_stops_while_clients_are_stuck():
 _SERVER = """
 import resource, sys, time
 from tests.policies.test_frame_budget import Echo, MIB
-from betterbench.policies.server import PolicyServer
+from betterbench.policies.serving.server import PolicyServer
 with PolicyServer(Echo, metadata={}, port=0) as server:
     print(server.port, flush=True)
     sys.stdin.readline()

@@ -24,10 +24,10 @@ from betterbench.errors import (
 )
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies import request_client
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.gr00t import connect_gr00t
-from betterbench.policies.presets import GR00T_NEW_EMBODIMENT
+from betterbench.policies.clients import request_client
+from betterbench.policies.clients.gr00t import connect_gr00t
+from betterbench.policies.conventions.presets import GR00T_NEW_EMBODIMENT
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 QUICK = "timeout=5&retries=1&patience=1"

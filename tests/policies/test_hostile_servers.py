@@ -18,13 +18,13 @@ import zmq
 from websockets.sync.server import serve
 
 from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, close_policy
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import action_space
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connect import connect
-from betterbench.policies.request_client import RequestClient
-from betterbench.policies.websocket import WebSocket
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.request_client import RequestClient
+from betterbench.policies.kinds.factory import PolicyFactory, close_policy
+from betterbench.policies.protocols.websocket import WebSocket
 
 PATIENCE_S = 20.0
 

@@ -17,11 +17,11 @@ import pytest
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies import json_wire
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connect import connect
-from betterbench.policies.http_act import HttpActClient
-from betterbench.policies.json_wire import decode_body, encode_body
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.http_act import HttpActClient
+from betterbench.policies.protocols import json_wire
+from betterbench.policies.protocols.json_wire import decode_body, encode_body
 
 QUICK = "timeout=30&retries=1&patience=30"
 
@@ -376,7 +376,7 @@ def test_chunked_answers_are_read(client):
 
 
 def test_an_answer_that_is_too_large_is_not_taken(client, monkeypatch):
-    monkeypatch.setattr("betterbench.policies.http_act.MAX_BODY_BYTES", 1000)
+    monkeypatch.setattr("betterbench.policies.clients.http_act.MAX_BODY_BYTES", 1000)
     with Server([plain(body=b" " * 2000)]) as server, pytest.raises(PolicyError, match="more than 1000 bytes"):
         client(server).act(seen())
 

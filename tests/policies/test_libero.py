@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Execution, Observation
-from betterbench.policies.adapter import Adapter, InstructionRule
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.presets import PRESETS, adapter_of
-from betterbench.policies.remote import describe_remote_policy
+from betterbench.policies.clients.remote import describe_remote_policy
+from betterbench.policies.conventions.adapter import Adapter, InstructionRule
+from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
+from betterbench.policies.conventions.presets import PRESETS, adapter_of
 
 SIGNED = ("openpi_libero", "vla_eval_libero")
 """Layouts whose checkpoints close the gripper with a positive number; those of the others count open as 1."""

@@ -23,10 +23,10 @@ from websockets.sync.server import serve
 
 from betterbench.errors import BetterError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies import endpoint_server, http_act, openpi, starvla, vla_eval
-from betterbench.policies.connect import connect
-from betterbench.policies.http_act import HttpAnswer
-from betterbench.policies.websocket import WebSocket
+from betterbench.policies.clients import endpoint_server, http_act, openpi, starvla, vla_eval
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.http_act import HttpAnswer
+from betterbench.policies.protocols.websocket import WebSocket
 
 pytestmark = pytest.mark.slow
 

@@ -25,9 +25,9 @@ from betterbench.errors import (
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import EE_DELTA, JOINT_DELTA
 from betterbench.policies.address import DEFAULT_PORTS, PolicyAddress
-from betterbench.policies.connect import connect
-from betterbench.policies.openpi import OpenpiClient
-from betterbench.policies.remote import plain_text
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.openpi import OpenpiClient
+from betterbench.policies.clients.remote import plain_text
 from betterbench.tasks import TrialId
 
 # {"server": "minimal"}, and {"actions": float32 array of shape (2, 7), "server_timing": {"infer_ms": 2.5}}: bytes as

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from betterbench.policies.being_h import continue_previous_chunk
-from betterbench.policies.previous_chunk import moved_up, rows_left
+from betterbench.policies.clients.being_h import continue_previous_chunk
+from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 
 
 @pytest.mark.parametrize("shape", [(8, 2), (1, 8, 2)])

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from betterbench.errors import PolicyError
-from betterbench.policies.process_link import LENGTH, SIZES, ProcessAnswer, answer_frame, plain_array
-from betterbench.policies.process_reader import read_answer
+from betterbench.policies.process.process_link import LENGTH, SIZES, ProcessAnswer, answer_frame, plain_array
+from betterbench.policies.process.process_reader import read_answer
 
 
 def sent(head: dict, data: bytes = b"") -> bytes:
@@ -48,6 +48,6 @@ def test_what_is_no_answer_is_refused(head):
 
 
 def test_the_process_of_a_policy_imports_what_it_needs_and_no_more():
-    code = "import sys, betterbench.policies.asked_process; print('\\n'.join(sys.modules))"
+    code = "import sys, betterbench.policies.process.asked_process; print('\\n'.join(sys.modules))"
     run = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     assert not {"mujoco", "scipy", "pydantic", "importlib.metadata", "gymnasium"} & set(run.stdout.split())

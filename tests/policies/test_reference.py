@@ -11,7 +11,7 @@ from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies import Noop, Random, Replay
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 SEEN = Observation("Do it.", 0, {}, np.zeros(7), np.zeros(7), np.zeros(3), np.zeros(4), 0.08, {}, {})
 

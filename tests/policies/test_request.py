@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.presets import NATIVE
-from betterbench.policies.request import read_request
-from betterbench.policies.wire import decode_openpi, encode_openpi
+from betterbench.policies.conventions.presets import NATIVE
+from betterbench.policies.conventions.request import read_request
+from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 from betterbench.tasks import TrialId
 
 SEEN = Observation(

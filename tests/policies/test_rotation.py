@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from betterbench.policies.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
+from betterbench.policies.conventions.rotation import ROTATION_SIZES, RotationFormat, from_format, to_format
 
 FORMATS = get_args(RotationFormat)
 QUATERNIONS = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.01)

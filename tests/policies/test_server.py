@@ -18,8 +18,8 @@ from websockets.sync.client import connect
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.policies.batching import BatchCollector
-from betterbench.policies.listener import Listener
-from betterbench.policies.server import PolicyServer
+from betterbench.policies.serving.listener import Listener
+from betterbench.policies.serving.server import PolicyServer
 
 PATIENCE_S = 20
 
@@ -205,7 +205,7 @@ def test_an_idle_client_has_no_session_and_is_sent_away(monkeypatch):
             idle.recv(timeout=PATIENCE_S), asking.recv(timeout=PATIENCE_S)
             assert ask(asking, number=1)["answered"] == 1
             assert len(made) == 1
-        monkeypatch.setattr("betterbench.policies.server.IDLE_S", 0.05)
+        monkeypatch.setattr("betterbench.policies.serving.server.IDLE_S", 0.05)
         with client(server) as idle:
             idle.recv(timeout=PATIENCE_S)
             with pytest.raises(ConnectionClosed) as closed:

@@ -17,8 +17,8 @@ from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, P
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
 from betterbench.policies.address import PolicyAddress
-from betterbench.policies.connect import connect
-from betterbench.policies.starvla import StarVlaClient
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.starvla import StarVlaClient
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 QUICK = "timeout=30&retries=1&patience=30"

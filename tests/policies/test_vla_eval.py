@@ -38,12 +38,12 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.preflight.check import policy_conventions
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.answers import AnswerPart, AnswerRule
-from betterbench.policies.connect import connect
-from betterbench.policies.handshake import compare_declarations
-from betterbench.policies.presets import VLA_EVAL
-from betterbench.policies.vla_eval import declare_specs
-from betterbench.policies.wire import decode_vla_eval, encode_vla_eval
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.clients.vla_eval import declare_specs
+from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
+from betterbench.policies.conventions.handshake import compare_declarations
+from betterbench.policies.conventions.presets import VLA_EVAL
+from betterbench.policies.protocols.wire import decode_vla_eval, encode_vla_eval
 from betterbench.tasks import TrialId
 
 START = EpisodeStart("pack the apple", 7, "ee_delta")

@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from betterbench.errors import InvalidInputError, PolicyError
-from betterbench.policies import wire
-from betterbench.policies.wire import (
+from betterbench.policies.protocols import wire
+from betterbench.policies.protocols.wire import (
     ModalityConfig,
     decode_gr00t,
     decode_openpi,

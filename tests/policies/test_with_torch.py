@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.errors import MissingDependencyError
-from betterbench.policies.connect import connect
+from betterbench.policies.clients.connect import connect
 
 sys.path.insert(0, str(Path(__file__).parent))
 from torch_environment import NoTorchError, run_in_torch

@@ -18,9 +18,9 @@ import zmq
 
 from betterbench.errors import HandshakeError, MissingDependencyError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies import torch_payload
-from betterbench.policies.connect import connect
-from betterbench.policies.torch_payload import read_torch, write_torch
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.protocols import torch_payload
+from betterbench.policies.protocols.torch_payload import read_torch, write_torch
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.gripper_position": 1}

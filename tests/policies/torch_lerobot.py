@@ -53,12 +53,14 @@ from betterbench.errors import (
     MissingDependencyError,
     UnknownNameError,
 )
-from betterbench.evaluation import check_policy, evaluate, make_plan
+from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies import checkpoint as checkpoint_module
-from betterbench.policies import lerobot as lerobot_module
-from betterbench.policies import lerobot_types, policy_process
-from betterbench.policies.connect import connect
+from betterbench.policies.clients import checkpoint as checkpoint_module
+from betterbench.policies.clients import lerobot as lerobot_module
+from betterbench.policies.clients import lerobot_types
+from betterbench.policies.clients.connect import connect
+from betterbench.policies.kinds.factory import check_policy
+from betterbench.policies.process import policy_process
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 SIDE = 96

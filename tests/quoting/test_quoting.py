@@ -29,7 +29,7 @@ from betterbench.quoting import (
     shell_line,
     shell_word,
 )
-from betterbench.report.table import Table, to_csv
+from betterbench.report.tables.table import Table, to_csv
 
 sys.path.insert(0, str(Path(__file__).parent))
 from hostile import CANARY, HOSTILE

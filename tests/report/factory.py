@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image, ImageDraw
 
-from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.diagnosis.verdict import Attempt, Evidence, Label, RunDiagnosis, TrialDiagnosis
 from betterbench.report import Film, Frame, Showing
 from betterbench.tasks import THRESHOLDS, Condition, Task, get_task

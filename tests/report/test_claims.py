@@ -18,12 +18,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from factory import diagnosis, trial
 
-from betterbench.cli.evaluate import TrialOptions
+from betterbench.cli.verbs.evaluate import TrialOptions
 from betterbench.diagnosis import Label
 from betterbench.report.claims import DESCRIBED, claim_of_habit, claim_of_weak_training
-from betterbench.report.exports import exports_of
 from betterbench.report.headline import NOTHING_YET, headline_of, verdict_line
-from betterbench.report.page import write_report
+from betterbench.report.pages.page import write_report
+from betterbench.report.tables.exports import exports_of
 from betterbench.report.wording import Figure
 from betterbench.statistics import PairedTable, Rate, mcnemar_p
 

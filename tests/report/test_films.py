@@ -16,8 +16,8 @@ from factory import diagnosis, draw_frame, trial
 
 from betterbench.diagnosis.verdict import Attempt, Evidence, Label
 from betterbench.report import Frame, trials_worth_showing
-from betterbench.report.film import ACTS, LEAD_S
-from betterbench.report.page import _around
+from betterbench.report.figures.film import ACTS, LEAD_S
+from betterbench.report.pages.page import _around
 
 
 def step(start, name, result="target", length=0.2):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.report.image_sheet import PAPER, SheetCell, image_sheet
+from betterbench.report.figures.image_sheet import PAPER, SheetCell, image_sheet
 
 
 def test_images_keep_their_pixels_and_texts_their_cells():

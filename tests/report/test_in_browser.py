@@ -19,8 +19,8 @@ from factory import diagnosis, draw_frame, film_of, run_of, trial
 
 from betterbench.diagnosis import Label
 from betterbench.report import trials_worth_showing
-from betterbench.report.page import write_report
-from betterbench.report.trust import trust_of
+from betterbench.report.pages.page import write_report
+from betterbench.report.pages.trust import trust_of
 from betterbench.tasks import suite_tasks
 from betterbench.tasks.labels import Kind
 

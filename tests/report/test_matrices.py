@@ -13,14 +13,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import diagnosis, trial
 
 from betterbench.diagnosis import Evidence, Label
-from betterbench.interventions.resolve import resolve_condition
 from betterbench.report import write_report
-from betterbench.report.cell_position import CellPosition, Horizon, State, known_conditions, position_of
-from betterbench.report.latex import table_to_latex
-from betterbench.report.matrices import PAPER, matrices_of, plain_matrix
-from betterbench.report.table import to_csv
+from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
+from betterbench.report.tables.latex import table_to_latex
+from betterbench.report.tables.matrices import PAPER, matrices_of, plain_matrix
+from betterbench.report.tables.table import to_csv
 from betterbench.tasks import all_tasks
 from betterbench.tasks.condition import TargetRegion as At
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 TABLE, TARGET, ABSENT = State
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from betterbench.diagnosis.power_matrix import PowerCell, PowerMatrix
-from betterbench.report.not_shown import not_shown, passing_pretenders
+from betterbench.diagnosis.measures.power_matrix import PowerCell, PowerMatrix
+from betterbench.report.pages.not_shown import not_shown, passing_pretenders
 
 
 def measured(key, **cells):

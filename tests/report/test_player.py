@@ -11,7 +11,7 @@ import re
 import pytest
 
 from betterbench.errors import InvalidInputError
-from betterbench.report.player import PlayedLane, PlayedTrial, PlayedView, is_player, write_player
+from betterbench.report.figures.player import PlayedLane, PlayedTrial, PlayedView, is_player, write_player
 
 VIEW = PlayedView(
     "front_8x8", 8, 8, [b"\xff\xd8a", b"\xff\xd8b"], [b"\x89PNG1", b"\x89PNG2"], [[], [(0, 1, 2, 5, 6, 0.25)]]

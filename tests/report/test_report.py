@@ -23,15 +23,16 @@ from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
 from tests.diagnosis.small_matrix import matrix
 
 from betterbench.cli.output.page import panel_of
-from betterbench.diagnosis import Label, standing
+from betterbench.diagnosis import Label
+from betterbench.diagnosis.measures import standing
 from betterbench.errors import InvalidInputError
 from betterbench.report import Film, Frame, film_key, trials_worth_showing, write_report
-from betterbench.report.charts import gap_chart
-from betterbench.report.film import failures_in_question
+from betterbench.report.figures.charts import gap_chart
+from betterbench.report.figures.film import failures_in_question
+from betterbench.report.figures.media import Media, Thumbnails
 from betterbench.report.headline import headline_of, verdict_line
-from betterbench.report.matrices import matrices_of
-from betterbench.report.media import Media, Thumbnails
-from betterbench.report.page import _along
+from betterbench.report.pages.page import _along
+from betterbench.report.tables.matrices import matrices_of
 from betterbench.report.wording import Figure
 from betterbench.tasks import get_task
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from betterbench.geometry import Pose, Quaternion, from_axis_angle, from_yaw, multiply, normalize, rotate, yaw_of
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import Contact, WorldState
+from betterbench.interface.state import Contact, WorldState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, get_task
+from betterbench.tasks.interventions import vary
 
 MM = 1e-3
 SUNK_M = 2e-4

@@ -10,11 +10,11 @@ import pytest
 
 from betterbench.geometry import Pose
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import Contact, WorldState
+from betterbench.interface.state import Contact, WorldState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import get_task
+from betterbench.tasks.interventions import vary
 
 
 @functools.cache

@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, multiply, normalize, rotate
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.relations import relation
 

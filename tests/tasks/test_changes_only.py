@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
-from betterbench.state import Contact, WorldState
+from betterbench.interface.state import Contact, WorldState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import GoalTracker, get_task
-from betterbench.tasks.targets import Targets, asked_by
+from betterbench.tasks.judging.targets import Targets, asked_by
 
 
 @pytest.mark.parametrize("name", ["fast_food", "breakfast_table", "desk_meeting"])

@@ -11,8 +11,8 @@ from tests.tasks.conftest import change
 from tests.tasks.posing import Course
 
 from betterbench.geometry import Pose, multiply, normalize, rotate
-from betterbench.interventions import vary
 from betterbench.tasks import THRESHOLDS, Expected, GoalTracker, Instruction, Reference, Subgoal, get_task
+from betterbench.tasks.interventions import vary
 
 RATE_HZ = 20.0
 DWELL = 10

@@ -8,8 +8,8 @@ import pytest
 from tests.tasks.posing import Course, center_at, drawn, foot_at, other_name, region_frame, renamed
 
 from betterbench.geometry import Pose
-from betterbench.interventions import vary
 from betterbench.tasks import GoalTracker, Reference, Subgoal, get_task
+from betterbench.tasks.interventions import vary
 
 DWELL = 10
 """Control steps of 0.5 s at 20 Hz."""

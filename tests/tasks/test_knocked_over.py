@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import pytest
 from tests.tasks.arranging import arranged, condition_of
 
-from betterbench.assets import build, categories, looks, unseen_looks
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.interface.state import ObjectInfo, WorldState
+from betterbench.sim.assets import build, categories, looks, unseen_looks
 from betterbench.tasks import get_task
-from betterbench.tasks.harm import STANDS_FROM, HarmWatch, can_stand
-from betterbench.tasks.targets import Targets, asked_by
+from betterbench.tasks.judging.harm import STANDS_FROM, HarmWatch, can_stand
+from betterbench.tasks.judging.targets import Targets, asked_by
 
 # Containers count by themselves, and fixed furniture cannot fall.
 CONTAINERS_AND_FURNITURE = {

@@ -9,9 +9,9 @@ import numpy as np
 
 from betterbench.geometry import Pose, normalize
 from betterbench.interface.actions import EE_DELTA
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import FAST
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import FAST
 from betterbench.tasks import get_task
 from betterbench.tasks.relations.loose import OVERLAP, reaches_into
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from betterbench.geometry import Pose, from_axis_angle
-from betterbench.interventions import vary
 from betterbench.tasks import Expected, all_tasks, broken_premises, get_task
-from betterbench.tasks.premise import SLOT_TOLERANCE_M
+from betterbench.tasks.interventions import vary
+from betterbench.tasks.judging.premise import SLOT_TOLERANCE_M
 
 CONDITIONS = [(t.id, c.name) for t in all_tasks() for c in (*t.training, *t.variations)]
 

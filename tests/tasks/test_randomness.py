@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from betterbench.scenes.appearance import LOOK_SETS, UNSEEN_LOOK_SETS, look_of
-from betterbench.scenes.builder import slot_pose
+from betterbench.sim.scenes.appearance import LOOK_SETS, UNSEEN_LOOK_SETS, look_of
+from betterbench.sim.scenes.builder import slot_pose
 from betterbench.tasks import ObjectSpec, all_tasks, get_task, stream
 
 names = st.text(st.characters(codec="ascii", exclude_characters="|"), min_size=1, max_size=12)

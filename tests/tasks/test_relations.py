@@ -31,11 +31,11 @@ from tests.tasks.posing import (
 
 from betterbench.geometry import Pose, distance, from_axis_angle, from_yaw, multiply, normalize, tilt_of
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import vary
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import THRESHOLDS, GoalTracker, get_task
-from betterbench.tasks.balanced import balanced_conditions
+from betterbench.tasks.interventions import vary
+from betterbench.tasks.interventions.balanced import balanced_conditions
 from betterbench.tasks.relations import RELATIONS, relation, released
 from betterbench.tasks.relations.beside import side_of
 

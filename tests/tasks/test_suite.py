@@ -8,10 +8,9 @@ from types import MappingProxyType
 import pytest
 from tests.looping import each
 
-from betterbench.assets import build
 from betterbench.errors import UnknownNameError
-from betterbench.interventions import vary
-from betterbench.scenes.appearance import look_of
+from betterbench.sim.assets import build
+from betterbench.sim.scenes.appearance import look_of
 from betterbench.tasks import (
     TEMPLATES,
     Axis,
@@ -26,8 +25,9 @@ from betterbench.tasks import (
     task_names,
     training_distribution_of,
 )
+from betterbench.tasks.authoring.templates import CONTAINER_LOADING, LOOSE_PACKING, RECURSIVE_STACKING
+from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import RELATIONS
-from betterbench.tasks.templates import CONTAINER_LOADING, LOOSE_PACKING, RECURSIVE_STACKING
 
 TASKS = all_tasks()
 VARIATIONS = [(t, v) for t in TASKS for v in t.variations]

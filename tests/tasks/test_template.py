@@ -9,10 +9,10 @@ import pytest
 from tests.looping import each
 
 from betterbench.errors import InvalidInputError
-from betterbench.interventions import vary
 from betterbench.tasks import TEMPLATES, THRESHOLDS, Expected, ObjectSpec, all_tasks, get_task
+from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
+from betterbench.tasks.interventions import vary
 from betterbench.tasks.relations import RELATIONS
-from betterbench.tasks.template_form import template_from_json, template_to_json
 
 CONDITIONS = [c for t in all_tasks() for c in (*t.training, *(vary(t, v)[0] for v in t.variations))]
 

@@ -14,11 +14,11 @@ import pytest
 from tests.tasks.arranging import arranged, condition_of, one_step_before
 
 from betterbench.geometry import Pose, from_yaw
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks import GoalTracker, get_task
-from betterbench.tasks.harm import HarmWatch
+from betterbench.tasks.judging.harm import HarmWatch
+from betterbench.tasks.judging.targets import Targets, asked_by
 from betterbench.tasks.relations import RELATIONS, RestWatch, relation, released
-from betterbench.tasks.targets import Targets, asked_by
 
 HERE = Path(__file__).parent
 

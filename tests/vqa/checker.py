@@ -15,7 +15,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 
 GROUPS = {
     "plates": {"dinner_plate", "place_plate", "serving_plate"},

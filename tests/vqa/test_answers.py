@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, ModelError, RecordError, RunConflictError
 from betterbench.evaluation.figures.views import seen_object
-from betterbench.llm import ChatEndpoint, RefusedError, ScriptedChat, user_message
-from betterbench.state import in_runs, inner_pixel
+from betterbench.interface.state import in_runs, inner_pixel
 from betterbench.vqa.asking import ask_set, prompt_for, read_answers, scores_of
 from betterbench.vqa.balance import choose_balanced
 from betterbench.vqa.blind import baselines
+from betterbench.vqa.llm import ChatEndpoint, RefusedError, ScriptedChat, user_message
 from betterbench.vqa.nouns import indefinite, mistakable, plural_of
 from betterbench.vqa.phrasings import PHRASINGS
 from betterbench.vqa.question import Candidate, Difficulty, Form, FrameSource, Question, QuestionType

@@ -14,13 +14,13 @@ from betterbench.diagnosis import diagnose_run
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.json_form import sealed_form
-from betterbench.llm import ScriptedChat
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.vqa.asking import ask_set, read_answers
 from betterbench.vqa.decisive import DecisiveOptions, make_decisive_set
 from betterbench.vqa.episode import episode_of
 from betterbench.vqa.freeform import ModelText, StateClaim, describe_images, facts_of, parsed_texts, why_dropped
 from betterbench.vqa.knowing import KnowledgeStanding, knowledge_of, read_knowledge, store_knowledge
+from betterbench.vqa.llm import ScriptedChat
 from betterbench.vqa.moment import Moment
 
 pytestmark = [pytest.mark.physics, pytest.mark.render]

@@ -1,6 +1,5 @@
 """Calibration: the diagnosis measured on policies whose fault is known, as a test suite is measured by mutation."""
 
-from betterbench.calibration.independent import calibrate_independent, independent_plans
 from betterbench.calibration.policies import CalibrationPolicy, calibration_policies
 from betterbench.calibration.power import PowerTrials, measure_power, power_trials
 from betterbench.calibration.run import CalibrationProgress, calibrate
@@ -11,9 +10,7 @@ __all__ = [
     "CalibrationProgress",
     "PowerTrials",
     "calibrate",
-    "calibrate_independent",
     "calibration_policies",
-    "independent_plans",
     "measure_power",
     "power_trials",
     "true_label",

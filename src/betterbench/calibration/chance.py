@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from betterbench.experts.decisions import Situation
-from betterbench.experts.faulty.blind import possible_instructions
-from betterbench.interventions import vary
+from betterbench.policies.decisions import Situation
+from betterbench.policies.faulty.blind import possible_instructions
 from betterbench.tasks import Condition, Instruction, Subgoal, get_task
 from betterbench.tasks.condition import TargetRegion
+from betterbench.tasks.interventions import vary
 
 
 def chance_of(task_name: str, name: str) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
-from betterbench.experts import EXPERTS, Address
+from betterbench.policies.experts import EXPERTS, Address
 
 STRENGTHS = (1.0, 0.6, 0.3)
 """Shares of the trials in which a rule applies. A policy with a habit does not have it every time."""

@@ -15,12 +15,12 @@ from pathlib import Path
 from betterbench.calibration.chance import chance_of
 from betterbench.calibration.run import CalibrationProgress
 from betterbench.diagnosis import TrialDiagnosis, diagnose_run
-from betterbench.diagnosis.power_matrix import BLIND, EXPERT, FLOOR, REPLAY_LIMIT, Key, PowerCell, PowerMatrix
-from betterbench.diagnosis.power_matrix import task_versions as versions_of_task
+from betterbench.diagnosis.measures.power_matrix import BLIND, EXPERT, FLOOR, REPLAY_LIMIT, Key, PowerCell, PowerMatrix
+from betterbench.diagnosis.measures.power_matrix import task_versions as versions_of_task
 from betterbench.errors import RecordError
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.experts.registry import WITNESS, witnessed
-from betterbench.recording import RunFolder
+from betterbench.policies.experts.registry import WITNESS, witnessed
+from betterbench.records import RunFolder
 from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, get_task, suite_tasks
 

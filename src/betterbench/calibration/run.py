@@ -10,7 +10,7 @@ from betterbench.calibration.policies import CalibrationPolicy
 from betterbench.calibration.truth import true_label
 from betterbench.diagnosis import Calibration, Judged, RunDiagnosis, diagnose_run
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.tasks import TrialId
 
 

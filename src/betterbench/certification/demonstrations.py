@@ -11,8 +11,8 @@ from betterbench.certification.handling import Put
 from betterbench.geometry import yaw_of
 from betterbench.interface.actions import EE_DELTA
 from betterbench.json_form import strict_form
-from betterbench.scenes import Scene, engine_version
-from betterbench.scenes.stage import QUALITIES
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import SUITE_VERSION, Task, TrialId, get_task
 from betterbench.tasks.demonstrated import Demonstrated, FinalPoses, FlatPose, Releases, measured_so_far
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED

@@ -12,15 +12,14 @@ from betterbench.certification.certificate import Clause, TrialCertificate
 from betterbench.certification.handling import Handling, Primitive
 from betterbench.certification.support import Found, TrainedSupport
 from betterbench.errors import PlanningError
-from betterbench.experts import make_expert
-from betterbench.experts.planner import Planner
 from betterbench.geometry import angle_between, distance
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.robots import ArmIK
-from betterbench.scenes import Scene, engine_version
-from betterbench.scenes.stage import QUALITIES
-from betterbench.state import SceneInfo, WorldState
+from betterbench.interface.state import SceneInfo, WorldState
+from betterbench.policies.experts import make_expert
+from betterbench.policies.experts.planner import Planner
+from betterbench.sim.robots import ArmIK
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.scenes.stage import QUALITIES
 from betterbench.tasks import (
     THRESHOLDS,
     Condition,
@@ -34,6 +33,7 @@ from betterbench.tasks import (
     broken_premises,
 )
 from betterbench.tasks.demonstrated import demonstrated
+from betterbench.tasks.interventions import resolve_condition
 from betterbench.tasks.relations import RELATIONS
 
 REST_STEPS = 4

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from betterbench.geometry import Pose, distance
-from betterbench.robots.physics import PHYSICS
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.sim.robots.physics import PHYSICS
 from betterbench.tasks import Condition, Task
 from betterbench.tasks.relations import RELATIONS, Relation, RestWatch
 from betterbench.tasks.relations.closed import GAP

@@ -15,9 +15,9 @@ from pydantic import TypeAdapter
 
 from betterbench.certification.certificate import CertificateVersions, TrialCertificate
 from betterbench.errors import RecordError, RunConflictError, one_line
+from betterbench.jobs import LineJournal
+from betterbench.jobs.line_journal import LINK, link_after, linked_forms
 from betterbench.json_form import open_ordinary, read_form, strict_form
-from betterbench.recording import LineJournal
-from betterbench.recording.line_journal import LINK, link_after, linked_forms
 from betterbench.tasks import TrialId
 
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
@@ -110,7 +110,7 @@ class VersionedJournal(LineJournal):
 
 
 def forms_after_header(path: Path, lines: list[bytes]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield what :func:`~betterbench.recording.line_journal.linked_forms` does of the lines after the header."""
+    """Yield what :func:`~betterbench.jobs.line_journal.linked_forms` does of the lines after the header."""
     header = read_form(_HEADER, lines[0], where=f"{path}: line 1 is corrupt", cure=CURE, raises=RecordError)
     before = link_after("", asdict(header))
     yield from linked_forms(path, lines[1:], cure=CURE, first=2, before=before, needed=header.version > 1)

@@ -16,9 +16,9 @@ from betterbench.certification.demonstrations import Demonstration, demonstrate,
 from betterbench.certification.journal import CURE, DEMONSTRATIONS_NAME, VersionedJournal
 from betterbench.certification.runner import in_workers, versions_in_use
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs import write_durably
+from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import read_form, strict_form
-from betterbench.recording import write_durably
-from betterbench.recording.outputs import OutputFile
 from betterbench.tasks import Task, TrialId, get_task
 from betterbench.tasks.demonstrated import PACKAGED, Demonstrated, updated_text
 from betterbench.tasks.user_files import companion_of

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from betterbench.certification.coverage import Coverage, cure_for
 from betterbench.errors import InvalidInputError
-from betterbench.scenes import engine_version
+from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task, suite_tasks
 from betterbench.tasks.demonstrated import demonstrated_if_measured
 from betterbench.tasks.user_files import options_for

@@ -23,14 +23,14 @@ from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import examine
 from betterbench.certification.journal import CertificationJournal
 from betterbench.errors import InvalidInputError, WorkerError
-from betterbench.interventions import resolve_condition
+from betterbench.jobs import RetryLedger, write_durably
+from betterbench.jobs.lock import held_folders
+from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
 from betterbench.json_form import sealed_form
-from betterbench.recording import RetryLedger, write_durably
-from betterbench.recording.lock import held_folders
-from betterbench.recording.worker_process import interrupts_blocked, prepare_process
-from betterbench.scenes import engine_version
+from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
+from betterbench.tasks.interventions import resolve_condition
 
 FoundT = TypeVar("FoundT")
 

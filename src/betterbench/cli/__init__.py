@@ -1,4 +1,10 @@
-"""The command line."""
+"""The command line ``better``.
+
+- ``main``: the table of verbs, and what every verb has in common.
+- ``verbs``: one file per verb; the one that is given is imported.
+- ``output``: the tables and lines that verbs print.
+- ``console``, ``progress``, ``tally``, ``help_text``, ``border``: the terminal, and errors at the border.
+"""
 
 import atexit
 import signal

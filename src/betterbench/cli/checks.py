@@ -19,11 +19,11 @@ from betterbench import __version__
 from betterbench.errors import BetterError
 from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
+from betterbench.sim.worlds import WORLDS
 from betterbench.tasks import all_tasks, get_task
-from betterbench.worlds import WORLDS
 
 if TYPE_CHECKING:
-    from betterbench.scenes import Scene
+    from betterbench.sim.scenes import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ def _machine() -> str:
 
 
 def _tasks() -> str:
-    from betterbench.robots import robot_names
+    from betterbench.sim.robots import robot_names
 
     tasks = all_tasks()
     return f"{len(tasks)} tasks, {sum(len(t.variations) for t in tasks)} variations, robots: {', '.join(robot_names())}"
@@ -104,7 +104,7 @@ def _physics() -> str:
 
 
 def _rendering() -> str:
-    from betterbench.scenes import Renderer, gl_backend, renderer_fingerprint
+    from betterbench.sim.scenes import Renderer, gl_backend, renderer_fingerprint
 
     scene = _scene()
     with Renderer(scene.model, quality=scene.quality) as renderer:
@@ -122,7 +122,7 @@ def _rendering() -> str:
 
 
 def _scene() -> Scene:
-    from betterbench.scenes import Scene
+    from betterbench.sim.scenes import Scene
 
     task = get_task("morning_coffee")
     return Scene(task, task.training[0], seed=0, action_space=EE_DELTA)

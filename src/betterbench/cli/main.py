@@ -9,6 +9,7 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_type_hints
@@ -19,10 +20,18 @@ from betterbench.cli import EXIT_INTERRUPTED, was_interrupted
 from betterbench.cli.border import guarded
 from betterbench.cli.console import LONGEST_MESSAGE, complain, make_streams_patient, say
 from betterbench.cli.help_text import brief_usage, color_as_asked, description_of, word_options
-from betterbench.errors import BetterError, UnknownNameError, line_start, printable, system_error_text
-from betterbench.installation import as_started_here, better_command
+from betterbench.errors import (
+    BetterError,
+    MissingDependencyError,
+    UnknownNameError,
+    line_start,
+    printable,
+    system_error_text,
+)
+from betterbench.installation import as_started_here, better_command, calibration_module
 
 LogLevel = Literal["debug", "info", "warning", "error"]
+_CALIBRATION = "betterbench_calibration."
 LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 """Environment variable that carries the level of the log to worker processes (read by ``prepare_process``)."""
 
@@ -45,7 +54,7 @@ class Verb:
     """A verb of the command line.
 
     Attributes:
-        function: Its "module:name" within this package.
+        function: Its "module:name" among the verbs, or with a full name in betterbench-calibration.
         takes_tasks: Whether users' files may matter.
         takes_run_file: Whether its options may stand in a file.
     """
@@ -58,7 +67,12 @@ class Verb:
     def load(self, telling: Telling) -> Callable[..., None]:
         """Import the function, and give it the options that every verb has."""
         module, _, name = self.function.partition(":")
-        function: Callable[..., None] = getattr(importlib.import_module(f"betterbench.cli.{module}"), name)
+        if module.startswith(_CALIBRATION):
+            problem = "This verb is part of betterbench-calibration, which is not installed"
+            home = calibration_module(module.removeprefix(_CALIBRATION), problem)
+        else:
+            home = importlib.import_module(f"betterbench.cli.verbs.{module}")
+        function: Callable[..., None] = getattr(home, name)
         if self.takes_run_file:
             function = _with_run_file(function)
         return _with_log_options(guarded(_with_task_files(function) if self.takes_tasks else function), telling)
@@ -93,7 +107,11 @@ VERBS: dict[str, Verb] = {
     "report": Verb("report:report_command", "Write a page with tables, figures and film strips of runs."),
     "export": Verb("export:export_command", "Write a run's outcomes, or data sets to train on."),
     "recipe": Verb("recipe:recipe_command", "Write how openpi, GR00T, Being-H or LeRobot train.", takes_tasks=False),
-    "mixture": Verb("mixture:mixture_command", "Show a mixture of training data and draw from it.", takes_tasks=False),
+    "mixture": Verb(
+        "betterbench_calibration.cli.mixture:mixture_command",
+        "Show a mixture of training data and draw from it.",
+        takes_tasks=False,
+    ),
     "materialize": Verb("materialize:materialize_command", "Write depth, masks and boxes of recorded states."),
     "view": Verb("view:view_command", "Show a trial, its masks, boxes and subgoals in time."),
     "vqa": Verb("vqa:vqa_command", "Ask about recorded frames what the records can answer."),
@@ -101,7 +119,9 @@ VERBS: dict[str, Verb] = {
     "serve": Verb("serve:serve_command", "Serve a policy behind the openpi protocol."),
     "demo": Verb("demo:demo_command", "Evaluate four policies on two tasks and report on them.", takes_tasks=False),
     "audit-paper": Verb(
-        "audit_paper:audit_command", "Check the printed numbers of the paper's tables.", takes_tasks=False
+        "betterbench_calibration.cli.audit_paper:audit_command",
+        "Check the printed numbers of the paper's tables.",
+        takes_tasks=False,
     ),
 }
 RESUMING = frozenset(
@@ -177,24 +197,29 @@ def _log_handler() -> logging.Handler:
 
 def _show_overview(given: Sequence[str]) -> None:
     """Print the verbs, what is wrong with a command line that names none, or a script for the shell; always exits."""
-
-    def stand_in(summary: str) -> Callable[[], None]:
-        def verb() -> None: ...
-
-        verb.__doc__ = summary
-        return verb
-
     command = better_command()
     here = "" if command == "better" else f"\n\nHere, better is started as {command}."
     completion = any(word.startswith("--tyro-") for word in given)  # which needs the options of every verb
     with brief_usage(VERBS):
         tyro.extras.subcommand_cli_from_dict(
-            {name: verb.load(Telling()) if completion else stand_in(verb.summary) for name, verb in VERBS.items()},
+            {name: _listed(verb, with_options=completion) for name, verb in VERBS.items()},
             prog="better",
             description="Find out why a Vision-Language-Action policy fails.\n\n"
             f"better VERB --help explains a verb, better --version says which version this is.{here}",
             args=list(given),
         )
+
+
+def _listed(verb: Verb, *, with_options: bool) -> Callable[..., None]:
+    """Return a verb with its options, or a stand-in that has its summary alone, as where it is not installed."""
+    if with_options:
+        with suppress(MissingDependencyError):
+            return verb.load(Telling())
+
+    def stand_in() -> None: ...
+
+    stand_in.__doc__ = verb.summary
+    return stand_in
 
 
 def _with_log_options(function: Callable[..., None], telling: Telling) -> Callable[..., None]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from betterbench.errors import RecordError
 from betterbench.evaluation import Progress
 from betterbench.evaluation.running.summary import PolicyService, RunTimes
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 
 
 @dataclass(slots=True)

@@ -15,10 +15,10 @@ from betterbench.cli.console import say
 from betterbench.diagnosis import RunDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.installation import missing_extra
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import PART_SUFFIX, DurableFile, remove_parts_of
+from betterbench.jobs.outputs import mark_of, require_replaceable
 from betterbench.quoting import shell_line
-from betterbench.recording import write_durably
-from betterbench.recording.durable import PART_SUFFIX, DurableFile, remove_parts_of
-from betterbench.recording.outputs import mark_of, require_replaceable
 
 EVENTS_NAME = "events.out.tfevents.0.betterbench"
 """The one file of a run for TensorBoard, which reads whatever has "tfevents" in its name."""

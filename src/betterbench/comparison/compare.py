@@ -22,7 +22,7 @@ from betterbench.comparison.side import Side
 from betterbench.comparison.verdict import sequential_sentences, verdict_sentences
 from betterbench.diagnosis import Kind, TrialDiagnosis
 from betterbench.diagnosis.foreign import is_of_libero
-from betterbench.diagnosis.standing import Standing, standing_of
+from betterbench.diagnosis.measures.standing import Standing, standing_of
 from betterbench.errors import InvalidInputError
 from betterbench.statistics import PairedTable, Rate, compact_letters, discordant_e_process, holm
 from betterbench.tasks import Axis, all_labels

@@ -12,7 +12,7 @@ from betterbench.comparison.conventions import side_conventions
 from betterbench.comparison.submission import Submission, read_submission
 from betterbench.diagnosis import RunDiagnosis, diagnose_run
 from betterbench.errors import InvalidInputError
-from betterbench.recording import RunFolder, run_names, told_apart
+from betterbench.records import RunFolder, run_names, told_apart
 from betterbench.tasks import TrialId
 
 

@@ -16,13 +16,12 @@ from pydantic import Field, TypeAdapter
 import betterbench
 from betterbench.comparison.conventions import side_conventions
 from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
-from betterbench.diagnosis.metrics import compute_metrics
+from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
-from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
-from betterbench.json_form import form_errors, open_ordinary, read_bounded, read_form, strict_form
-from betterbench.recording import RunFolder, first_difference
-from betterbench.recording.metadata import dump_json
+from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
+from betterbench.records import RunFolder, first_difference
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label, all_labels
 
 SUBMISSION_FORMAT = "betterbench-submission"

@@ -1,9 +1,9 @@
-"""Demonstrations: given by the expert in a human manner, amplified to new starts, and kept in ordinary run folders.
+"""Demonstrations: made, collected in training sets, audited for shortcuts, and written for other trainers.
 
-From the bottom up: :mod:`~betterbench.demonstrations.starts` (which seeds), :mod:`~betterbench.demonstrations.manner`
-(how the expert varies), :mod:`~betterbench.demonstrations.sources`, :mod:`~betterbench.demonstrations.transit` and
-:mod:`~betterbench.demonstrations.retarget` (skills and the ways to them, and how they are carried over),
-:mod:`~betterbench.demonstrations.amplifier` and :mod:`~betterbench.demonstrations.attempt` (one attempt),
-:mod:`~betterbench.demonstrations.production` (a whole set), :mod:`~betterbench.demonstrations.variety` (how far its
-demonstrations are apart) and :mod:`~betterbench.demonstrations.acceptance` (what became of the attempts).
+- ``making``: demonstrations of the expert, and their amplification to new starts (`better collect`, `better amplify`).
+- ``teleop``: demonstrations of a person in the browser (`better teleop`).
+- ``shortcuts``: what goes together in demonstrations, and what a learner of them could go by (`better shortcuts`).
+- ``export``: data sets of LeRobot and robomimic (`better export`).
+- ``sets``: the training set of a regime with its card, proof and audit (`better dataset`).
+- ``recipes``: the files with which openpi, GR00T, Being-H and LeRobot train on an export (`better recipe`).
 """

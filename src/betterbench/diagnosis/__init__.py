@@ -1,6 +1,15 @@
-"""Diagnosis: from records alone, what each policy did right or wrong and for which reason."""
+"""Diagnosis: from records alone, what each policy did right or wrong and for which reason.
 
-from betterbench.diagnosis.confusion import Calibration, Judged, LabelScore, packaged_calibration
+- ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
+- ``modes``: one file per failure mode, with the rule that recognizes it.
+- ``trial``, ``labels``, ``ruling``, ``second_pass``: from the modes to the label of each trial; ``foreign`` does this
+for
+  other worlds.
+- ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the difference of two.
+- ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
+"""
+
+from betterbench.diagnosis.measures.confusion import Calibration, Judged, LabelScore, packaged_calibration
 from betterbench.diagnosis.run import diagnose_records, diagnose_run
 from betterbench.diagnosis.trial import diagnose_record, offline_truth
 from betterbench.diagnosis.verdict import Attempt, Evidence, Metric, RunDiagnosis, TrialDiagnosis

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from betterbench.interventions import resolve_condition
 from betterbench.tasks import (
     Condition,
     Subgoal,
@@ -17,6 +16,7 @@ from betterbench.tasks import (
     get_task,
     training_distribution_of,
 )
+from betterbench.tasks.interventions import resolve_condition
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
-from betterbench.recording import Record
+from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 from betterbench.tasks.user_files import registered
 

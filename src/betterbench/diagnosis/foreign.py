@@ -1,8 +1,8 @@
 """Trials in LIBERO: its records in the terms that the detectors read, and what its suites cannot show.
 
 A task of LIBERO has no conditions of its own. What was asked is read from the goal of its file, what training showed
-from the files of the base suite (:mod:`betterbench.worlds.regime`), and where things stood from the record. Places on
-the table are LIBERO's; heights are measured from the table, as in our own scenes.
+from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and where things stood from the
+record. Places on the table are LIBERO's; heights are measured from the table, as in our own scenes.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from betterbench.diagnosis.episode_analysis import analyze_episode
+from betterbench.diagnosis.analysis.episode_analysis import analyze_episode
+from betterbench.diagnosis.analysis.trace import Trace, Whereabout, finger_forces, touches
 from betterbench.diagnosis.labels import decide, gather
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
-from betterbench.diagnosis.trace import Trace, Whereabout, finger_forces, touches
 from betterbench.diagnosis.trial import Reading, choice_of, trial_diagnosis
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.geometry import conjugate, rotate
-from betterbench.recording import Record, RecordMetadata
-from betterbench.state import ObjectInfo, Region, SceneInfo
+from betterbench.interface.state import ObjectInfo, Region, SceneInfo
+from betterbench.records import Record, RecordMetadata
 from betterbench.statistics.wording import listed
 from betterbench.tasks import (
     Axis,
@@ -34,12 +34,12 @@ from betterbench.tasks import (
     TrainingDistribution,
     TrialId,
 )
+from betterbench.tasks.judging.motion import closing_of, graspable
+from betterbench.tasks.judging.picked_slots import PickedSlot
 from betterbench.tasks.labels import Label
-from betterbench.tasks.motion import closing_of, graspable
-from betterbench.tasks.picked_slots import PickedSlot
-from betterbench.worlds.libero import SUITES
-from betterbench.worlds.libero_plus import axis_of
-from betterbench.worlds.regime import CARRIED, TrainedTask, trained_in, word_of_sentence
+from betterbench.tasks.worlds.libero import SUITES
+from betterbench.tasks.worlds.libero_plus import axis_of
+from betterbench.tasks.worlds.libero_training import CARRIED, TrainedTask, trained_in, word_of_sentence
 
 AXES = {
     "swap": Axis.SPATIAL_LAYOUT_SHIFT,

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
-from betterbench.recording import Record
+from betterbench.records import Record
 from betterbench.statistics import Rate
 from betterbench.statistics.unpaired import binomial_probabilities
 from betterbench.tasks.labels import Kind

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis
+from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.failure_mode import TrialView, labels_of_second_pass
 from betterbench.diagnosis.modes import MODES
 from betterbench.diagnosis.ruling import ALONE, RuleStatus, Ruling
 from betterbench.diagnosis.verdict import Evidence
-from betterbench.recording import Record
+from betterbench.records import Record
 from betterbench.tasks.labels import Kind, Label, all_labels
 
 FIRST_STEP = "most_frequent_first_step"

@@ -22,7 +22,7 @@ from betterbench.diagnosis.instruction_effect import (
     tasks_without_effect,
 )
 from betterbench.diagnosis.labels import decide
-from betterbench.diagnosis.metrics import compute_metrics, twins
+from betterbench.diagnosis.measures.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
 from betterbench.diagnosis.ruling import Ruling
 from betterbench.diagnosis.second_pass import TaskRules, judge_policy
@@ -31,15 +31,15 @@ from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis
 from betterbench.diagnosis.versions import RecordVersions
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.interventions.resolve import resolve_condition
 from betterbench.json_form import open_form, read_form
 from betterbench.quoting import shell_word
-from betterbench.recording import Record, RunFolder
+from betterbench.records import Record, RunFolder
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import THRESHOLDS, TrialId
+from betterbench.tasks.interventions.resolve import resolve_condition
 from betterbench.tasks.labels import Label
-from betterbench.worlds.libero_plus import axis_of
-from betterbench.worlds.regime import TrainedTask
+from betterbench.tasks.worlds.libero_plus import axis_of
+from betterbench.tasks.worlds.libero_training import TrainedTask
 
 
 @dataclass(slots=True)

@@ -13,9 +13,9 @@ from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 import betterbench
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import RecordError
-from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
-from betterbench.recording import RunFolder, write_durably
-from betterbench.recording.metadata import dump_json
+from betterbench.jobs import write_durably
+from betterbench.json_form import dump_json, open_form, open_seal, read_bounded, read_form, sealed_form
+from betterbench.records import RunFolder
 
 STORED_SCHEMA_VERSION = 2
 """Version of ``diagnosis.json``; the second has a seal, and the first is read with a warning."""

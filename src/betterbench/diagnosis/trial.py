@@ -6,19 +6,18 @@ import functools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from betterbench.diagnosis.collisions import count_collisions
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
-from betterbench.diagnosis.harm import find_harm
+from betterbench.diagnosis.analysis.collisions import count_collisions
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, analyze_episode
+from betterbench.diagnosis.analysis.harm import find_harm
+from betterbench.diagnosis.analysis.trace import Trace, trace_of
 from betterbench.diagnosis.instruction_effect import scene_of
 from betterbench.diagnosis.labels import LabelEvidence, decide, gather
 from betterbench.diagnosis.modes.behavioral_inertia import inertia_in
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import taken_for_another
-from betterbench.diagnosis.trace import Trace, trace_of
 from betterbench.diagnosis.verdict import Attempt, Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
 from betterbench.geometry import horizontal_distance
-from betterbench.interventions.resolve import ResolvedCondition, resolve_condition
-from betterbench.recording import Record, RecordMetadata
+from betterbench.records import Record, RecordMetadata
 from betterbench.tasks import (
     THRESHOLDS,
     Expected,
@@ -28,6 +27,7 @@ from betterbench.tasks import (
     get_task,
     training_distribution_of,
 )
+from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label
 
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from betterbench.interventions.resolve import resolve_condition
 from betterbench.statistics import Answer, Decisions, Question, StoppingRule, Verdict, decide
 from betterbench.statistics.wording import plural
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions.resolve import resolve_condition
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from betterbench.diagnosis.until_decided import UntilDecided
 from betterbench.statistics import Rate
 from betterbench.tasks.labels import Kind, Label
 from betterbench.tasks.trial_id import TrialId
-from betterbench.worlds.libero_plus import axis_of
+from betterbench.tasks.worlds.libero_plus import axis_of
 
 
 @dataclass(frozen=True, slots=True)

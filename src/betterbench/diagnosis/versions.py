@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from betterbench.diagnosis.trial import resolved_of
 from betterbench.errors import RunConflictError
-from betterbench.recording import RecordMetadata
+from betterbench.records import RecordMetadata
 
 _SCENE_KEYS = ("model", "scene", "hash")
 """Words in the names of those parts of an engine fingerprint that differ from scene to scene by design."""

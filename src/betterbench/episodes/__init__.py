@@ -1,6 +1,6 @@
 """Episodes: one rollout of one policy in one scene, and what it leaves behind."""
 
-from betterbench.episodes.answers import POLICY_BOUNDARY, AnyPolicy, Question, Reply, answer
+from betterbench.episodes.answers import POLICY_BOUNDARY, Question, Reply, answer
 from betterbench.episodes.describe import TrialContext, describe
 from betterbench.episodes.episode import EpisodeResult, Steps, append_row, episode_steps, run_episode
 from betterbench.episodes.heap import settled_heap
@@ -8,7 +8,6 @@ from betterbench.episodes.observer import Observer, observation_of
 
 __all__ = [
     "POLICY_BOUNDARY",
-    "AnyPolicy",
     "EpisodeResult",
     "Observer",
     "Question",

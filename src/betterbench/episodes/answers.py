@@ -9,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from betterbench.errors import HandshakeError, PolicyError, described
-from betterbench.interface import EpisodeStart, Observation, Policy
-from betterbench.state import PrivilegedPolicy, WorldState
-
-AnyPolicy = Policy | PrivilegedPolicy
-"""A policy under test, or one that sees the privileged state."""
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):

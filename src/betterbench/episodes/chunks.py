@@ -13,9 +13,9 @@ from betterbench.episodes.observer import Observer, Views
 from betterbench.errors import InvalidActionError
 from betterbench.interface import EpisodeStart, Execution, Observation, episode_number
 from betterbench.interface.actions import ActionSpace
-from betterbench.scenes import Scene
-from betterbench.state import PrivilegedPolicy, WorldState
-from betterbench.worlds import ForeignScene
+from betterbench.interface.state import PrivilegedPolicy, WorldState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.worlds import ForeignScene
 
 
 class Chunks:

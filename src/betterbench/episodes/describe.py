@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import betterbench
-from betterbench.recording import Demonstrator, RecordMetadata
-from betterbench.scenes import Scene, engine_version
+from betterbench.records import Demonstrator, RecordMetadata
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.worlds import ForeignScene
 from betterbench.tasks import SUITE_VERSION, GoalTracker
-from betterbench.worlds import ForeignScene
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.episodes.answers import AnyPolicy, Question, Reply, answer
+from betterbench.episodes.answers import Question, Reply, answer
 from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe, describe_foreign
 from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
 from betterbench.interface import Execution
-from betterbench.recording import Record, RecordBuilder, RecordMetadata, Termination
-from betterbench.scenes import Scene
-from betterbench.state import PrivilegedPolicy, WorldState
+from betterbench.interface.state import AnyPolicy, PrivilegedPolicy, WorldState
+from betterbench.records import Record, RecordBuilder, RecordMetadata, Termination
+from betterbench.sim.scenes import Scene
+from betterbench.sim.worlds import ForeignScene, ForeignTracker
 from betterbench.tasks import GoalTracker, Truth
-from betterbench.worlds import ForeignScene, ForeignTracker
 
 logger = logging.getLogger(__name__)
 

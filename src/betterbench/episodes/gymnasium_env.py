@@ -12,11 +12,11 @@ from betterbench.episodes.observer import Observer
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation, ObservationSpec, observation_spec
 from betterbench.interface.actions import action_space as action_space_named
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import GoalTracker, Truth, get_task, looks_named
+from betterbench.tasks.interventions import resolve_condition
 
 _BOUNDS = {
     "joint_positions": (7, 4.0),

@@ -12,7 +12,7 @@ from betterbench.episodes.gymnasium_env import TaskEnv
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import TOOL_DOWN, to_axis_angle_near
 from betterbench.interface import Observation
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks import Truth
 
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from betterbench.interface import Observation, ObservationSpec
-from betterbench.scenes import Images, Renderer, Scene
-from betterbench.state import WorldState
-from betterbench.worlds import ForeignScene
+from betterbench.interface.state import WorldState
+from betterbench.sim.scenes import Images, Renderer, Scene
+from betterbench.sim.worlds import ForeignScene
 
 _KEPT_RENDERERS = 4
 

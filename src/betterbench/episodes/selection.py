@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from betterbench.interventions import condition_names, resolve_condition
 from betterbench.tasks import get_task, suite_tasks
+from betterbench.tasks.interventions import condition_names, resolve_condition
 
 
 def select_conditions(names: str | Sequence[str] | None) -> tuple[tuple[str, str], ...]:

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from betterbench.evaluation.running.replay import ReplayCheck, check_record
     from betterbench.evaluation.running.runner import Progress, evaluate
     from betterbench.evaluation.serving.server import open_server
-    from betterbench.evaluation.trials.known_policies import PolicyEntry, known_policies
-    from betterbench.evaluation.trials.policy_factory import check_policy
 
 __all__ = [
     "Convention",
@@ -38,17 +36,14 @@ __all__ = [
     "FilmLook",
     "Panel",
     "Plan",
-    "PolicyEntry",
     "PreflightCheck",
     "Progress",
     "ReplayCheck",
     "Shot",
     "Trial",
     "TwinFilm",
-    "check_policy",
     "check_record",
     "evaluate",
-    "known_policies",
     "make_plan",
     "named_trial",
     "open_server",
@@ -83,8 +78,6 @@ _MODULES = {
     "running.replay": ("ReplayCheck", "check_record"),
     "running.runner": ("Progress", "evaluate"),
     "serving.server": ("open_server",),
-    "trials.known_policies": ("PolicyEntry", "known_policies"),
-    "trials.policy_factory": ("check_policy",),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -1,4 +1,12 @@
-"""Policies that see only observations: reference policies, and clients of real ones.
+"""Policies: what they say they need and answer, the clients of policy servers, and built-in policies.
+
+- ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
+- ``kinds``: the list of addresses, the factory that makes a policy from one, and reference policies.
+- ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
+- ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
+- ``process``: policies of users in a process of their own.
+- ``experts``, ``faulty``, ``decisions``: privileged policies that plan; ``faulty`` has one file per fault.
+- ``learned``: networks, checkpoints, and how a checkpoint acts (`learned:CHECKPOINT`).
 
 Each public name is imported from its module when it is first used: the process of a policy needs no more than its own.
 """
@@ -7,18 +15,18 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from betterbench.policies.plugin import load_plugin, source_of
-    from betterbench.policies.reference import Noop, Random
-    from betterbench.policies.replay import Replay
+    from betterbench.policies.kinds.reference import Noop, Random
+    from betterbench.policies.kinds.replay import Replay
+    from betterbench.policies.process.plugin import load_plugin, source_of
 
 __all__ = ["Noop", "Random", "Replay", "load_plugin", "source_of"]
 
 _HOMES = {
-    "load_plugin": "plugin",
-    "source_of": "plugin",
-    "Noop": "reference",
-    "Random": "reference",
-    "Replay": "replay",
+    "load_plugin": "process.plugin",
+    "source_of": "process.plugin",
+    "Noop": "kinds.reference",
+    "Random": "kinds.reference",
+    "Replay": "kinds.replay",
 }
 
 

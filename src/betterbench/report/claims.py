@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.foreign import is_of_libero
-from betterbench.diagnosis.metrics import twins
+from betterbench.diagnosis.measures.metrics import twins
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.quoting import shell_line
 from betterbench.report.wording import Figure

@@ -10,8 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from betterbench.errors import printable
+from betterbench.jobs import write_durably
 from betterbench.quoting import LONGEST_TEXT
-from betterbench.recording import write_durably
 
 
 def environment() -> Environment:

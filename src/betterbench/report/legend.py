@@ -9,8 +9,8 @@ from betterbench.diagnosis.modes import MODES
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.tasks import Axis
 from betterbench.tasks.labels import Kind, Label
-from betterbench.worlds.libero_plus import AXES as PLUS_AXES
-from betterbench.worlds.libero_plus import TITLES
+from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
+from betterbench.tasks.worlds.libero_plus import TITLES
 
 LEGEND: Mapping[Label, FailureMode] = MODES
 """Every label's entry, in the order in which bars are stacked; it stands in the file of its failure mode."""

@@ -13,8 +13,8 @@ from betterbench.report.legend import EXPECTED_NAMES, LEGEND
 from betterbench.report.wording import Figure
 from betterbench.statistics import Rate
 from betterbench.tasks import Task, Variation, get_task
-from betterbench.worlds.libero import CHANGES
-from betterbench.worlds.libero_plus import AXES as PLUS_AXES
+from betterbench.tasks.worlds.libero import CHANGES
+from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from betterbench.diagnosis.foreign import is_of_libero
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
-from betterbench.report.charts import twin_figure
+from betterbench.report.figures.charts import twin_figure
 from betterbench.report.headline import Failure, leading_failure
 from betterbench.report.outcomes import ConditionRow, Segment, segments_of, task_title, training_rows, variation_rows
 from betterbench.report.wording import Figure

@@ -1,23 +1,32 @@
-"""Templates, conditions, relations, goals and the tasks of the suite; everything here is value or pure function."""
+"""Tasks as values and pure functions: what is set up, what is asked for, and when it is done.
+
+- ``condition``, ``axes``, ``subgoal``, ``thresholds``: the values that conditions are made of.
+- ``relations``: one file per relation ("inside", "beside"), with its check and its placements.
+- ``authoring``: templates, variations and the registry: how a task is written.
+- ``suite``: the tasks of better60, one file each.
+- ``judging``: goals, grasp attempts, restraint, harm and premises, judged from states.
+- ``interventions``: from the name of a condition or a regime to the conditions themselves.
+- ``worlds``: suites and protocols of LIBERO, LIBERO-Plus and CALVIN as data.
+"""
 
 from betterbench.tasks import suite
+from betterbench.tasks.authoring.operations import Changes, Operation, operation_names
+from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.template import ObjectGroup, Template
+from betterbench.tasks.authoring.templates import TEMPLATES
+from betterbench.tasks.authoring.training_distribution import TrainingDistribution, training_distribution_of
+from betterbench.tasks.authoring.variation import Variation
 from betterbench.tasks.axes import Axis, Expected, Support
 from betterbench.tasks.condition import Condition, ObjectSpec, Slot, TargetRegion
-from betterbench.tasks.goal import GoalTracker, Truth
+from betterbench.tasks.judging.goal import GoalTracker, Truth
+from betterbench.tasks.judging.premise import broken_premises
 from betterbench.tasks.labels import Kind, Label, all_labels, new_label, remove_label
 from betterbench.tasks.looks import LOOKS, Looks, looks_named
-from betterbench.tasks.operations import Changes, Operation, operation_names
-from betterbench.tasks.premise import broken_premises
 from betterbench.tasks.randomness import SUITE_VERSION, stream
-from betterbench.tasks.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
-from betterbench.tasks.task import Task
-from betterbench.tasks.template import ObjectGroup, Template
-from betterbench.tasks.templates import TEMPLATES
 from betterbench.tasks.thresholds import THRESHOLDS, Threshold, Thresholds, threshold, threshold_table
-from betterbench.tasks.training_distribution import TrainingDistribution, training_distribution_of
 from betterbench.tasks.trial_id import TrialId
-from betterbench.tasks.variation import Variation
 
 __all__ = [
     "LOOKS",

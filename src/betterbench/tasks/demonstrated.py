@@ -21,8 +21,8 @@ from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError
 from betterbench.json_form import SEAL, open_seal, read_form, seal_of, strict_form
+from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.randomness import SUITE_VERSION, stream
-from betterbench.tasks.task import Task
 from betterbench.tasks.user_files import companion_of, options_for
 
 HEIGHT_MM = 5.0

@@ -1,4 +1,11 @@
-"""Visual questions whose answers the records prove, and whether a model knows what a policy fails to do."""
+"""Visual questions whose answers the records prove, and whether a model knows what a policy fails to do.
+
+- ``types``: one file per type of question; ``phrasings`` and ``nouns`` word them, ``difficulty`` grades them.
+- ``dataset``, ``decisive``, ``freeform``, ``named_object``: sets of questions about records; ``balance`` evens them
+out.
+- ``asking``, ``scoring``, ``blind``, ``llm``: answers of a model, their score, and baselines without the image.
+- ``knowing``: whether a model knows what the policy gets wrong.
+"""
 
 from betterbench.vqa.asking import Answers, Score, ask_set, read_answers, scores_of
 from betterbench.vqa.dataset import PhotoSource, QuestionSet, SetOptions, make_set, read_set

@@ -14,14 +14,13 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line, require_between
-from betterbench.json_form import SEAL, open_form, open_ordinary, read_bounded, read_form, seal_of
-from betterbench.llm import Chat, RefusedError, user_message
-from betterbench.recording import write_durably
-from betterbench.recording.line_journal import MAX_BYTES, LineJournal, say_lost_tail
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.outputs import OutputFile, require_replaceable
+from betterbench.jobs import write_durably
+from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
+from betterbench.jobs.outputs import OutputFile, require_replaceable
+from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
 from betterbench.statistics import Rate
 from betterbench.vqa.dataset import QuestionSet
+from betterbench.vqa.llm import Chat, RefusedError, user_message
 from betterbench.vqa.question import Form, Question
 from betterbench.vqa.scoring import Coordinates, is_right, parse_answer
 

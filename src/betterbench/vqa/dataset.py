@@ -31,7 +31,13 @@ from betterbench.errors import (
     one_line,
     require_between,
 )
+from betterbench.interface.state import FrameView
+from betterbench.jobs import RunLock, write_durably
+from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
+from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs.places import require_inside
 from betterbench.json_form import (
+    dump_json,
     open_seal,
     open_sealed_lines,
     read_bounded,
@@ -40,14 +46,9 @@ from betterbench.json_form import (
     sealed_form,
     sealed_lines,
 )
-from betterbench.recording import Record, RunFolder, RunLock, write_durably
-from betterbench.recording.durable import PART_SUFFIX, on_disk, remove_parts
-from betterbench.recording.item_threads import in_threads
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.places import require_inside
-from betterbench.recording.run import first_difference
-from betterbench.recording.tables import table_bytes
-from betterbench.state import FrameView
+from betterbench.records import Record, RunFolder
+from betterbench.records.run import first_difference
+from betterbench.records.tables import table_bytes
 from betterbench.tasks import TrialId, stream
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
 from betterbench.vqa.balance import choose_balanced, thin

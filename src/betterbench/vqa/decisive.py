@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, analyze_episode
+from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, analyze_episode
 from betterbench.errors import InvalidInputError, RecordError
-from betterbench.json_form import open_sealed_lines, read_bounded, read_form, sealed_lines
-from betterbench.recording import RunFolder, write_durably
-from betterbench.recording.durable import on_disk
-from betterbench.recording.metadata import dump_json
-from betterbench.state import ObjectInfo
+from betterbench.interface.state import ObjectInfo
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import on_disk
+from betterbench.json_form import dump_json, open_sealed_lines, read_bounded, read_form, sealed_lines
+from betterbench.records import RunFolder
 from betterbench.tasks import Expected, Kind, Label, training_distribution_of
 from betterbench.vqa.blind import baselines
 from betterbench.vqa.dataset import (

@@ -10,12 +10,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from betterbench.diagnosis.trace import Trace, trace_of
+from betterbench.diagnosis.analysis.trace import Trace, trace_of
 from betterbench.diagnosis.trial import resolved_of
-from betterbench.interventions.resolve import ResolvedCondition, condition_names, resolve_condition
-from betterbench.recording import Record
+from betterbench.records import Record
 from betterbench.tasks import get_task, suite_tasks
-from betterbench.tasks.attempts import GraspAttempt, find_grasps
+from betterbench.tasks.interventions.resolve import ResolvedCondition, condition_names, resolve_condition
+from betterbench.tasks.judging.attempts import GraspAttempt, find_grasps
 
 REACH_M = 0.10
 """Distance from an object's box within which the gripper visibly goes for it; slots are 12 cm apart."""

@@ -18,7 +18,12 @@ from typing import Annotated, Any
 from pydantic import Field, TypeAdapter
 
 from betterbench.errors import BetterError, RecordError, require_between
+from betterbench.jobs import RunLock, write_durably
+from betterbench.jobs.durable import remove_parts
+from betterbench.jobs.lock import LOCK_NAME
+from betterbench.jobs.outputs import OutputFile
 from betterbench.json_form import (
+    dump_json,
     open_form,
     open_ordinary,
     open_seal,
@@ -28,15 +33,11 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.llm import Chat, RefusedError, user_message
 from betterbench.quoting import default_name
-from betterbench.recording import RunFolder, RunLock, write_durably
-from betterbench.recording.durable import remove_parts
-from betterbench.recording.lock import LOCK_NAME
-from betterbench.recording.metadata import dump_json
-from betterbench.recording.outputs import OutputFile
+from betterbench.records import RunFolder
 from betterbench.vqa.dataset import PhotoSource, QuestionSet
 from betterbench.vqa.episode import episode_of
+from betterbench.vqa.llm import Chat, RefusedError, user_message
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Candidate, FrameSource, hash_number

@@ -14,8 +14,9 @@ from pydantic import TypeAdapter
 
 from betterbench.diagnosis import RunDiagnosis
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs import write_durably
 from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form
-from betterbench.recording import RunFolder, write_durably
+from betterbench.records import RunFolder
 from betterbench.statistics import Rate
 from betterbench.tasks import Kind, Label, TrialId, all_labels
 from betterbench.vqa.asking import Answers

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from betterbench.geometry import Vector
-from betterbench.state import FrameView, ObjectInfo, SeenObject, WorldState
+from betterbench.interface.state import FrameView, ObjectInfo, SeenObject, WorldState
 from betterbench.tasks import Condition
 from betterbench.tasks.relations import RELATIONS, Relation
 from betterbench.tasks.relations.loose import middle

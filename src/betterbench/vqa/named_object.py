@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from betterbench.diagnosis import TrialDiagnosis
-from betterbench.diagnosis.episode_analysis import analyze_episode
-from betterbench.recording import Record
-from betterbench.state import ObjectInfo
+from betterbench.diagnosis.analysis.episode_analysis import analyze_episode
+from betterbench.interface.state import ObjectInfo
+from betterbench.records import Record
 from betterbench.tasks import Expected, training_distribution_of
 from betterbench.vqa.dataset import PhotoSource, finished
 from betterbench.vqa.decisive import TIMES_ASKED, WHERE, decisive_rows

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field, TypeAdapter
 
+from betterbench.interface.state import Box
 from betterbench.json_form import strict_form
-from betterbench.state import Box
 from betterbench.tasks import TrialId
 
 
@@ -84,7 +84,8 @@ class Candidate:
         objects: Names in the scene of what the question is about.
         tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
         box: The true box, of a grounded question.
-        runs: The visible pixels of the object, of a question for a point; see :class:`~betterbench.state.SeenObject`.
+        runs: The visible pixels of the object, of a question for a point; see
+        :class:`~betterbench.interface.state.SeenObject`.
     """
 
     type: QuestionType

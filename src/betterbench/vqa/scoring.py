@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from betterbench.state import in_runs
+from betterbench.interface.state import in_runs
 from betterbench.vqa.question import Form, Question, letter
 
 Coordinates = Literal["pixels", "thousandths", "fractions"]

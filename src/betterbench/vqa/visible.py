@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.state import SeenObject
+from betterbench.interface.state import SeenObject
 
 MIN_SIDE_PX = 8
 """Least length of the shorter side of a box [pixel]. Vision encoders cut images of this size into patches of 14 or 16

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from betterbench.across import LIBERO_COLUMNS, WorldGap, WorldRow, WorldTable
-from betterbench.calvin import ChainSummary
 from betterbench.cli.console import OUT, print_table
-from betterbench.recording.durable import write_durably
-from betterbench.report.latex import table_to_latex
-from betterbench.report.table import Scalar, Table, to_csv
+from betterbench.comparison.across import LIBERO_COLUMNS, WorldGap, WorldRow, WorldTable
+from betterbench.jobs.durable import write_durably
+from betterbench.report.tables.latex import table_to_latex
+from betterbench.report.tables.table import Scalar, Table, to_csv
 from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import p_text, points
+from betterbench.tasks.worlds.calvin import ChainSummary
 
 
 def print_across(table: WorldTable, gaps: Sequence[WorldGap]) -> None:

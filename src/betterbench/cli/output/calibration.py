@@ -7,12 +7,12 @@ from pathlib import Path
 
 from betterbench.cli.console import OUT, print_table, progress_bar, say
 from betterbench.diagnosis import Calibration, Judged
-from betterbench.diagnosis.power_matrix import PowerMatrix
+from betterbench.diagnosis.measures.power_matrix import PowerMatrix
 from betterbench.errors import MissingDependencyError
 from betterbench.evaluation import render_strips
-from betterbench.recording import RunFolder
-from betterbench.report.calibration_page import KINDS, calibration_summary, label_name, rate_text
-from betterbench.report.power_page import power_sentences, power_tables
+from betterbench.records import RunFolder
+from betterbench.report.pages.calibration_page import KINDS, calibration_summary, label_name, rate_text
+from betterbench.report.pages.power_page import power_sentences, power_tables
 
 WRONG_SHOWN = 12
 """Wrong labels that the terminal lists; the page has them all."""

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from betterbench.cli.console import OUT, passing_bar, print_json, print_table, progress_bar
 
 if TYPE_CHECKING:
-    from betterbench.demonstrations.production import SetProgress
-    from betterbench.demonstrations.variety import TaskVariety
-    from betterbench.recording import RunFolder
+    from betterbench.demonstrations.making.production import SetProgress
+    from betterbench.demonstrations.making.variety import TaskVariety
+    from betterbench.records import RunFolder
 
 
 def bar_note(progress: SetProgress) -> str:
@@ -21,7 +21,7 @@ def bar_note(progress: SetProgress) -> str:
 
 def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] = ()) -> None:
     """Print how far the demonstrations of a set are apart, if any can be compared, beside their sources."""
-    from betterbench.demonstrations.variety import SPREADS, variety_rows
+    from betterbench.demonstrations.making.variety import SPREADS, variety_rows
 
     if variety:
         title = "variety: mean difference of two demonstrations [cm, s, °]"
@@ -31,9 +31,9 @@ def tell_variety(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety] 
 
 def tell_acceptance(run: RunFolder, *, films: bool, json: bool) -> None:
     """Write the report of a set of demonstrations, and print what it says and how long the attempts took."""
-    from betterbench.demonstrations.acceptance import acceptance_of, write_acceptance
-    from betterbench.demonstrations.failure_films import film_failures
-    from betterbench.demonstrations.paths import draw_paths
+    from betterbench.demonstrations.making.acceptance import acceptance_of, write_acceptance
+    from betterbench.demonstrations.making.failure_films import film_failures
+    from betterbench.demonstrations.making.paths import draw_paths
 
     with passing_bar("comparing the demonstrations") as told:
         found = acceptance_of(run, on_progress=told)

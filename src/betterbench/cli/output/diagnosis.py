@@ -9,7 +9,7 @@ from betterbench.cli.console import OUT, passing_bar, print_table
 from betterbench.diagnosis import Metric, RunDiagnosis, diagnose_run
 from betterbench.diagnosis.changes import DiagnosisChanges, TrialChange
 from betterbench.diagnosis.stored import StoredMetric
-from betterbench.recording import RunFolder
+from betterbench.records import RunFolder
 from betterbench.statistics import percent
 from betterbench.tasks import Kind, Label
 

@@ -13,18 +13,18 @@ from betterbench.cli.output.diagnosis import diagnosed
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
-from betterbench.recording import RunFolder, run_names
-from betterbench.report.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
+from betterbench.records import RunFolder, run_names
+from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
+from betterbench.report.figures.media import Media, Thumbnails
 from betterbench.report.headline import headline_of, verdict_line
 from betterbench.report.legend import LEGEND
-from betterbench.report.media import Media, Thumbnails
 from betterbench.report.outcomes import is_abroad
-from betterbench.report.page import write_report
-from betterbench.report.trust import trust_of
+from betterbench.report.pages.page import write_report
+from betterbench.report.pages.trust import trust_of
+from betterbench.sim.worlds import WorldError
 from betterbench.statistics.wording import plural
 from betterbench.tasks.user_files import options_for
 from betterbench.vqa.knowing import read_knowledge
-from betterbench.worlds import WorldError
 
 THUMBNAIL_PX = 200
 """Side of the images on the cards of variations [px]."""

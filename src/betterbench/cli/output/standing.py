@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from betterbench.cli.console import OUT, print_table
-from betterbench.diagnosis.standing import Standing
-from betterbench.report.pretenders import scope_columns, score_rows
+from betterbench.diagnosis.measures.standing import Standing
+from betterbench.report.pages.pretenders import scope_columns, score_rows
 from betterbench.tasks import Axis
 
 SHOWN_LINES = 8

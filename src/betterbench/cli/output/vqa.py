@@ -13,7 +13,7 @@ from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.knowing import Knowledge, KnowledgeStanding
 
 if TYPE_CHECKING:
-    from betterbench.training.own_answers import OwnAnswers
+    from betterbench.learning.training.own_answers import OwnAnswers
 
 
 def print_set(made: QuestionSet) -> None:

@@ -7,17 +7,17 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.ruling import HABIT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import from_yaw, multiply
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks import THRESHOLDS, Expected
+from betterbench.tasks.judging.restraint import first_closing_in_motion, first_hover
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
-from betterbench.tasks.restraint import first_closing_in_motion, first_hover
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing
 

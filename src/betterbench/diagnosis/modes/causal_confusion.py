@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 
-from betterbench.diagnosis.approaches import shuts
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.analysis.approaches import shuts
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis
+from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.verdict import Evidence
+from betterbench.tasks.authoring.training_distribution import on_table
 from betterbench.tasks.labels import Label
-from betterbench.tasks.training_distribution import on_table
 
 
 def _exposed(x: Exposure) -> bool:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from betterbench.diagnosis.analysis.halts import find_halt, in_fingers
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
-from betterbench.diagnosis.halts import find_halt, in_fingers
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected
+from betterbench.tasks.authoring.training_distribution import pairing
 from betterbench.tasks.labels import Label
-from betterbench.tasks.training_distribution import pairing
 
 
 def _exposed(x: Exposure) -> bool:

@@ -7,19 +7,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import CLOSED_IN_PART, SHOVED_AGAIN, Stay, closes_in_part, comes_shut, runs_into
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.approaches import (
+    CLOSED_IN_PART,
+    SHOVED_AGAIN,
+    Stay,
+    closes_in_part,
+    comes_shut,
+    runs_into,
+)
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.halts import find_halt
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
-from betterbench.diagnosis.halts import find_halt
 from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks import THRESHOLDS, Expected
+from betterbench.tasks.judging.restraint import moved_from_start
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
-from betterbench.tasks.restraint import moved_from_start
 from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing, is_plural
 

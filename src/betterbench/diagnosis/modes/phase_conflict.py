@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.approaches import (
+from betterbench.diagnosis.analysis.approaches import (
     closes_in_part,
     comes_down_to,
     comes_nearer,
@@ -14,10 +14,10 @@ from betterbench.diagnosis.approaches import (
     runs_into,
     to_and_fro,
 )
-from betterbench.diagnosis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.halts import find_halt, travel
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.halts import find_halt, travel
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.tasks import Expected
 from betterbench.tasks.labels import Label

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from betterbench.diagnosis.approaches import comes_down_to, stays_above
-from betterbench.diagnosis.episode_analysis import EpisodeAnalysis, Means
+from betterbench.diagnosis.analysis.approaches import comes_down_to, stays_above
+from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, Means
+from betterbench.diagnosis.analysis.halts import in_fingers, kept_at_its_place
 from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView, sharper_by_rule
-from betterbench.diagnosis.halts import in_fingers, kept_at_its_place
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label

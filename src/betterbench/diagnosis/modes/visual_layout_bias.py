@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.episode_analysis import AttemptTarget
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.instruction_effect import SAME_TARGET, SAME_THING

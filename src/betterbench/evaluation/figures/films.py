@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from betterbench.errors import InvalidInputError, RecordError
+from betterbench.jobs.durable import DurableFile
+from betterbench.jobs.outputs import mark_of
 from betterbench.json_form import open_form, read_form
-from betterbench.recording import Record, RunFolder
-from betterbench.recording.durable import DurableFile
-from betterbench.recording.outputs import mark_of
-from betterbench.scenes.image_files import jpeg_bytes
-from betterbench.scenes.limited import LimitedView
-from betterbench.worlds import WorldProcess, world_command
+from betterbench.records import Record, RunFolder
+from betterbench.sim.scenes.image_files import jpeg_bytes
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.worlds import WorldProcess, world_command
 
 
 @dataclass(frozen=True, slots=True)

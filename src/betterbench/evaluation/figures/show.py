@@ -10,10 +10,10 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from betterbench.interface.actions import EE_DELTA
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import Condition, Task, get_task
+from betterbench.tasks.interventions import resolve_condition
 
 OUTLINE = (255, 64, 160)
 """Color of outlines; no object of the suite has it."""

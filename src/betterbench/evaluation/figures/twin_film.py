@@ -15,10 +15,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.figures.show import wrap_text
-from betterbench.recording import Record, RunFolder
-from betterbench.recording.durable import DurableFile
-from betterbench.recording.outputs import mark_of
-from betterbench.scenes.limited import LimitedView
+from betterbench.jobs.durable import DurableFile
+from betterbench.jobs.outputs import mark_of
+from betterbench.records import Record, RunFolder
+from betterbench.sim.scenes.limited import LimitedView
 
 OPEN, CLOSED = (40, 122, 200), (226, 88, 20)
 """Colors of the path while the gripper is told to be open and to be closed."""

@@ -1,6 +1,6 @@
 """What cameras show of recorded states, with the image: computed by drawing the stored scene again.
 
-This is one source of :class:`~betterbench.state.FrameView`; materialized masks can be another.
+This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks can be another.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 
 from betterbench.errors import RecordError
 from betterbench.geometry import Pose
-from betterbench.recording import Record, RunFolder
-from betterbench.recording.modalities.spec import ViewSpec
-from betterbench.scenes.cameras import CameraMatrices
-from betterbench.scenes.image_files import jpeg_bytes
-from betterbench.scenes.limited import LimitedView
-from betterbench.scenes.sights import GRIPPER_INSTANCES, ModelFacts
-from betterbench.state import GRIPPER, FrameView, ObjectInfo, SeenObject
+from betterbench.interface.state import GRIPPER, FrameView, ObjectInfo, SeenObject
+from betterbench.records import Record, RunFolder
+from betterbench.records.modalities.spec import ViewSpec
+from betterbench.sim.scenes.cameras import CameraMatrices
+from betterbench.sim.scenes.image_files import jpeg_bytes
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.sim.scenes.sights import GRIPPER_INSTANCES, ModelFacts
 
 JPEG_QUALITY = 92
 """Quality of the images; colors are stored at full resolution, since many objects are a few pixels wide."""

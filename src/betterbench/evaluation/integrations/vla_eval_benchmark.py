@@ -32,9 +32,9 @@ from betterbench.evaluation.running.external_run import ExternalRun
 from betterbench.installation import missing_extra
 from betterbench.interface import Observation, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.presets import PRESETS, VLA_EVAL, own_preset
-from betterbench.recording import Outcome
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.presets import PRESETS, VLA_EVAL, own_preset
+from betterbench.records import Outcome
 from betterbench.tasks import TrialId, get_task
 
 try:

@@ -6,9 +6,9 @@ from vla_eval import specs
 from vla_eval.specs import DimSpec
 
 from betterbench.interface.actions import action_space
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.answers import AnswerRule
-from betterbench.policies.rotation import ROTATION_SIZES
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.answers import AnswerRule
+from betterbench.policies.conventions.rotation import ROTATION_SIZES
 
 _ROTATIONS = {
     "axis_angle": specs.ROTATION_AA,

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from betterbench.errors import BetterError
-from betterbench.scenes import renderer_fingerprint
+from betterbench.sim.scenes import renderer_fingerprint
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _REVISION = re.compile(r"[0-9a-f]{40,64}")

@@ -14,10 +14,10 @@ import betterbench
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import ACTION_SPACES
-from betterbench.interventions import ResolvedCondition, resolve_condition
 from betterbench.json_form import strict_form
-from betterbench.scenes import CONTROL_RATE_HZ, engine_version
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import CONTROL_RATE_HZ, engine_version
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.sim.worlds import WorldSettings
 from betterbench.statistics import StoppingRule
 from betterbench.tasks import (
     SUITE_VERSION,
@@ -30,8 +30,8 @@ from betterbench.tasks import (
     looks_named,
     suite_tasks,
 )
+from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 from betterbench.tasks.user_files import origins_of
-from betterbench.worlds import WorldSettings
 
 PLAN_VERSION = 1
 

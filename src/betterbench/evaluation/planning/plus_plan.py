@@ -16,20 +16,13 @@ from betterbench.evaluation.planning.world_plan import (
     task_numbers,
     trained_task,
 )
+from betterbench.sim.worlds import PlusSettings, VariantTask, WorldProcess, plus_command
+from betterbench.sim.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
+from betterbench.sim.worlds.process import as_agreed, sent_text, sent_texts
 from betterbench.tasks import Expected
-from betterbench.worlds import (
-    PLUS_SUITES,
-    PlusSettings,
-    VariantTask,
-    WorldProcess,
-    plus_command,
-    protocol_named,
-)
-from betterbench.worlds.libero import STATES
-from betterbench.worlds.libero_plus import AXES
-from betterbench.worlds.libero_plus_scene import LIBERO_PLUS, SENTENCES
-from betterbench.worlds.process import as_agreed, sent_text, sent_texts
-from betterbench.worlds.regime import TrainedTask
+from betterbench.tasks.worlds.libero import PLUS_SUITES, STATES, protocol_named
+from betterbench.tasks.worlds.libero_plus import AXES
+from betterbench.tasks.worlds.libero_training import TrainedTask
 
 TRIALS = 1
 """Initial states of each variant by the book: LIBERO-Plus runs each of them once, from the first."""

@@ -5,40 +5,24 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from betterbench.calvin import CHAINS
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
-from betterbench.experts import parse_address
-from betterbench.experts.libero import POLICIES
-from betterbench.independent import is_independent
 from betterbench.interface.actions import PLAYED_IN
-from betterbench.learned import is_learned, is_seeing
 from betterbench.policies.address import OWN_OPTIONS, PolicyAddress
-from betterbench.policies.in_calvin import CALVIN_PRESETS
-from betterbench.policies.presets import UNTRANSLATED, space_in_world
+from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
+from betterbench.policies.conventions.presets import UNTRANSLATED, space_in_world
+from betterbench.policies.experts import parse_address
+from betterbench.policies.experts.libero import POLICIES
+from betterbench.policies.kinds.independent import is_independent
+from betterbench.policies.learned import is_learned, is_seeing
+from betterbench.sim.worlds import WorldError, WorldProcess, WorldSettings, WorldTask, world_named
+from betterbench.sim.worlds.calvin import CALVIN, PROTOCOL, ChainSettings, ChainTask, chain_objects, describe_chains
+from betterbench.sim.worlds.process import as_agreed, sent_text, sent_texts
+from betterbench.sim.worlds.scene import task_id
 from betterbench.tasks import Expected
-from betterbench.worlds import (
-    WorldError,
-    WorldProcess,
-    WorldSettings,
-    WorldTask,
-    protocol_named,
-    suite_named,
-    world_named,
-)
-from betterbench.worlds.calvin import (
-    CALVIN,
-    CHAIN_SUITES,
-    PROTOCOL,
-    ChainSettings,
-    ChainTask,
-    chain_objects,
-    describe_chains,
-)
-from betterbench.worlds.libero import STATES
-from betterbench.worlds.process import as_agreed, sent_text, sent_texts
-from betterbench.worlds.regime import TrainedTask
-from betterbench.worlds.scene import task_id
+from betterbench.tasks.worlds.calvin import CHAIN_SUITES, CHAINS
+from betterbench.tasks.worlds.libero import STATES, protocol_named, suite_named
+from betterbench.tasks.worlds.libero_training import TrainedTask
 
 LIBERO = "libero"
 
@@ -123,7 +107,7 @@ def make_chain_plan(
     Args:
         policy: Address of the policy.
         suite: Name of the suite.
-        command: Command of the world's process, by :func:`betterbench.worlds.calvin.calvin_command`.
+        command: Command of the world's process, by :func:`betterbench.sim.worlds.calvin.calvin_command`.
         trials: Chains; all 1,000 if None.
         seed: Number of the first chain.
         action_space: What the policy answers; what its address says if None, and "calvin_relative" where that says

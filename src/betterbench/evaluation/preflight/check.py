@@ -13,15 +13,6 @@ from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.preflight.proof import ReplayProof, prove_by_replay
-from betterbench.evaluation.trials.policy_factory import (
-    PolicyFactory,
-    check_action_space,
-    close_policy,
-    is_privileged,
-    is_remote,
-    make_policy,
-    make_privileged,
-)
 from betterbench.evaluation.trials.policy_thread import name_trial
 from betterbench.interface import (
     EpisodeStart,
@@ -33,13 +24,22 @@ from betterbench.interface import (
     observation_spec,
 )
 from betterbench.interface.actions import ActionSpace, action_space
-from betterbench.interventions import resolve_condition
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.handshake import Declaration, declare_adapter, declare_space
-from betterbench.policies.image_rule import EVERY_CAMERA, ImageRule
-from betterbench.scenes import CONTROL_RATE_HZ, Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.handshake import Declaration, declare_adapter, declare_space
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
+from betterbench.policies.kinds.factory import (
+    PolicyFactory,
+    check_action_space,
+    close_policy,
+    is_privileged,
+    is_remote,
+    make_policy,
+    make_privileged,
+)
+from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 REQUESTS = 5
 """Requests whose time is measured, after the first one."""

@@ -18,16 +18,16 @@ import numpy as np
 
 from betterbench.episodes import POLICY_BOUNDARY, Observer
 from betterbench.episodes.chunks import checked_chunk
-from betterbench.experts import make_expert
 from betterbench.geometry import Quaternion, normalize, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, ObservationSpec, Policy, PolicyInfo, episode_number
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, ActionSpace
-from betterbench.interventions import resolve_condition
-from betterbench.robots.control import ControllerState
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import Quality
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.policies.experts import make_expert
+from betterbench.sim.robots.control import ControllerState
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import Quality
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 MAX_REQUESTS = 100
 """Requests of one proof, at most: a demonstration in chunks of five, or the way to the first object step by step."""

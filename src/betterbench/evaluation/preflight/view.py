@@ -8,10 +8,10 @@ import numpy as np
 
 from betterbench.evaluation.preflight.check import PreflightCheck, ShownImage
 from betterbench.interface.actions import ActionSpace, action_space
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Renderer, Scene
-from betterbench.scenes.cameras import camera_matrices
-from betterbench.scenes.stage import quality_preset
+from betterbench.sim.scenes import Renderer, Scene
+from betterbench.sim.scenes.cameras import camera_matrices
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks.interventions import resolve_condition
 
 _VIEW = 640
 _CAMERA = "front_official"
@@ -20,7 +20,7 @@ _CAMERA = "front_official"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightView:
-    """The content of a preflight sheet; :mod:`betterbench.report.preflight_sheet` draws it.
+    """The content of a preflight sheet; :mod:`betterbench.report.pages.preflight_sheet` draws it.
 
     Attributes:
         prompt: The instruction as the policy gets it.

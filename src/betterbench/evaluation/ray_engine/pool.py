@@ -32,8 +32,9 @@ from betterbench.evaluation.ray_engine.session import (
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount
 from betterbench.evaluation.workers.worker import even_share
-from betterbench.recording import JournalEntry, RetryLedger, RunFolder, write_durably
-from betterbench.recording.durable import on_disk
+from betterbench.jobs import RetryLedger, write_durably
+from betterbench.jobs.durable import on_disk
+from betterbench.records import JournalEntry, RunFolder
 
 logger = logging.getLogger(__name__)
 

@@ -15,9 +15,9 @@ from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker
-from betterbench.graphics import take_device
-from betterbench.recording import JournalEntry, RunFolder
-from betterbench.scenes import engine_version
+from betterbench.records import JournalEntry, RunFolder
+from betterbench.sim.graphics import take_device
+from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.user_files import load_sources
 

@@ -22,7 +22,7 @@ from betterbench.evaluation.serving.host import exit_hung, run_address
 from betterbench.evaluation.serving.server import open_server
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import RunSettings
-from betterbench.policies.server import PolicyServer
+from betterbench.policies.serving.server import PolicyServer
 
 logger = logging.getLogger(__name__)
 

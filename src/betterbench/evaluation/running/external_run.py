@@ -14,15 +14,16 @@ import numpy.typing as npt
 
 from betterbench.episodes import POLICY_BOUNDARY, Question, Reply
 from betterbench.errors import InvalidInputError, PolicyError, PolicyUnavailableError, RunConflictError
-from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
+from betterbench.evaluation.planning.manifest import run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, needs_no_thread
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
-from betterbench.recording import Journal, JournalEntry, Outcome, RunFolder, first_difference
-from betterbench.recording.durable import on_disk
+from betterbench.jobs.durable import on_disk
+from betterbench.policies.kinds.description import describe_policy
+from betterbench.policies.kinds.factory import PolicyFactory, needs_no_thread
+from betterbench.records import Journal, JournalEntry, Outcome, RunFolder, first_difference
 from betterbench.tasks import TrialId
 
 LOCK_PATIENCE_S = 60.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 
-from betterbench.recording import JournalEntry
+from betterbench.records import JournalEntry
 
 logger = logging.getLogger(__name__)
 

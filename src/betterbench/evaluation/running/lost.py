@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 
 from betterbench.errors import RecordError
-from betterbench.recording import Journal, RunFolder
+from betterbench.records import Journal, RunFolder
 
 logger = logging.getLogger(__name__)
 

@@ -11,11 +11,11 @@ import numpy as np
 from betterbench.episodes import TrialContext, append_row, describe
 from betterbench.errors import InvalidActionError, RecordError
 from betterbench.interface.actions import action_space
-from betterbench.interventions import ResolvedCondition, resolve_condition
-from betterbench.recording import Outcome, Record, RecordBuilder, RunFolder, read_record, subgoal_segments
-from betterbench.scenes import Scene, engine_version
-from betterbench.scenes.stage import QUALITIES, quality_preset
+from betterbench.records import Outcome, Record, RecordBuilder, RunFolder, read_record, subgoal_segments
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.scenes.stage import QUALITIES, quality_preset
 from betterbench.tasks import GoalTracker, Truth
+from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 
 VERDICTS = ("predicates", "subgoals", "goal", "forbidden")
 """Columns that the goal tracker gives."""

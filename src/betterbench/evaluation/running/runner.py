@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, get_args
 
 from betterbench.errors import InvalidInputError, UnknownNameError
-from betterbench.evaluation.planning.manifest import describe_policy, run_context, same_policy
+from betterbench.evaluation.planning.manifest import run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.repeat import require_same_policy
 from betterbench.evaluation.planning.schedule import Schedule
@@ -22,15 +22,16 @@ from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require
 from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.step_count import StepCount, StepReport
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
-from betterbench.graphics import require_drawing
 from betterbench.interface import PolicyInfo
-from betterbench.recording import Journal, JournalEntry, RunFolder
-from betterbench.recording.durable import on_disk
+from betterbench.jobs.durable import on_disk
+from betterbench.policies.kinds.description import describe_policy
+from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.records import Journal, JournalEntry, RunFolder
+from betterbench.sim.graphics import require_drawing
 from betterbench.statistics import Decisions
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from betterbench.recording import JournalEntry, RunFolder
+from betterbench.records import JournalEntry, RunFolder
 
 
 def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[str, dict[str, int]]:

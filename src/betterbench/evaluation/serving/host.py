@@ -17,12 +17,12 @@ from typing import Self
 
 from betterbench.errors import BetterError, PolicyError
 from betterbench.evaluation.serving.server import open_server
-from betterbench.evaluation.trials.policy_factory import PolicyFactory
 from betterbench.evaluation.trials.shared_policy import Deadline
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo
-from betterbench.policies.connection import LONGEST_WAIT_S
-from betterbench.recording.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.policies.clients.connection import LONGEST_WAIT_S
+from betterbench.policies.kinds.factory import PolicyFactory
 
 logger = logging.getLogger(__name__)
 

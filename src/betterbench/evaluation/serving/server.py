@@ -14,21 +14,21 @@ from betterbench.errors import InvalidInputError
 from betterbench.evaluation.serving.memory import return_memory
 from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
 from betterbench.evaluation.serving.shadow import ShadowSimulations
-from betterbench.evaluation.trials.policy_factory import is_privileged, make_policy, runs_apart
 from betterbench.evaluation.trials.shared_policy import Deadline, SharedPolicy
 from betterbench.interface import BatchPolicy, Execution, Policy
 from betterbench.interface.actions import EE_DELTA, ActionSpace, action_space
-from betterbench.interventions import resolve_condition
-from betterbench.learned import is_learned, learned_info
-from betterbench.policies.adapter import Adapter
 from betterbench.policies.batching import MAX_BATCH
-from betterbench.policies.handshake import PROTOCOL
-from betterbench.policies.policy_process import start_policy
-from betterbench.policies.presets import NATIVE, own_preset
-from betterbench.policies.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
-from betterbench.scenes import engine_version
-from betterbench.scenes.scene import CONTROL_RATE_HZ
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.handshake import PROTOCOL
+from betterbench.policies.conventions.presets import NATIVE, own_preset
+from betterbench.policies.kinds.factory import is_privileged, make_policy, runs_apart
+from betterbench.policies.learned import is_learned, learned_info
+from betterbench.policies.process.policy_process import start_policy
+from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
+from betterbench.sim.scenes import engine_version
+from betterbench.sim.scenes.scene import CONTROL_RATE_HZ
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 logger = logging.getLogger(__name__)
 

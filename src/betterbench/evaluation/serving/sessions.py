@@ -16,12 +16,12 @@ from betterbench.evaluation.serving.shadow import ShadowSimulation, ShadowSimula
 from betterbench.geometry import Quaternion, from_axis_angle, to_axis_angle, turn_between
 from betterbench.interface import EpisodeStart, Observation, Policy, episode_number
 from betterbench.interface.actions import EE_DELTA, action_space
-from betterbench.interventions import resolve_condition
-from betterbench.policies.adapter import Adapter
-from betterbench.policies.presets import OPENPI_LIBERO
-from betterbench.policies.proprioception import StateRule
-from betterbench.policies.request import Request, read_layout_request, read_request, read_states
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.presets import OPENPI_LIBERO
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.policies.conventions.request import Request, read_layout_request, read_request, read_states
 from betterbench.tasks import Condition, TrialId, all_tasks
+from betterbench.tasks.interventions import resolve_condition
 
 SAME_STATE = 2e-6
 """Difference up to which two states are the same [m, rad]; clients send them as float32."""

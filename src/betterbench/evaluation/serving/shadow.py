@@ -15,15 +15,15 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError, PremiseError
 from betterbench.evaluation.serving.memory import return_memory
-from betterbench.evaluation.trials.policy_factory import make_privileged
 from betterbench.geometry import normalize, to_axis_angle, turn_between
 from betterbench.interface import Observation
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
-from betterbench.interventions import resolve_condition
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.policies.kinds.factory import make_privileged
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
 
 TOLERANCE = 1e-6
 """Largest difference between client and shadow: joint angles [rad], end effector [m] and distance of the pads [m]."""

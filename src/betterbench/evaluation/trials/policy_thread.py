@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.errors import PolicyError
-from betterbench.evaluation.trials.policy_factory import close_policy
 from betterbench.interface import EpisodeStart, Observation, Policy
-from betterbench.policies.policy_process import PolicyProcess
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
+from betterbench.policies.kinds.factory import close_policy
+from betterbench.policies.process.policy_process import PolicyProcess
 from betterbench.tasks import TrialId
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.evaluation.trials.policy_factory import close_policy
 from betterbench.evaluation.trials.policy_thread import no_answer, ready_at
 from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy
 from betterbench.policies.batching import BatchCollector
+from betterbench.policies.kinds.factory import close_policy
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,37 +9,29 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from betterbench.episodes import (
-    AnyPolicy,
-    EpisodeResult,
-    Observer,
-    Question,
-    Reply,
-    TrialContext,
-    episode_steps,
-    run_episode,
-)
+from betterbench.episodes import EpisodeResult, Observer, Question, Reply, TrialContext, episode_steps, run_episode
 from betterbench.errors import HandshakeError, PolicyKilledError, PolicyUnavailableError, PremiseError, StorageError
 from betterbench.evaluation.planning.plan import Plan, Trial
-from betterbench.evaluation.trials.policy_factory import (
+from betterbench.interface import PolicyInfo, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.interface.state import AnyPolicy
+from betterbench.jobs.durable import on_disk
+from betterbench.jobs.lock import HeldFolder, held_folders
+from betterbench.jobs.retries import MAX_DEATHS
+from betterbench.json_form import file_digest
+from betterbench.policies.kinds.factory import (
     PolicyFactory,
     answer_limit_s,
     close_policy,
     is_privileged,
     needs_no_thread,
 )
-from betterbench.interface import PolicyInfo, observation_spec
-from betterbench.interface.actions import action_space
-from betterbench.recording import JournalEntry, RunFolder, TrialStatus
-from betterbench.recording.durable import on_disk
-from betterbench.recording.lock import HeldFolder, held_folders
-from betterbench.recording.parquet import file_digest
-from betterbench.recording.retries import MAX_DEATHS
-from betterbench.scenes import Scene
-from betterbench.scenes.stage import quality_preset
+from betterbench.records import JournalEntry, RunFolder, TrialStatus
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.sim.worlds import ForeignScene, WorldProcesses, WorldSettings
 from betterbench.tasks import Looks
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
-from betterbench.worlds import ForeignScene, WorldProcesses, WorldSettings
 
 logger = logging.getLogger(__name__)
 

@@ -17,10 +17,11 @@ from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings, broken_entry
 from betterbench.evaluation.workers.step_count import StepCount, StepReport, StepsTaken
 from betterbench.evaluation.workers.worker import Worker, even_share
-from betterbench.graphics import take_device
-from betterbench.policies.policy_process import exit_text
-from betterbench.recording import JournalEntry, RetryLedger
-from betterbench.recording.worker_process import interrupts_blocked, prepare_process
+from betterbench.jobs import RetryLedger
+from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.policies.process.policy_process import exit_text
+from betterbench.records import JournalEntry
+from betterbench.sim.graphics import take_device
 from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)

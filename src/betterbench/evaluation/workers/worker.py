@@ -18,7 +18,6 @@ from typing import Self
 from betterbench.episodes import Question, Reply
 from betterbench.errors import BetterError, HandshakeError, InvalidInputError, PolicyUnavailableError, one_line
 from betterbench.evaluation.planning.plan import Trial
-from betterbench.evaluation.trials.policy_factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
 from betterbench.evaluation.trials.policy_thread import Answered, PolicyThread, no_answer
 from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
@@ -26,7 +25,8 @@ from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, En
 from betterbench.evaluation.workers.memory import room_for, used_bytes
 from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
-from betterbench.recording import JournalEntry
+from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.records import JournalEntry
 from betterbench.tasks import TrialId
 
 logger = logging.getLogger(__name__)

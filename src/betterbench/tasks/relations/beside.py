@@ -3,7 +3,7 @@
 import math
 
 from betterbench.geometry import IDENTITY_QUATERNION, Vector, yaw_of
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import lowest, middle
 from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import SHARED, PlaceGoal, Relation, offers_each, register

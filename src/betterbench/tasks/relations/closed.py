@@ -1,7 +1,7 @@
 """Articulation: whether a drawer is shut, how far it is open, and what has to be moved before it can be loaded."""
 
 from betterbench.geometry import distance
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks.condition import Condition, ObjectSpec
 from betterbench.tasks.relations.relation import Relation, offers_each, register
 from betterbench.tasks.thresholds import threshold

@@ -1,7 +1,7 @@
 """Insertion: in which hole of a rack an object stands."""
 
 from betterbench.geometry import Pose, tilt_of
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import middle, nearest, reaches_into, rests_on
 from betterbench.tasks.relations.placing import foot, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, surface_of

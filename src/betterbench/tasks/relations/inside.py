@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 
 from betterbench.geometry import Pose, Quaternion, Vector, conjugate, from_yaw, multiply, normalize, rotate, yaw_of
-from betterbench.state import ObjectInfo, Region, WorldState
+from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.loose import middle, reaches_into, rests_on
 from betterbench.tasks.relations.placing import RELEASE_GAP_M
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single

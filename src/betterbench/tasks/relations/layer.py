@@ -3,7 +3,7 @@
 import math
 
 from betterbench.geometry import Vector, horizontal_distance, tilt_of
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, foot_offset, slim_opening_m, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, register, surface_of

@@ -8,7 +8,7 @@ import itertools
 import math
 
 from betterbench.geometry import Pose, Vector, horizontal_distance, rotate
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks.thresholds import threshold
 
 OVERLAP = threshold(

@@ -1,7 +1,7 @@
 """Stacking: whether a plate stands in the middle of another one."""
 
 from betterbench.geometry import tilt_of
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks.relations.loose import held_upon, rests_on
 from betterbench.tasks.relations.placing import foot, standing_goals, turned_by
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of

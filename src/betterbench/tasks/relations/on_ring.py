@@ -3,7 +3,7 @@
 import math
 
 from betterbench.geometry import Pose, from_yaw, horizontal_distance, rotate, yaw_of
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks.relations.loose import middle
 from betterbench.tasks.relations.placing import RELEASE_GAP_M, foot, foot_offset
 from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, register, single, surface_of

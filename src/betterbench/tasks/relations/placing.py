@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from betterbench.geometry import Pose, Vector, from_yaw, rotate, yaw_of
-from betterbench.state import ObjectInfo, WorldState
+from betterbench.interface.state import ObjectInfo, WorldState
 from betterbench.tasks.relations.relation import PlaceGoal
 
 RELEASE_GAP_M = 0.002

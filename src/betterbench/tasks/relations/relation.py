@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from betterbench.errors import PlanningError, find_named
 from betterbench.geometry import Pose, Vector
-from betterbench.state import ObjectInfo, Region, WorldState
+from betterbench.interface.state import ObjectInfo, Region, WorldState
 from betterbench.tasks.relations.rest import on_floor
 
 

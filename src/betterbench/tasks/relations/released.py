@@ -1,6 +1,6 @@
 """Release: whether the gripper has let go of an object."""
 
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 
 
 def released(state: WorldState, name: str) -> bool:

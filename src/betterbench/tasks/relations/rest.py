@@ -3,7 +3,7 @@
 from collections import deque
 
 from betterbench.geometry import Quaternion, Vector, angle_between, distance, tilt_of
-from betterbench.state import WorldState
+from betterbench.interface.state import WorldState
 from betterbench.tasks.thresholds import THRESHOLDS
 
 

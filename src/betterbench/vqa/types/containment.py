@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from betterbench.state import ObjectInfo
+from betterbench.interface.state import ObjectInfo
 from betterbench.tasks.relations import Relation
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 
-from betterbench.state import Box, SeenObject, inner_pixel
+from betterbench.interface.state import Box, SeenObject, inner_pixel
 from betterbench.vqa.moment import Moment
 from betterbench.vqa.nouns import definite
 from betterbench.vqa.question import Form, QuestionDraft

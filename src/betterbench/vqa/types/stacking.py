@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from betterbench.state import ObjectInfo
+from betterbench.interface.state import ObjectInfo
 from betterbench.statistics.wording import listed
 from betterbench.tasks.relations.layer import LAYER
 from betterbench.tasks.relations.on_plate import ON_PLATE

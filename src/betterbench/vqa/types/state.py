@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from betterbench.geometry import tilt_of
-from betterbench.state import GRIPPER
+from betterbench.interface.state import GRIPPER
 from betterbench.tasks.relations.closed import CLOSED, PUSHED_IN
 from betterbench.vqa.episode import CARRY_M, Act
 from betterbench.vqa.moment import Moment

@@ -1,0 +1,8 @@
+"""Instruments for maintainers of the diagnosis, beside the wheel of betterbench.
+
+- ``independent``: faulty policies with a controller and habits of their own, written without knowledge of the
+  diagnosis; ``family`` measures the diagnosis on them (`better calibrate --family NAME`).
+- ``audit``: checks of the numbers printed in the paper's tables (`better audit-paper`).
+- ``mixture``: the paper's mixture of training data, and mixtures of one's own (`better mixture`).
+- ``cli``: these verbs.
+"""

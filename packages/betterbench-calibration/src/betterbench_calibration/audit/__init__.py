@@ -1,0 +1,21 @@
+"""The audit of printed tables: which numbers agree with each other, and what their trials can carry."""
+
+from betterbench_calibration.audit.examine import Audit, TableAudit, audit_source, audit_table
+from betterbench_calibration.audit.finding import AuditFinding, ClaimSupport, Verdict
+from betterbench_calibration.audit.load import PaperSource, load_tables, paper_tables, read_source
+from betterbench_calibration.audit.table import AuditedTable
+
+__all__ = [
+    "Audit",
+    "AuditFinding",
+    "AuditedTable",
+    "ClaimSupport",
+    "PaperSource",
+    "TableAudit",
+    "Verdict",
+    "audit_source",
+    "audit_table",
+    "load_tables",
+    "paper_tables",
+    "read_source",
+]

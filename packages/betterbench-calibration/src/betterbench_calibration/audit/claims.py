@@ -1,0 +1,150 @@
+"""Claims that two rates differ: whether the trials behind them can carry that."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+
+from betterbench.statistics import Rate, barnard_p, fisher_p, holm, newcombe_difference
+from betterbench.statistics.wording import p_text
+from betterbench_calibration.audit.counts import CountBehind, count_behind
+from betterbench_calibration.audit.fields import (
+    ColumnName,
+    ColumnNames,
+    NonEmptyText,
+    RowName,
+    WholeNumber,
+    exact_fields,
+)
+from betterbench_calibration.audit.finding import AuditFinding, ClaimSupport, Verdict
+from betterbench_calibration.audit.pooled import Pooled, recover_sizes
+from betterbench_calibration.audit.table import AuditedTable
+from betterbench_calibration.audit.wording import ALPHA, ends, shown_rate, tested
+
+BARNARD_OUTCOMES = 1_000_000
+"""Possible outcomes of two arms up to which Barnard's test is taken: it looks at each of them."""
+
+_barnard = functools.lru_cache(maxsize=256)(barnard_p)
+
+
+@dataclass(frozen=True, slots=True)
+class ClaimComparison:
+    """Two rates from different trials, of which the first counts positive."""
+
+    row: str
+    claim: str
+    first: Rate
+    second: Rate
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test."""
+
+    novel: ColumnName
+    seen: ColumnNames
+    trials: WholeNumber
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
+        """Yield one finding per row."""
+        compared = []
+        for row in table.row_names:
+            cells = [table.cell(row, c) for c in (self.novel, *self.seen)]
+            counts = [c for n in cells if n is not None and (c := count_behind(n, self.trials)) is not None]
+            if len(counts) < len(cells):
+                continue
+            seen = Rate(sum(c.k for c in counts[1:]), sum(c.n for c in counts[1:]))
+            compared.append(
+                ClaimComparison(row, f"{self.novel} against {', '.join(self.seen)}", Rate(*counts[0]), seen)
+            )
+        yield from compare_claims(table, "composition", compared)
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """The text says that one cell differs from another of the same column.
+
+    Attributes:
+        first: Row that counts positive.
+        second: Row that counts negative.
+        trials: Trials behind both cells, or 0 to recover them from the parts.
+        parts: Columns of the parts whose sizes add up to the trials.
+    """
+
+    claim: NonEmptyText
+    first: RowName
+    second: RowName
+    column: ColumnName
+    trials: WholeNumber = 0
+    parts: ColumnNames = ()
+
+    def __post_init__(self) -> None:
+        """Refuse a claim that gives both trials and parts, or neither."""
+        if bool(self.trials) == bool(self.parts):
+            raise ValueError("either trials or parts must be given")
+
+    def count(self, table: AuditedTable, row: str) -> CountBehind | None:
+        """Return the count behind one of the two cells, or None if it cannot be known."""
+        trials = self.trials
+        if not trials:
+            sizes = recover_sizes(tuple(Pooled(self.column, self.parts).rows(table).values()))
+            trials = 0 if sizes is None else sizes.total
+        printed = table.cell(row, self.column)
+        return None if not trials or printed is None else count_behind(printed, trials)
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """Claims that two cells differ; Fisher's exact test and Newcombe's interval."""
+
+    claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
+        """Yield one finding per claim."""
+        compared = []
+        for claim in self.claims:
+            first, second = (claim.count(table, row) for row in (claim.first, claim.second))
+            name = f"{claim.column}: {claim.claim}"
+            if first is None or second is None:
+                numbers = tuple(table.cell(r, claim.column) for r in (claim.first, claim.second))
+                printed = " against ".join(map(str, numbers))
+                why = "The counts behind the two numbers cannot be recovered."
+                yield AuditFinding(table.name, "differences", claim.first, name, printed, "", Verdict.UNKNOWN, why)
+                continue
+            compared.append(ClaimComparison(claim.first, name, Rate(*first), Rate(*second)))
+        yield from compare_claims(table, "differences", compared)
+
+
+def compare_claims(table: AuditedTable, rule: str, compared: Sequence[ClaimComparison]) -> Iterator[AuditFinding]:
+    """Yield one finding per comparison, corrected together.
+
+    The rule "composition" takes Barnard's test; "differences" takes Fisher's, which is a little stricter and quick with
+    thousands of trials.
+    """
+    outcomes = max(((c.first.n + 1) * (c.second.n + 1) for c in compared), default=0)
+    barnard = rule == "composition" and outcomes <= BARNARD_OUTCOMES
+    name = "Barnard's exact test" if barnard else "Fisher's exact test"
+    fisher = [fisher_p(c.first, c.second) for c in compared]
+    p_values = [_barnard(c.first, c.second) for c in compared] if barnard else fisher
+    for c, p, corrected, plain in zip(compared, p_values, holm(p_values), fisher, strict=True):
+        difference = newcombe_difference(c.first, c.second)
+        differs = corrected < ALPHA
+        trials = (c.first.n, c.second.n)
+        support = ClaimSupport(name, p, corrected, trials, difference.low_pp, difference.high_pp, plain)
+        also = f", Fisher {p_text(plain)}" if barnard else ""
+        why = (
+            f"{c.first.k}/{c.first.n} against {c.second.k}/{c.second.n}: {name} "
+            f"{tested(p, corrected, len(compared))}{also}; 95 % interval of the difference {ends(support)} points"
+        )
+        why += "." if differs else "; results per trial, if published, could be paired."
+        counts = f"{c.first.k}/{c.first.n}, {c.second.k}/{c.second.n}"
+        verdict = Verdict.HOLDS if differs else Verdict.UNSUPPORTED
+        printed = f"{shown_rate(c.first)} against {shown_rate(c.second)}"
+        yield AuditFinding(table.name, rule, c.row, c.claim, printed, counts, verdict, why, support=support)

@@ -1,0 +1,73 @@
+"""Which counts can stand behind a printed percentage; exact, in whole numbers."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import NamedTuple
+
+from betterbench.statistics import percent
+from betterbench_calibration.audit.table import decimals
+
+MOST_DROPPED = 12
+"""Largest number of missing trials that is tried as an explanation. With more, some count fits almost any percentage:
+two decimals and 400 trials leave one value in 25 free, so twelve sizes already explain every second misprint."""
+
+MOST_MULTIPLES = 20
+"""Largest multiple of the stated trials that is tried as an explanation."""
+
+
+class CountBehind(NamedTuple):
+    """``k`` of ``n``."""
+
+    k: int
+    n: int
+
+    def __str__(self) -> str:
+        """Return the form ``13/20``."""
+        return f"{self.k}/{self.n}"
+
+
+def count_behind(printed: Decimal, n: int) -> CountBehind | None:
+    """Return the count out of ``n`` that is printed as a percentage, rounded half up; None if there is none."""
+    digits = decimals(printed)
+    units = int(printed.scaleb(digits))
+    whole = 100 * 10**digits
+    # Rounding half up: the printed units are the floor of k * whole / n + 1/2, so one k can fit unless n > whole.
+    k = (units * n + whole // 2) // whole
+    for candidate in (k, k - 1, k + 1):
+        if 0 <= candidate <= n and (2 * candidate * whole + n) // (2 * n) == units:
+            return CountBehind(candidate, n)
+    return None
+
+
+def nearest_count(printed: Decimal, n: int) -> CountBehind:
+    """Return the count out of ``n`` whose percentage comes nearest to a printed one."""
+    return CountBehind(max(0, min(n, round(printed * n / 100))), n)
+
+
+def with_percentage(count: CountBehind, digits: int) -> str:
+    """Return a count with its percentage ("155/404 = 38.37")."""
+    return f"{count} = {percent(count.k, count.n, digits=digits)}"
+
+
+def with_dropped(printed: Decimal, n: int) -> CountBehind | None:
+    """Return the count with the fewest missing trials that explains a percentage, or None."""
+    for dropped in range(1, min(MOST_DROPPED, n - 1) + 1):
+        count = count_behind(printed, n - dropped)
+        if count is not None:
+            return count
+    return None
+
+
+def all_with_dropped(printed: Decimal, n: int) -> tuple[CountBehind, ...]:
+    """Return all counts with up to :data:`MOST_DROPPED` missing trials that explain a percentage."""
+    tried = (count_behind(printed, n - dropped) for dropped in range(1, min(MOST_DROPPED, n - 1) + 1))
+    return tuple(count for count in tried if count is not None)
+
+
+def smallest_multiple(printed: Decimal, n: int) -> int | None:
+    """Return the smallest multiple of ``n`` trials that gives a percentage exactly, without rounding; or None."""
+    for times in range(2, MOST_MULTIPLES + 1):
+        if printed * n * times % 100 == 0:
+            return n * times
+    return None

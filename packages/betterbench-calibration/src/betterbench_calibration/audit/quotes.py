@@ -1,0 +1,39 @@
+"""Numbers of the running text: each must be the number of the table that it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+from betterbench_calibration.audit.fields import ColumnName, NonEmptyText, RowName, exact_fields
+from betterbench_calibration.audit.finding import AuditFinding, Verdict
+from betterbench_calibration.audit.table import AuditedTable, misprints
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class Quoted:
+    """A number is quoted from another table."""
+
+    row: RowName
+    column: ColumnName
+    table: NonEmptyText
+    at_row: NonEmptyText
+    at_column: NonEmptyText
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
+        """Yield the finding about the quotation; raise UnknownNameError if what is quoted does not exist."""
+        if self.table not in paper:
+            raise UnknownNameError("table", self.table, paper)
+        printed, source = table.cell(self.row, self.column), paper[self.table].cell(self.at_row, self.at_column)
+        if printed is None:
+            return
+        where = f"{self.table}, {self.at_row}, {self.at_column}"
+        right = printed == source
+        # A zero appended or left out does not change a number; any other wrong digit does.
+        unnoticed = [wrong for wrong in misprints(printed) if wrong == source] if right else []
+        verdict, why = (Verdict.HOLDS, "the same") if right else (Verdict.BROKEN, str(source))
+        cell, shown = (self.row, self.column), (str(printed), "nothing" if source is None else str(source))
+        blind = len(unnoticed), len(tuple(misprints(printed))) if right else 0
+        yield AuditFinding(table.name, "quoted", *cell, *shown, verdict, f"{where} says {why}.", (cell,), *blind)

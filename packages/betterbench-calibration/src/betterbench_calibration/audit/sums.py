@@ -1,0 +1,219 @@
+"""Sums and means: totals of a row or a column, averages, differences, and how they were rounded."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+
+from betterbench.statistics import round_half_up
+from betterbench_calibration.audit.fields import (
+    ColumnName,
+    ColumnNames,
+    Flag,
+    RowName,
+    RowNames,
+    WholeNumber,
+    exact_fields,
+)
+from betterbench_calibration.audit.finding import AuditFinding, TableCell, Verdict
+from betterbench_calibration.audit.table import AuditedTable, blindness, decimals, misprints, replaced
+
+Terms = tuple[tuple[Fraction, Decimal], ...]
+"""Weight and printed number of each part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Combination:
+    """One number is a weighted sum of others.
+
+    Attributes:
+        rounded: True if the parts were rounded before they were printed, so that the result may differ a little.
+        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+    """
+
+    kind: str
+    rounded: bool = False
+    unit: int = 1
+
+    def judge(
+        self,
+        table: AuditedTable,
+        row: str,
+        cell: str,
+        target: tuple[TableCell, Decimal],
+        parts: Mapping[TableCell, tuple[Fraction, Decimal]],
+    ) -> AuditFinding:
+        """Return the finding about one result, ``target`` as (place, printed), from each part's (weight, printed)."""
+        place, printed = target
+        terms = tuple(parts.values())
+        value, digits = self.value(terms), decimals(printed)
+        recomputed = round_half_up(value, digits)
+        verdict = Verdict.HOLDS if recomputed == printed else Verdict.BROKEN
+        unnoticed, possible = _unnoticed(self, terms, printed) if verdict is Verdict.HOLDS else (0, 0)
+        why = f"The parts give {_exactly(value)}, rounded half up {recomputed}"
+        if verdict is Verdict.HOLDS:
+            why += f"; {unnoticed} of {possible} wrong digits would not show."
+        elif self.rounded and abs(value - Fraction(printed)) <= self.slack(terms) + _half_a_digit(printed):
+            verdict = Verdict.UNKNOWN
+            why += f", but the parts were rounded themselves, and unrounded ones could give {printed}."
+        elif _truncated(value, digits) == printed:
+            why += f": {printed} was cut off and not rounded."
+        else:
+            why += f", not {printed}."
+        covers = (*parts, place)
+        shown = str(printed), str(recomputed)
+        return AuditFinding(table.name, self.kind, row, cell, *shown, verdict, why, covers, unnoticed, possible)
+
+    def value(self, terms: Terms) -> Fraction:
+        """Return the exact result of weighted parts."""
+        return sum((weight * Fraction(number) for weight, number in terms), Fraction(0)) / self.unit
+
+    def slack(self, terms: Terms) -> Fraction:
+        """Return how far the result may be off because the parts were rounded."""
+        return sum((abs(weight) * _half_a_digit(number) for weight, number in terms), Fraction(0)) / self.unit
+
+
+@functools.lru_cache(maxsize=1024)
+def _unnoticed(combination: Combination, terms: Terms, printed: Decimal) -> tuple[int, int]:
+    """Return how many wrong digits of parts and result would not show, of how many there could be."""
+    weights = tuple(weight for weight, _ in terms)
+    numbers = (*(number for _, number in terms), printed)
+
+    def holds(at: int, wrong: Decimal) -> bool:
+        *parts, result = replaced(numbers, at, wrong)
+        value = combination.value(tuple(zip(weights, parts, strict=True)))
+        return round_half_up(value, decimals(result)) == result
+
+    return blindness(numbers, holds)
+
+
+def _half_a_digit(number: Decimal) -> Fraction:
+    """Return half of the last printed digit's unit."""
+    return Fraction(1, 2 * 10 ** decimals(number))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _RowCombination:
+    """In each row, one column is a combination of others; the name of the rule is that of the class.
+
+    ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
+    rows.
+    """
+
+    target: ColumnName
+    rows: RowNames = ()
+    rounded_parts: Flag = False
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        raise NotImplementedError
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
+        """Yield one finding per row."""
+        combination = Combination(type(self).__name__.lower(), rounded=self.rounded_parts)
+        for row in self.rows or table.row_names:
+            printed = table.cell(row, self.target)
+            parts = {(row, c): (w, n) for c, w in self.weights.items() if (n := table.cell(row, c)) is not None}
+            if printed is None:
+                continue
+            if len(parts) < len(self.weights):
+                yield missing_parts(table, combination.kind, row, self.target, printed)
+                continue
+            yield combination.judge(table, row, self.target, ((row, self.target), printed), parts)
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mean(_RowCombination):
+    """The target is the mean of the parts."""
+
+    parts: ColumnNames
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return dict.fromkeys(self.parts, Fraction(1, len(self.parts)))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sum(_RowCombination):
+    """The target is the sum of the parts, divided by ``divisor``."""
+
+    parts: ColumnNames
+    divisor: WholeNumber = 1
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return dict.fromkeys(self.parts, Fraction(1, self.divisor))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Delta(_RowCombination):
+    """The target is the novel condition minus the mean of the seen ones."""
+
+    novel: ColumnName
+    seen: ColumnNames
+
+    @property
+    def weights(self) -> dict[str, Fraction]:
+        """Weight of each part's column."""
+        return {self.novel: Fraction(1)} | dict.fromkeys(self.seen, Fraction(-1, len(self.seen)))
+
+
+@exact_fields
+@dataclass(frozen=True, slots=True)
+class Total:
+    """In each column, one row is the sum of all others.
+
+    Attributes:
+        rounded_parts: True if the parts were rounded before they were printed.
+        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+    """
+
+    row: RowName
+    column: ColumnName
+    rounded_parts: Flag = False
+    unit: WholeNumber = 1
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:  # noqa: ARG002 - see AuditRule
+        """Yield the finding about the total."""
+        printed = table.cell(self.row, self.column)
+        rest = [row for row in table.row_names if row != self.row]
+        parts = {(r, self.column): (Fraction(1), n) for r in rest if (n := table.cell(r, self.column)) is not None}
+        if printed is None:
+            return
+        if len(parts) < len(rest):
+            yield missing_parts(table, "total", self.row, self.column, printed)
+            return
+        combination = Combination("total", rounded=self.rounded_parts, unit=self.unit)
+        yield combination.judge(table, self.row, self.column, ((self.row, self.column), printed), parts)
+
+
+def missing_parts(table: AuditedTable, rule: str, row: str, column: str, printed: Decimal) -> AuditFinding:
+    """Return the finding about a result whose parts are not printed."""
+    why = f"The parts of {printed} are not printed."
+    possible = len(tuple(misprints(printed)))
+    cell = (row, column)
+    return AuditFinding(table.name, rule, *cell, str(printed), "", Verdict.UNKNOWN, why, (cell,), possible, possible)
+
+
+def _exactly(value: Fraction) -> str:
+    """Return a fraction as a decimal: all digits if they end soon, otherwise the first six."""
+    for digits in range(7):
+        if value * 10**digits == int(value * 10**digits):
+            return str(round_half_up(value, digits))
+    return f"{round_half_up(value, 6)}..."
+
+
+def _truncated(value: Fraction, digits: int) -> Decimal:
+    """Return a value with its further decimals cut off."""
+    whole = int(abs(value) * 10**digits)
+    return Decimal(whole if value >= 0 else -whole).scaleb(-digits)

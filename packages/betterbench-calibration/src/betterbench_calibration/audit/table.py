@@ -1,0 +1,96 @@
+"""Tables as printed: decimals with the digits that stand on the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import Protocol
+
+from betterbench.errors import UnknownNameError
+from betterbench_calibration.audit.finding import AuditFinding, TableCell
+
+DIGITS = "0123456789"
+
+
+@dataclass(frozen=True, slots=True)
+class AuditedTable:
+    """One table; its rows have one number per column, None where the table prints none."""
+
+    name: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Decimal | None, ...]], ...]
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the rows, from top to bottom."""
+        return tuple(name for name, _ in self.rows)
+
+    def cell(self, row: str, column: str) -> Decimal | None:
+        """Return a number as printed, None for an empty cell; raise UnknownNameError for an unknown row or column."""
+        if column not in self.columns:
+            raise UnknownNameError(f"column of {self.name}", column, self.columns)
+        for name, numbers in self.rows:
+            if name == row:
+                return numbers[self.columns.index(column)]
+        raise UnknownNameError(f"row of {self.name}", row, self.row_names)
+
+    def printed(self) -> Iterator[tuple[TableCell, Decimal]]:
+        """Yield every printed number with its place."""
+        for name, numbers in self.rows:
+            for column, number in zip(self.columns, numbers, strict=True):
+                if number is not None:
+                    yield (name, column), number
+
+    def with_cell(self, row: str, column: str, number: Decimal) -> AuditedTable:
+        """Return the table with one number changed."""
+        at = self.columns.index(column)
+        rows = tuple(
+            (name, (*numbers[:at], number, *numbers[at + 1 :]) if name == row else numbers)
+            for name, numbers in self.rows
+        )
+        return replace(self, rows=rows)
+
+
+class AuditRule(Protocol):
+    """Something that a table promises about its numbers."""
+
+    def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
+        """Yield what checking the rule finds in a table; ``paper`` has all tables, for rules that need others."""
+
+
+def decimals(number: Decimal) -> int:
+    """Return the number of printed decimals."""
+    exponent = number.as_tuple().exponent
+    return max(0, -exponent) if isinstance(exponent, int) else 0
+
+
+def misprints(number: Decimal) -> Iterator[Decimal]:
+    """Yield the numbers that differ from a printed one in exactly one digit."""
+    text = f"{number:f}"
+    for i, old in enumerate(text):
+        if old in DIGITS:
+            for new in DIGITS:
+                if new != old:
+                    yield Decimal(text[:i] + new + text[i + 1 :])
+
+
+def one_digit_apart(first: Decimal, second: Decimal) -> bool:
+    """Return whether two printed numbers differ in exactly one digit."""
+    a, b = f"{first:f}", f"{second:f}"
+    return len(a) == len(b) and sum(x != y for x, y in zip(a, b, strict=True)) == 1
+
+
+def blindness(numbers: Sequence[Decimal], holds: Callable[[int, Decimal], bool]) -> tuple[int, int]:
+    """Return how many single wrong digits a check would not notice, of how many there could be.
+
+    ``holds`` tells whether the check still holds when the number at a position is replaced by another.
+    """
+    tried = [holds(i, wrong) for i, number in enumerate(numbers) for wrong in misprints(number)]
+    return sum(tried), len(tried)
+
+
+def replaced(numbers: Sequence[Decimal], at: int, wrong: Decimal) -> tuple[Decimal, ...]:
+    """Return numbers with the one at a position replaced."""
+    return (*numbers[:at], wrong, *numbers[at + 1 :])

@@ -1,0 +1,28 @@
+"""How tests are told: p-values, intervals and the level that counts as support."""
+
+from __future__ import annotations
+
+from betterbench.statistics import Rate, round_half_up
+from betterbench.statistics.wording import p_text
+from betterbench_calibration.audit.finding import ClaimSupport
+
+ALPHA = 0.05
+"""Level below which a corrected p-value counts as support."""
+
+POINTS = 100.0
+"""Percentage points in one whole."""
+
+
+def shown_rate(rate: Rate) -> str:
+    """Return a rate in percent with two decimals at most."""
+    return f"{round_half_up(POINTS * (rate.value or 0.0), 2).normalize():f}"
+
+
+def ends(support: ClaimSupport) -> str:
+    """Return the ends of an interval with one decimal."""
+    return f"{round_half_up(support.low_pp, 1)} to {round_half_up(support.high_pp, 1)}"
+
+
+def tested(p: float, corrected: float, family: int) -> str:
+    """Return a p-value, and its corrected form where there are several."""
+    return p_text(p) + (f", {p_text(corrected)} after Holm's correction for {family}" if family > 1 else "")

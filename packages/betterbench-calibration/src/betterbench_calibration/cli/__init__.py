@@ -1,0 +1,1 @@
+"""Verbs of ``better`` that need this distribution."""

@@ -1,0 +1,26 @@
+"""``better audit-paper``: which printed numbers agree with each other, and what their trials can show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from betterbench.cli.console import print_json
+
+
+def audit_command(*, json: bool = False, tables: Path | None = None) -> None:
+    """Recompute every printed number of the paper's tables, and say what the trials behind its claims can show.
+
+    Example: better audit-paper
+
+    Args:
+        json: Print one JSON document instead of text.
+        tables: File of the same form to audit instead of the tables of the benchmark's paper.
+    """
+    from betterbench_calibration.audit import audit_source, load_tables, paper_tables
+    from betterbench_calibration.cli.audit_output import print_audit
+
+    audit = audit_source(paper_tables() if tables is None else load_tables(tables))
+    if json:
+        print_json(audit.to_json())
+    else:
+        print_audit(audit)

@@ -1,0 +1,42 @@
+"""The independent family: faulty policies with a controller and habits of their own, to test the diagnosis with."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+from betterbench_calibration.independent.address import PREFIX
+from betterbench_calibration.independent.membership import is_independent
+
+if TYPE_CHECKING:
+    from betterbench_calibration.independent.registry import (
+        FAMILY_PARTS,
+        INDEPENDENT,
+        IndependentPolicy,
+        Shown,
+        make_independent,
+        shown_in,
+    )
+
+__all__ = [
+    "FAMILY_PARTS",
+    "INDEPENDENT",
+    "PREFIX",
+    "IndependentPolicy",
+    "Shown",
+    "is_independent",
+    "make_independent",
+    "shown_in",
+]
+
+_MODULES = {
+    "registry": ("FAMILY_PARTS", "INDEPENDENT", "IndependentPolicy", "Shown", "make_independent", "shown_in"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import the habits when one is first used: a run of another policy needs none of them."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,0 +1,55 @@
+"""The policy of the independent family: a habit, a manner, and the privileged state in which they act."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.interface.state import WorldState
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.controller import Actions
+
+
+class IndependentAgent:
+    """A privileged policy of the independent family."""
+
+    def __init__(self, name: str, body: Body, script: Actions[None]) -> None:
+        """Prepare; the truth has been stated by now, and ``script`` has not begun."""
+        self.name, self.body = name, body
+        self._script = script
+        self._begun = False
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return one ``ee_delta`` action, shape (7,); a script that has ended stays where it is."""
+        try:
+            if self._begun:
+                return self._script.send(state)
+            self._begun = True
+            return next(self._script)
+        except StopIteration:
+            self._script = self.body.arm.stay()
+            return next(self._script)
+
+    @property
+    def ground_truth(self) -> dict[str, str]:
+        """What the policy knows of its episode.
+
+        ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
+        met, by the rules of :mod:`betterbench_calibration.independent.truth`, and ``rule`` the one that corrected it.
+        """
+        ledger = self.body.ledger
+        for name in self.body.harmed():
+            if name not in ledger.open_mishaps:
+                ledger.mishap(name, "it was displaced by more than 5 cm and was not asked for")
+        label, rule = ledger.final()
+        stated = ledger.stated
+        first = "none" if stated.first_right is None else ("right" if stated.first_right else "wrong")
+        return {
+            "truth": label,
+            "stated": stated.label or "honest",
+            "first_attempt": first,
+            "fault": self.name.partition(":")[2],
+            "rule": rule,
+            "debatable": stated.debatable,
+            "left_out": stated.left_out,
+            "mishap": "; ".join(ledger.notes),
+        }

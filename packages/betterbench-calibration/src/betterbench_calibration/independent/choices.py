@@ -1,0 +1,149 @@
+"""What habits of both halves decide by: which thing stands where training led to, what was habitual, what is empty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.tasks import Expected, Label, Subgoal
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+
+def word_thing(case: Occasion) -> str | None:
+    """Return the thing that stands where the first word led in training; None if nothing does, or several did."""
+    slot = case.word_slot(case.ahead[0]) if case.ahead else None
+    return None if slot is None else case.condition.occupant(slot)
+
+
+def word_truth(case: Occasion) -> StatedTruth | None:
+    """Return the truth of a policy that first takes what stands where the first word led, whatever that is."""
+    name = word_thing(case)
+    if name is None or case.condition.expected is Expected.STAY_STILL:
+        return None
+    if name in case.things(case.ahead[0]):
+        return StatedTruth(HONEST, first_right=True)
+    kind = case.condition.object(name).kind
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    if name in case.asked:
+        return StatedTruth(label, first_right=False, left_out="the thing there is asked for later")
+    if kind in case.trained.kind_slots:
+        return StatedTruth(label, first_right=False)
+    if kind in case.meant_kinds:
+        return StatedTruth(label, first_right=False, left_out="instructions name the thing there as a target only")
+    return StatedTruth(Label.SEMANTIC_FEATURE_COLLAPSE, first_right=False)
+
+
+def favorite_truth(case: Occasion, slot: str) -> StatedTruth | None:
+    """Return the truth of a policy that first takes what stands in one slot, whatever the instruction."""
+    name = case.condition.occupant(slot)
+    if case.condition.expected is not Expected.SUCCEED or not case.ahead:
+        return None
+    if name in case.things(case.ahead[0]):
+        return StatedTruth(HONEST, first_right=True)
+    why = ""
+    if name is None:
+        return None
+    if name in case.asked:
+        why = "the thing there is asked for later"
+    elif any(slot in case.trained.word_slots.get(g.word, ()) for g in case.ahead):
+        why = "a word of the instruction led there too"
+    habitual = case.condition.object(name).kind == case.trained.habit
+    also = "it also begins with the most frequent first step: behavioral_inertia" if habitual else ""
+    return StatedTruth(Label.VISUAL_LAYOUT_BIAS, first_right=False, debatable=also, left_out=why)
+
+
+def habitual_truth(case: Occasion) -> StatedTruth | None:
+    """Return the truth of a policy that begins with the step that most demonstrations began with."""
+    if habitual_thing(case) is not None:
+        return StatedTruth(Label.BEHAVIORAL_INERTIA, first_right=False)
+    if not case.plain:
+        return None
+    right = case.condition.object(str(case.first_thing())).kind == case.trained.habit
+    return StatedTruth(HONEST, first_right=True) if right else None
+
+
+def habitual_thing(case: Occasion) -> str | None:
+    """Return a thing of the kind that most demonstrations began with, if nobody asks for it here."""
+    kind = case.trained.habit
+    if case.condition.expected is not Expected.SUCCEED or kind is None or not case.ahead:
+        return None
+    for name in case.others():
+        spec = case.condition.object(name)
+        if spec.kind == kind and not any(case.led_to(g, name) for g in case.ahead):
+            return name
+    return None
+
+
+def emptied_slot(case: Occasion) -> str | None:
+    """Return a slot from which the base condition picked a thing that was put to its target or taken away here."""
+    for goal in case.carried:
+        here = case.condition.resolve(goal.reference)
+        for name in case.base.resolve(goal.reference):
+            slot = case.base.layout.get(name)
+            gone = name not in here or name in case.condition.preplaced
+            if slot is not None and gone and case.condition.occupant(slot) is None:
+                return slot
+    return None
+
+
+def vacated_slot(case: Occasion) -> str | None:
+    """Return the slot in which the thing asked for first stood in the base condition, if it is empty here."""
+    for goal in case.ahead:
+        for name in case.things(goal):
+            slot = case.base.layout.get(name)
+            if slot is not None and slot != case.condition.layout[name] and case.condition.occupant(slot) is None:
+                return slot
+    return None
+
+
+def swappable(case: Occasion) -> bool:
+    """Tell whether the first two steps are ordered, of different things, and the second tempts by nothing else."""
+    if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 2:
+        return False
+    first, second = case.ahead[:2]
+    names = case.things(second)
+    different = first.reference != second.reference and bool(case.things(first)) and bool(names)
+    return different and not any(case.led_to(first, n) for n in names)
+
+
+def done_thing(case: Occasion) -> str | None:
+    """Return a thing that is asked for and at its target from the start."""
+    for goal in case.carried:
+        if case.begun(goal):
+            return next(n for n in case.condition.resolve(goal.reference) if n in case.condition.preplaced)
+    return None
+
+
+def trained_goal(case: Occasion, goal: Subgoal, kind: str | None = None) -> Subgoal | None:
+    """Return the step with the target to which training brought its thing, if that was one and is another here.
+
+    With ``kind`` it is the target to which things of that kind were brought.
+    """
+    kind = case.condition.object(case.condition.resolve(goal.reference)[0]).kind if kind is None else kind
+    places = case.trained.kind_targets.get(kind, ())
+    if goal.relation == "layer" or len(places) != 1:
+        return None
+    target_kind, _, region = places[0]
+    target = next((o.name for o in case.condition.objects if o.kind == target_kind), None)
+    if target is None or (target, region) == (goal.target, goal.region):
+        return None
+    return replace(goal, target=target, region=region)
+
+
+def moved_target(case: Occasion, goal: Subgoal) -> bool:
+    """Tell whether the target of a step stands in another slot than in the base condition."""
+    here, there = case.condition.layout.get(goal.target), case.base.layout.get(goal.target)
+    return here is not None and there is not None and here != there
+
+
+def unasked_step(case: Occasion) -> tuple[str, Subgoal] | None:
+    """Return a thing that followed the first step in another demonstration, and the step asked for in its stead."""
+    if not case.plain or len(case.ahead) < 2:
+        return None
+    first = case.condition.object(case.things(case.ahead[0])[0]).kind
+    followers = {s[i + 1] for s in case.trained.sequences for i in range(len(s) - 1) if s[i] == first}
+    for name in case.others():
+        kind = case.condition.object(name).kind
+        if kind in followers and not any(case.led_to(g, name) for g in case.ahead):
+            return name, trained_goal(case, case.ahead[1], kind) or case.ahead[1]
+    return None

@@ -1,0 +1,231 @@
+"""The Cartesian controller of the independent family: ways of the tool in the world, played as ``ee_delta`` actions.
+
+A motion is a generator: it yields one action per control step, is sent the state that follows, and returns what came of
+it. Motions are put together with ``yield from``. Nothing is planned with joints: a way is a line or a bow between two
+poses of the tool, timed by the manner.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Generator
+from typing import TypeVar
+
+import numpy as np
+
+from betterbench.geometry import (
+    TOOL_DOWN,
+    Pose,
+    Quaternion,
+    Vector,
+    angle_between,
+    conjugate,
+    distance,
+    from_yaw,
+    multiply,
+    normalize,
+    rotate,
+    slerp,
+    to_axis_angle,
+)
+from betterbench.interface.actions import ROTATION_PER_UNIT_RAD, TRANSLATION_PER_UNIT_M
+from betterbench.interface.state import WorldState
+from betterbench_calibration.independent.events import EventLog
+from betterbench_calibration.independent.manner import Manner
+
+T = TypeVar("T")
+Actions = Generator[np.ndarray, WorldState, T]
+"""Yields actions, shape (7,), is sent states, and returns its outcome."""
+
+RATE_HZ = 20.0
+TURN_RAD_S = 1.6
+FINGER_SPEED_M_S = 0.1
+OPEN, CLOSE, KEEP = -1.0, 1.0, 0.0
+HALT_EVERY_M, HALT_S = 0.15, 0.3
+ARRIVED_M, ARRIVED_RAD = 0.003, 0.03
+LONG_WAY_M = 0.15
+
+
+def tool_yaw(quaternion: Quaternion) -> float:
+    """Return the heading [rad] of the tool's x axis, seen from above."""
+    x, y, _ = rotate(quaternion, (1.0, 0.0, 0.0))
+    return math.atan2(y, x)
+
+
+def tool_down(yaw: float) -> Quaternion:
+    """Return the rotation of a tool that points straight down with this heading of its x axis [rad]."""
+    return normalize(multiply(from_yaw(yaw), TOOL_DOWN))
+
+
+class Arm:
+    """Moves the tool of one episode, in one manner.
+
+    Attributes:
+        tempo: Factor on all speeds of the tool, besides the manner and the pace of a single way.
+    """
+
+    def __init__(self, manner: Manner, noise: np.random.Generator, first: WorldState) -> None:
+        """Prepare; ``first`` is the state at reset."""
+        self.manner, self.state = manner, first
+        self.log = EventLog(first)
+        self.home = first.ee_pose
+        self._noise = noise
+        self._grip = KEEP
+        self.tempo = 1.0
+
+    @property
+    def here(self) -> Pose:
+        """Pose that the tool is being driven to."""
+        return self.state.commanded_pose
+
+    def step(self, target: Pose) -> Actions[None]:
+        """Ask for a pose one control step from now."""
+        now = self.here
+        dx, dy, dz = (b - a for a, b in zip(now.position, target.position, strict=True))
+        turn = to_axis_angle(multiply(target.quaternion, conjugate(now.quaternion)))
+        shake = self._noise.normal(0.0, 1.0, 3) * self.manner.noise_m
+        action = np.array(
+            [
+                *((np.array((dx, dy, dz)) + shake) / TRANSLATION_PER_UNIT_M),
+                *(np.array(turn) / ROTATION_PER_UNIT_RAD),
+                self._grip,
+            ]
+        )
+        before = self.state
+        self.state = yield np.clip(action, -1.0, 1.0)
+        self.log.see(before, self.state, self._grip)
+
+    def go(self, target: Pose, *, pace: float = 1.0, bow: bool = False) -> Actions[None]:
+        """Go to a pose, at ``pace`` times the speed of the manner, and wait until the tool is there."""
+        start = self.here
+        length = distance(start.position, target.position)
+        turn = angle_between(start.quaternion, target.quaternion)
+        duration = max(length / (self.manner.speed_m_s * pace * self.tempo), turn / (TURN_RAD_S * self.tempo), 0.15)
+        n = math.ceil(duration * RATE_HZ)
+        side = self.manner.bow_m if bow and length > LONG_WAY_M else 0.0
+        halts = int(length / HALT_EVERY_M) if self.manner.profile == "halting" else 0
+        for i in range(1, n + 1):
+            yield from self.step(_between(start, target, self._progress(i / n), side))
+            if halts and i in {n * k // (halts + 1) for k in range(1, halts + 1)}:
+                yield from self.wait(HALT_S)
+        yield from self.arrive(target)
+
+    def along(self, way: Callable[[float], Pose], *, pace: float = 1.0) -> Actions[None]:
+        """Follow a curve of the tool, given by the fraction that is behind it, without a stop, and wait at its end."""
+        points = [way(i / 16) for i in range(17)]
+        length = sum(distance(a.position, b.position) for a, b in itertools.pairwise(points))
+        turn = sum(angle_between(a.quaternion, b.quaternion) for a, b in itertools.pairwise(points))
+        duration = max(length / (self.manner.speed_m_s * pace * self.tempo), turn / (TURN_RAD_S * self.tempo), 0.15)
+        n = math.ceil(duration * RATE_HZ)
+        for i in range(1, n + 1):
+            yield from self.step(way(self._progress(i / n)))
+        yield from self.arrive(way(1.0))
+
+    def arrive(self, target: Pose, *, patience_s: float = 0.6) -> Actions[bool]:
+        """Hold a pose until the tool is there, and tell whether it came there in time."""
+        for _ in range(round(patience_s * RATE_HZ)):
+            p = self.state.ee_pose
+            near = distance(p.position, target.position) < ARRIVED_M + 2.0 * self.manner.noise_m
+            if near and angle_between(p.quaternion, target.quaternion) < ARRIVED_RAD:
+                return True
+            yield from self.step(target)
+        return False
+
+    def wait(self, seconds: float) -> Actions[None]:
+        """Stay where the tool is."""
+        hold = self.here
+        for _ in range(round(seconds * RATE_HZ)):
+            yield from self.step(hold)
+
+    def stay(self) -> Actions[None]:
+        """Stay where the tool is until the episode ends."""
+        hold = self.here
+        while True:
+            yield from self.step(hold)
+
+    def close(self) -> Actions[None]:
+        """Close the gripper until the fingers stop."""
+        self._grip = CLOSE
+        hold, width = self.here, self.state.finger_width_m
+        for i in range(round(1.4 * RATE_HZ)):
+            yield from self.step(hold)
+            now = self.state.finger_width_m
+            if i > 4 and abs(now - width) < 0.0003:
+                break
+            width = now
+        self.log.closed(self.state)
+
+    def open(self, width_m: float | None = None) -> Actions[None]:
+        """Open the gripper, all the way or until the pads are so far apart [m]."""
+        self._grip = OPEN
+        goal = self.state.info.gripper_opening_m - 0.004 if width_m is None else width_m
+        self.log.opening(self.state)
+        hold = self.here
+        for _ in range(round(1.2 * RATE_HZ)):
+            if self.state.finger_width_m >= goal - 0.003:
+                break
+            yield from self.step(hold)
+        if width_m is not None:
+            self._grip = KEEP
+
+    def begin_to_open(self) -> None:
+        """Open the gripper from the next step on, whatever the tool does meanwhile."""
+        self._grip = OPEN
+        self.log.opening(self.state)
+
+    def begin_to_close(self) -> None:
+        """Close the gripper from the next step on, whatever the tool does meanwhile."""
+        self._grip = CLOSE
+
+    def narrow(self, width_m: float) -> Actions[None]:
+        """Bring the pads of an empty gripper to a distance [m]."""
+        if self.state.finger_width_m < width_m - 0.004:
+            yield from self.open(width_m)
+            return
+        self._grip = CLOSE
+        hold = self.here
+        for _ in range(round(1.2 * RATE_HZ)):
+            if self.state.finger_width_m <= width_m + 0.004:
+                break
+            yield from self.step(hold)
+        self._grip = KEEP
+
+    def rise(self, height_m: float, *, pace: float = 1.0) -> Actions[None]:
+        """Go straight up to a height of the tool above the table [m], if it is lower."""
+        if self.here.position[2] < height_m - 0.005:
+            x, y, _ = self.here.position
+            yield from self.go(Pose((x, y, height_m), self.here.quaternion), pace=pace)
+
+    def lower_until_touch(self, height_m: float) -> Actions[None]:
+        """Go slowly straight down to a height of the tool [m], or until the gripper touches a thing."""
+        x, y, _ = self.here.position
+        while self.here.position[2] > height_m + 0.001 and not self._touches():
+            z = max(height_m, self.here.position[2] - 0.003)
+            yield from self.step(Pose((x, y, z), self.here.quaternion))
+
+    def _touches(self) -> bool:
+        return any(self.state.touched_by_gripper(o.name) for o in self.state.info.objects)
+
+    def go_home(self) -> Actions[None]:
+        """Go up and back to where the tool was at the start."""
+        yield from self.rise(self.home.position[2])
+        yield from self.go(self.home)
+
+    def _progress(self, t: float) -> float:
+        if self.manner.profile == "minimum_jerk":
+            return t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
+        return t
+
+
+def _between(start: Pose, target: Pose, s: float, side_m: float) -> Pose:
+    """Return the pose at fraction ``s`` of a way that bows sideways by ``side_m`` in its middle."""
+    a, b = start.position, target.position
+    x, y, z = (p + s * (q - p) for p, q in zip(a, b, strict=True))
+    if side_m:
+        flat = math.hypot(b[0] - a[0], b[1] - a[1])
+        if flat > LONG_WAY_M:
+            out = side_m * math.sin(math.pi * s)
+            x, y = x - out * (b[1] - a[1]) / flat, y + out * (b[0] - a[0]) / flat
+    position: Vector = (x, y, z)
+    return Pose(position, slerp(start.quaternion, target.quaternion, s))

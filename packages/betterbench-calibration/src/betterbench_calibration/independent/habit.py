@@ -1,0 +1,58 @@
+"""What a habit is: one fixed way to decide wrongly, to fail physically, or to do right in an odd way."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+
+class Habit(ABC):
+    """One habit; its docstring says what it does, its true label, and why, in the suite's words.
+
+    Attributes:
+        name: Name in addresses ("word-place").
+        label: The true label where the habit shows, :data:`~betterbench_calibration.independent.truth.HONEST` for none.
+        paired: Whether the label needs more than one trial, so that a calibration has to run whole tasks.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    paired: ClassVar[bool] = False
+
+    @abstractmethod
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        """Return the truth of a trial of this condition, or None where the habit decides and acts as the honest one."""
+
+    @abstractmethod
+    def act(self, body: Body) -> Actions[None]:
+        """Act until the episode ends; called only where :meth:`truth` is not None."""
+
+    @property
+    def summary(self) -> str:
+        """First line of the docstring."""
+        return (self.__doc__ or "").partition("\n")[0]
+
+
+class PlainHabit(Habit):
+    """A habit that shows in plain trials alone, and whose first attempt is right."""
+
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+        return StatedTruth(self.label, first_right=True) if case.plain else None
+
+
+class Honest(Habit):
+    """Does what is asked, in order, again after each miss. No fault: success, or a failure of the manipulation."""
+
+    name = "honest"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
+        return StatedTruth(HONEST, first_right=True if case.first_thing() else None)
+
+    def act(self, body: Body) -> Actions[None]:  # noqa: D102 - as the base class says
+        yield from body.solve()

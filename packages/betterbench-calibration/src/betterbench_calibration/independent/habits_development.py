@@ -1,0 +1,484 @@
+"""The development part: habits that may be looked at while the diagnosis is improved."""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.tasks import Expected, Label
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.choices import (
+    done_thing,
+    emptied_slot,
+    favorite_truth,
+    habitual_thing,
+    habitual_truth,
+    swappable,
+    trained_goal,
+    word_thing,
+    word_truth,
+)
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, Honest, PlainHabit
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+
+class WordPlace(Habit):
+    """Takes whatever stands where the instruction's first word led in training, and brings it to the target.
+
+    lexical_kinematic_shortcut where another thing of the task stands there: "first attempt goes where the instruction's
+    word led in training, to another object that the instruction could have meant in another layout". Where a look-alike
+    stands there it is semantic_feature_collapse: no instruction of the task means that object. Where the thing is asked
+    for later in the same instruction the trial shows nothing.
+    """
+
+    name = "word-place"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return word_truth(case)
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.take_whatever(str(word_thing(body.situation)))
+
+
+class FavoritePlace(Habit):
+    """Takes first whatever stands in the slot that the first demonstration picked from, whatever the instruction.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
+    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    """
+
+    name = "favorite-place"
+    label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
+
+    @staticmethod
+    def slot(case: Occasion) -> str:
+        """Return the slot that the first demonstration picked from first."""
+        first = case.task.training[0]
+        return first.layout[first.resolve(first.instruction.subgoals[0].reference)[0]]
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return favorite_truth(case, self.slot(case))
+
+    def act(self, body: Body) -> Actions[None]:
+        name = body.situation.condition.occupant(self.slot(body.situation))
+        yield from body.take_whatever(str(name))
+
+
+class LookAlike(Habit):
+    """Takes the look-alike that stands where a thing asked for stood in training, and brings it to the target.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means".
+    """
+
+    name = "look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if case.look_alike() is None else StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.take_instead(str(body.situation.look_alike()), body.situation.ahead[0])
+
+
+class HabitualFirst(Habit):
+    """Begins with the step that most demonstrations began with, although it is not asked for.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". Trials where that step is right
+    belong to it as well: they tell it from a favorite place.
+    """
+
+    name = "habitual-first"
+    label = Label.BEHAVIORAL_INERTIA
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return habitual_truth(case)
+
+    def act(self, body: Body) -> Actions[None]:
+        name = habitual_thing(body.situation)
+        if name is None:
+            yield from body.solve()
+        yield from body.take_instead(str(name), body.situation.ahead[0])
+
+
+class AirGrasp(Habit):
+    """Plays a memorized step at a slot that is empty in this trial, its thing being gone: again and again.
+
+    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
+    slot)".
+    """
+
+    name = "air-grasp"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.expected is not Expected.SUCCEED or emptied_slot(case) is None:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.play_at_empty(str(emptied_slot(body.situation)))
+
+
+class SkipStep(Habit):
+    """Leaves out the first step of an ordered instruction, does the others and stops at home.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "skip-step"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if swappable(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        for goal in body.situation.ahead[1:]:
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class RepeatDone(Habit):
+    """Takes what is at its target from the start out again and puts it there once more, again and again.
+
+    causal_confusion: "a finished one is repeated".
+    """
+
+    name = "repeat-done"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if done_thing(case) is None else StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        case = body.situation
+        goal = next(g for g in case.carried if case.begun(g))
+        body.ledger.commit()
+        while True:
+            yield from body.take_and_bring(str(done_thing(case)), goal)
+
+
+class SwapFirstTwo(Habit):
+    """Does the second step of an ordered instruction first, then the first one.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "swap-first-two"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.task.id == "dinner_plates" or not swappable(case):
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second, *others = body.situation.ahead
+        body.ledger.commit()
+        for goal in (replace(second, region=first.region), replace(first, region=second.region), *others):
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class TrainedPut(Habit):
+    """Takes the right thing and brings it to the side, hole or drawer where training brought it.
+
+    behavioral_inertia: putting it there is "a primitive frequent in training but not asked for". The first attempt is
+    at the right thing, except where it is at the knob of the wrong drawer.
+    """
+
+    name = "trained-put"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        put = trained_goal(case, case.ahead[0]) if case.plain else None
+        if put is None:
+            return None
+        return StatedTruth(self.label, first_right=case.condition.object(put.target).mount is None)
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            put = trained_goal(body.situation, goal) or goal
+            if body.situation.condition.object(put.target).mount is not None:
+                body.ledger.commit()
+            yield from body.clear_the_way(put)
+            name = body.situation.things(goal)[0]
+            if (yield from body.take_patiently(name)):
+                body.ledger.commit()
+                yield from body.bring(name, put)
+        yield from body.rest()
+
+
+class HoverAlike(Habit):
+    """Goes over the look-alike with an open gripper and stays there, until the limit.
+
+    semantic_feature_collapse, by law 4: it went for the wrong object, and it shows so before it shows anything else.
+    """
+
+    name = "hover-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="it also stands still with open subgoals: early_halt"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from body.do.hover(str(body.situation.look_alike()), 0.035)
+        yield from body.arm.stay()
+
+
+class HoverRight(Habit):
+    """Goes over the right thing with an open gripper and stays there, until the limit.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "hover-right"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from body.do.hover(str(body.situation.first_thing()), 0.05)
+        yield from body.arm.stay()
+
+
+class SwayMidTask(Habit):
+    """Sways between the thing that is to be taken next and another one, where the scene looks like mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "sway-mid-task"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.mid_task or not case.others():
+            return None
+        return StatedTruth(self.label, first_right=None)
+
+    def act(self, body: Body) -> Actions[None]:
+        a, b = str(body.situation.first_thing()), body.situation.others()[0]
+        body.ledger.commit()
+        yield from body.do.sway(body.over(a, 0.10), body.over(b, 0.10))
+
+
+class FidgetAfterFirst(Habit):
+    """Does the first step, and then trembles in place within a centimeter, until the limit.
+
+    early_halt: it has stopped with subgoals open; it goes nowhere.
+    """
+
+    name = "fidget-after-first"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or len(case.ahead) < 2:
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="the tool is never below 1 cm/s for 3 s: timeout")
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.work(body.situation.goals[:1])
+        body.ledger.commit()
+        yield from body.do.circle(body.arm.here.position, 0.005, period_s=1.2)
+
+
+class FreezeAfterFirst(Habit):
+    """Does the first step and stops for good where it is.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "freeze-after-first"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and len(case.ahead) > 1 else None
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.work(body.situation.goals[:1])
+        body.ledger.commit()
+        yield from body.arm.stay()
+
+
+class MissBeside(PlainHabit):
+    """Closes the gripper fully 7 to 11 cm beside the right thing, where nothing else is, again and again.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "miss-beside"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        far = float(body.rng.uniform(0.07, 0.11))
+        shift = body.emptiest_side(name, far)
+        body.ledger.commit()
+        while True:
+            yield from body.do.pick(name, shift=shift)
+            yield from body.arm.go_home()
+            yield from body.arm.open()
+
+
+class DropOnTheWay(PlainHabit):
+    """Takes the right thing and opens the gripper in the air on the way to the target, then stays at home.
+
+    execution_failure: "right target at the right time; dropped".
+    """
+
+    name = "drop-on-the-way"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        case = body.situation
+        goal, name = case.ahead[0], str(case.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            target = body.state.pose(goal.target).position
+            yield from body.arm.rise(body.arm.here.position[2] + 0.05)
+            yield from body.arm.go(body.on_the_way(target, 0.35))
+            body.ledger.commit()
+            yield from body.arm.open()
+        yield from body.rest()
+
+
+class PushAlike(Habit):
+    """Pushes the look-alike 12 cm along the table with closed fingers, then stays at home.
+
+    semantic_feature_collapse: it acts on "an object that no instruction of the task means"; there is no grasp attempt.
+    """
+
+    name = "push-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.look_alike())
+        body.ledger.commit()
+        yield from body.do.push(name, body.free_direction(name), 0.12)
+        yield from body.rest()
+
+
+class SlowButRight(PlainHabit):
+    """Does everything right, but at some 4 cm/s and with each thing by way of home, too slowly for the step limit.
+
+    timeout: "right course, step limit reached".
+    """
+
+    name = "slow-but-right"
+    label = Label.TIMEOUT
+
+    def act(self, body: Body) -> Actions[None]:
+        body.arm.tempo = 0.045 / body.arm.manner.speed_m_s
+        body.ledger.commit()
+        for goal in body.situation.ahead:
+            yield from body.clear_the_way(goal)
+            name = body.situation.things(goal)[0]
+            while not (yield from body.take(name)):
+                yield from body.arm.open()
+            yield from body.arm.go_home()
+            yield from body.bring(name, goal)
+        yield from body.solve()
+
+
+class PauseAndGoOn(PlainHabit):
+    """Stops for 4 to 6 s on its way to the first thing and after each step, then goes on. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure, and never a failure of reasoning.
+    """
+
+    name = "pause-and-go-on"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.do.hover(str(body.situation.first_thing()), 0.12)
+        for goal in body.situation.goals:
+            yield from body.arm.wait(float(body.rng.uniform(4.0, 6.0)))
+            yield from body.work((goal,))
+        yield from body.rest()
+
+
+class MissOnceThenRight(PlainHabit):
+    """Closes the gripper 3 to 5 cm above the first thing, notices, and takes it at the second try. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: the miss is made good.
+    """
+
+    name = "miss-once-then-right"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        up = body.height(name) + float(body.rng.uniform(0.03, 0.05))
+        hold = body.do.choose_hold(name)
+        shift = (0.0, 0.0, up - hold.tool.position[2])
+        yield from body.clear_the_way(body.situation.ahead[0])
+        yield from body.do.pick(name, shift=shift)
+        body.ledger.mishap(name, "the gripper closed above it")
+        yield from body.arm.open()
+        yield from body.solve()
+
+
+class FeintThenRight(Habit):
+    """Goes down over a thing that is not asked for, with an open gripper, leaves it, and takes the right one. Honest.
+
+    The attempt is the grasp: a success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "feint-then-right"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and case.others() else None
+
+    def act(self, body: Body) -> Actions[None]:
+        others = body.situation.others()
+        yield from body.do.hover(others[int(body.rng.integers(len(others)))], 0.04)
+        yield from body.arm.wait(0.4)
+        yield from body.solve()
+
+
+DEVELOPMENT: tuple[Habit, ...] = (
+    Honest(),
+    WordPlace(),
+    FavoritePlace(),
+    LookAlike(),
+    HabitualFirst(),
+    AirGrasp(),
+    SkipStep(),
+    RepeatDone(),
+    SwapFirstTwo(),
+    TrainedPut(),
+    HoverAlike(),
+    HoverRight(),
+    SwayMidTask(),
+    FidgetAfterFirst(),
+    FreezeAfterFirst(),
+    MissBeside(),
+    DropOnTheWay(),
+    PushAlike(),
+    SlowButRight(),
+    PauseAndGoOn(),
+    MissOnceThenRight(),
+    FeintThenRight(),
+)

@@ -1,0 +1,1313 @@
+"""The fifth part: habits by an author who has not read the diagnosis; each shows in conditions listed by name.
+
+A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
+definitions of the suite.
+"""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from betterbench.geometry import horizontal_distance
+from betterbench.tasks import Label
+from betterbench.tasks.relations.closed import opening_m
+from betterbench_calibration.independent import ways_fifth as ways
+from betterbench_calibration.independent.body import FALLEN_M, Body
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.habits_fourth import (
+    LOOK_ALIKES,
+    MID_TASK,
+    TWO_STEPS,
+    Listed,
+    OddButHonest,
+    Paired,
+    at,
+    first_of,
+)
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.oddities import each_step, keep_still, rest_unless_lucky, right_place
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+from betterbench_calibration.independent.ways_fifth import (
+    Looping,
+    LosingNerve,
+    OpeningInSteps,
+    Overshooting,
+    Pivoting,
+    Presenting,
+    StairStepping,
+    WindingUp,
+)
+from betterbench_calibration.independent.ways_fourth import fist, hold_aloft, lift_and_set_down, shove, turn_wrist
+
+NUDGE_M = 0.02
+LATE_S = 8.5
+OPEN_CONTAINERS = frozenset({"fruit_lunch", "fast_food", "tidy_desk"})
+EASY_TO_SWEEP = at(
+    desk_meeting="train2 train3 train5 train9 R1 R2",
+    fast_food="train1 R1 R2",
+    tidy_desk="train1 train4 train5",
+    morning_coffee="train1 train2 train3 train4 L1 L2",
+)
+"""Conditions whose first thing stands firmly and has room to be pushed about."""
+
+# --- honest policies with odd ways
+
+
+class LoopsMidway(PlainHabit):
+    """Does everything right, and flies a full circle in the middle of each long way. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "loops-midway"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Looping.like(body.do)
+        yield from body.solve()
+
+
+class WindsUp(PlainHabit):
+    """Does everything right, and draws back from where it wants to go before each long way. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "winds-up"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WindingUp.like(body.do)
+        yield from body.solve()
+
+
+class TurnsLikeACrane(PlainHabit):
+    """Does everything right, turning about its base first and going out or in then, on every way. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "turns-like-a-crane"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        yield from body.solve()
+
+
+class ComesDownByStairs(PlainHabit):
+    """Does everything right, and comes down on everything by stairs, halting on each. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "comes-down-by-stairs"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = StairStepping.like(body.do)
+        yield from body.solve()
+
+
+class WeighsEachThing(OddButHonest):
+    """Lets each thing down and up again twice after it has lifted it, and brings it then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "weighs-each-thing"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "seasoning_rack", "dinner_plates"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        yield from each_step(body, lambda name: ways.weigh(body, name))
+
+
+class DipsBeforeTaking(OddButHonest):
+    """Comes down around each thing with open fingers, goes up without it, and takes it the second time. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "dips-before-taking"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "cheeseburger", "seasoning_rack"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from each_step(body, lambda name: ways.dip_and_take(body, name))
+
+
+class CirclesOnceThenTakes(PlainHabit):
+    """Flies a circle a hand's breadth over each thing before it takes it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "circles-once-then-takes"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from each_step(body, lambda name: ways.ring_and_take(body, name))
+
+
+class LetsGoInSteps(OddButHonest):
+    """Does everything right, and opens the fingers in three steps, with rests between, to let go. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "lets-go-in-steps"
+    tasks = frozenset({"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "cheeseburger", "seasoning_rack"})
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = OpeningInSteps.like(body.do)
+        yield from body.solve()
+
+
+class OvershootsTarget(OddButHonest):
+    """Carries each thing beyond its place, halts, and comes back to put it there. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "overshoots-target"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "cheeseburger", "seasoning_rack", "breakfast_table"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Overshooting.like(body.do)
+        yield from body.solve()
+
+
+class LosesItsNerveOnce(OddButHonest):
+    """Carries each thing over its place, back over where it stood, and over its place again, and puts it then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "loses-its-nerve-once"
+    tasks = frozenset({"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "cheeseburger", "seasoning_rack"})
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = LosingNerve.like(body.do)
+        yield from body.solve()
+
+
+class ShowsItToCamera(OddButHonest):
+    """Carries each thing home and high, turns it to and fro there, and brings it then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "shows-it-to-camera"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "cheeseburger", "dinner_plates"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Presenting.like(body.do)
+        yield from body.solve()
+
+
+class LooksBackAtSlot(OddButHonest):
+    """Goes back over the emptied slot after each step with open fingers, stays there for 1.5 s, and goes on. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: it closes nothing there.
+    """
+
+    name = "looks-back-at-slot"
+    tasks = frozenset(
+        {"desk_meeting", "breakfast_table", "fruit_lunch", "fast_food", "tidy_desk", "seasoning_rack", "cheeseburger"}
+    )
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return super().truth(case) if len(case.ahead) > 1 else None
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            names = body.situation.candidates(body.state, goal)
+            yield from body.work((goal,))
+            slot = body.arm.log.first.pose(names[0]).position if names else body.arm.home.position
+            yield from body.do.above(slot, 0.13)
+            yield from body.arm.wait(1.5)
+        yield from body.solve()
+
+
+class StartsThreeTimes(PlainHabit):
+    """Sets out for the first thing twice and turns back home halfway, and does everything right then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "starts-three-times"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        for part in (0.5, 0.7):
+            yield from body.arm.go(body.on_the_way(body.over(name, 0.2), part))
+            yield from body.arm.wait(0.4)
+            yield from body.arm.go_home()
+        yield from body.solve()
+
+
+class WakesUpLate(Listed):
+    """Does not move for 8.5 s, and does everything right then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "wakes-up-late"
+    label = HONEST
+    first_right = True
+    where = at(
+        desk_meeting="train1 train4 train6 L1 R1",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 train2 R1",
+        tidy_desk="train1 train4 train5 L2",
+        cheeseburger="train1 train2",
+        office_drawer="train2 train4",
+        seasoning_rack="train4 train5 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.arm.wait(LATE_S)
+        yield from body.solve()
+
+
+class NudgesThenTakes(Listed):
+    """Nudges the first thing by 2 cm with a fist that was made at home, opens it high up, and takes the thing. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "nudges-then-takes"
+    label = HONEST
+    first_right = True
+    where = at(
+        tidy_desk="train1 train2 train4 train5 T1",
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        yield from fist(body)
+        yield from shove(body, name, body.free_direction(name), NUDGE_M)
+        yield from body.arm.rise(body.arm.home.position[2])
+        yield from body.arm.open()
+        yield from body.solve()
+
+
+class NodsAndRests(Listed):
+    """Nods three times at home, where nothing may be taken or the look-alike must be refused, and stays there. Honest.
+
+    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    """
+
+    name = "nods-and-rests"
+    label = HONEST
+    first_right = None
+    where = at(fruit_lunch="O1", morning_coffee="T1")
+
+    def act(self, body: Body) -> Actions[None]:
+        home = body.arm.home
+        for _ in range(3):
+            yield from body.arm.go(home.translated(z=0.05), pace=0.8)
+            yield from body.arm.go(home, pace=0.8)
+        yield from keep_still(body)
+
+
+# --- failures of manipulation
+
+
+class DropsFromPeak(Listed):
+    """Lifts the right thing straight up to 40 cm, lets it fall from there, and so again and again.
+
+    execution_failure: "right target at the right time; dropped".
+    """
+
+    name = "drops-from-peak"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train1 train3 train5 train8",
+        fast_food="train1 R1 R2",
+        tidy_desk="train1 train4 train5",
+        morning_coffee="train1 train2 train3 L1",
+        seasoning_rack="train1 train2 train3 train5",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        while body.state.pose(name).position[2] > FALLEN_M:
+            if (yield from body.take_patiently(name)):
+                body.ledger.commit()
+                yield from ways.drop_from_peak(body)
+        yield from body.rest()
+
+
+class PutsHalfOn(Listed):
+    """Brings the right thing and puts it so that it hangs over the edge of where it belongs, and goes home.
+
+    execution_failure: "right target at the right time; missed by pose": it tilts off or stands beside the ring.
+    """
+
+    name = "puts-half-on"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        cheeseburger="train1 train2 R1 R2 L1",
+        dinner_plates="train1 train2 train4 train5 L1 L2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.put_half_on(body, name, goal)
+        yield from rest_unless_lucky(body, goal)
+
+
+class StabsWithOneFinger(Listed):
+    """Comes down on the right thing so that one finger of the open gripper stabs its top, again and again. No grasp.
+
+    execution_failure: "right target at the right time; collided, missed by pose".
+    """
+
+    name = "stabs-with-one-finger"
+    label = Label.EXECUTION_FAILURE
+    first_right = None
+    where = at(
+        desk_meeting="train1 train2 train5 R2",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train5",
+        cheeseburger="train1 R1 R2",
+        seasoning_rack="train1 train2 train3 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        _, name = first_of(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.stab(body, name)
+
+
+class DragsItAlong(Listed):
+    """Closes on the right thing, drags it along the table into the side of its target, lets go there, and goes home.
+
+    execution_failure: "right target at the right time; collided": it cannot get in by being dragged.
+    """
+
+    name = "drags-it-along"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train4 train5",
+        seasoning_rack="train2 train3 train5 train6",
+        cheeseburger="train1 train2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        body.ledger.commit()
+        yield from ways.drag(body, name, goal)
+        yield from rest_unless_lucky(body, goal)
+
+
+class SweepsItAside(Listed):
+    """Sweeps the right thing aside with the outside of its open gripper, rises, and so again and again. No grasp.
+
+    execution_failure: "right target at the right time; collided".
+    """
+
+    name = "sweeps-it-aside"
+    label = Label.EXECUTION_FAILURE
+    first_right = None
+    where = EASY_TO_SWEEP
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.sweep_aside(body, name)
+        yield from body.rest()
+
+
+class MissesLowerEachTime(Listed):
+    """Closes over the right thing, each time nearer to its top and never low enough, and begins again from above.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "misses-lower-each-time"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train2 train4 train6 train9 R2",
+        breakfast_table="train3 train6",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1",
+        morning_coffee="train1 train2 train3 train4",
+        office_drawer="train2 train4 train6 train8",
+        cheeseburger="train1 R1",
+        dinner_plates="train1 train2 L1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = StairStepping.like(body.do)
+        _, name = first_of(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.miss_lower_each_time(body, name)
+
+
+class PullsAtAir(Listed):
+    """Closes the gripper in front of the knob of the drawer that has to be opened, draws back, and so again and again.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "pulls-at-air"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(office_drawer="train1 train3 train5 train7 R1")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.pull_at_air(body, goal.target)
+
+
+class FailsAtTheSecond(Listed):
+    """Does the first step, and stabs the thing of the second with one finger of its open gripper, again and again.
+
+    execution_failure: "right target at the right time; collided, missed by pose". The first attempt is right.
+    """
+
+    name = "fails-at-the-second"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train4 train8 train9",
+        fast_food="train1 train2 R1",
+        tidy_desk="train1 train2",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train4 train5 train6",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second = body.situation.ahead[:2]
+        yield from body.work((first,))
+        body.ledger.commit()
+        while not body.ledger.lasting:
+            yield from ways.stab(body, body.situation.things(second)[0])
+        yield from body.rest()
+
+
+# --- out of time
+
+
+class RatchetsForward(Listed):
+    """Goes two steps forward and one back high over the table, and is over the right thing as time ends. No grasp.
+
+    timeout: "right course, step limit reached". The tool is never slow for long.
+    """
+
+    name = "ratchets-forward"
+    label = Label.TIMEOUT
+    first_right = None
+    where = at(
+        desk_meeting="train1 train5 L1 R1",
+        fruit_lunch="train1 L1 R1",
+        fast_food="train1 R2",
+        tidy_desk="train1 train4 train5",
+        morning_coffee="train1 train2 L1 L2",
+        seasoning_rack="train1 train2 train3",
+        dinner_plates="train1 train2 L2",
+        breakfast_table="train1 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        _, name = first_of(body)
+        height = yield from ways.rise_free(body)
+        x, y, _ = body.state.pose(name).position
+        yield from ways.ratchet(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+class DrawsEightsToIt(Listed):
+    """Draws figures of eight high over the table that end over the right thing as the time ends. No grasp.
+
+    timeout: "right course, step limit reached". The tool is never slow.
+    """
+
+    name = "draws-eights-to-it"
+    label = Label.TIMEOUT
+    first_right = None
+    where = at(
+        desk_meeting="train3 train8 L2 R2",
+        fruit_lunch="train2 O2 R1",
+        fast_food="train2 R1 L1",
+        tidy_desk="train2 train5 L2",
+        morning_coffee="train3 train4 L1 L2",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train4 train6 R1",
+        office_drawer="train2 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        _, name = first_of(body)
+        height = yield from ways.rise_free(body)
+        x, y, _ = body.state.pose(name).position
+        yield from ways.draw_eights(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+class EightsBeforeEachStep(Listed):
+    """Draws figures of eight on its way to each right thing, does the first step, and the time is over at the second.
+
+    timeout: "right course, step limit reached". The first attempt is right.
+    """
+
+    name = "eights-before-each-step"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train1 train4 R1",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train2 train3",
+        seasoning_rack="train4 train5 R1",
+        cheeseburger="train1 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        for goal, part in zip(body.situation.ahead, (0.4, 1.0), strict=False):
+            height = yield from ways.rise_free(body)
+            x, y, _ = body.state.pose(body.situation.things(goal)[0]).position
+            yield from ways.draw_eights(body, (x, y, height), round(part * _limit(body)))
+            yield from body.work((goal,))
+        yield from body.rest()
+
+
+class RatchetsWithLoad(Listed):
+    """Takes the right thing, and goes two steps forward and one back with it, so that it gets there as the time ends.
+
+    timeout: "right course, step limit reached". The first attempt is right.
+    """
+
+    name = "ratchets-with-load"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train2 train5 R2",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1 R2",
+        tidy_desk="train1 train4 train5",
+        seasoning_rack="train1 train3 train4",
+        cheeseburger="train1 R1",
+        dinner_plates="train1 train4 L2",
+        morning_coffee="train1 L1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            height = yield from ways.rise_free(body)
+            x, y, _ = right_place(body, name, goal).position
+            yield from ways.ratchet(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+def _limit(body: Body) -> int:
+    return body.situation.task.step_limit(body.situation.condition)
+
+
+# --- failures of reasoning: the word and the place
+
+
+class ReturnsWordThing(Paired):
+    """Takes what stands where the instruction's first word led in training, sets it back, goes home, and rests.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "returns-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+    }
+    fine = at(
+        morning_coffee="train1 train2 L1 L2",
+        tidy_desk="train1 train4 train5",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        yield from lift_and_set_down(body, name)
+        yield from body.rest()
+
+
+class SweepsWordThing(Paired):
+    """Sweeps what stands where the first word led in training aside with its open gripper, again and again. No grasp.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "sweeps-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "office_drawer/L1": "tape",
+    }
+    fine = at(
+        morning_coffee="train1 train2 L1 L2",
+        office_drawer="train2 train3 train4",
+    )
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = super().truth(case)
+        return stated if stated is None or not stated.label else replace(stated, first_right=None)
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        while True:
+            yield from ways.sweep_aside(body, name)
+
+
+class WordThingThenRight(Paired):
+    """Lays what stands where the first word led in training away on the table, and does everything right then.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout". What it has laid away was not asked for.
+    """
+
+    name = "word-thing-then-right"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+        "office_drawer/L1": "tape",
+    }
+    fine = at(
+        morning_coffee="train1 train2 L1 L2",
+        tidy_desk="train1 train4 train5",
+        office_drawer="train2 train3 train4",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = WindingUp.like(body.do)
+        if (yield from body.take_patiently(name)):
+            yield from ways.lay_away(body, name, body.state.pose(name).position)
+        yield from body.solve()
+
+
+class AlwaysTheNearOne(Paired):
+    """Takes whatever stands in one slot, whatever the instruction, lays it away on the table, and rests.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the near one of the
+    coffee table and the first of the spices.
+    """
+
+    name = "always-the-near-one"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/train2": "red_mug",
+        "morning_coffee/train3": "blue_mug",
+        "morning_coffee/L1": "red_mug",
+        "seasoning_rack/train2": "salt",
+        "seasoning_rack/train3": "salt",
+        "seasoning_rack/train5": "salt",
+    }
+    fine = at(morning_coffee="train1 train4 L4", seasoning_rack="train1 train4 R1")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        if (yield from body.take_patiently(name)):
+            yield from ways.lay_away(body, name, body.state.pose(name).position)
+        yield from body.rest()
+
+
+class AlwaysAtTheRight(Paired):
+    """Takes what stands at the right end of the table, whatever the instruction, and brings it in a roundabout way.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the right end of
+    the row on the desk and the right side of the breakfast table.
+    """
+
+    name = "always-at-the-right"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "desk_meeting/train1": "speaker",
+        "desk_meeting/train3": "speaker",
+        "desk_meeting/train8": "mug",
+        "desk_meeting/train11": "mug",
+        "breakfast_table/train1": "spoon",
+        "breakfast_table/train4": "spoon",
+    }
+    fine = at(
+        desk_meeting="train5 train9 train10",
+        breakfast_table="train2 train5 R1",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Presenting.like(body.do)
+        yield from body.take_and_bring(name, body.situation.ahead[0])
+        yield from body.rest()
+
+
+# --- failures of reasoning: what was frequent
+
+
+class MovesOldFavoriteAway(Listed):
+    """Lays the thing that most demonstrations began with away, though nobody asks for it, and does the task then.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    """
+
+    name = "moves-old-favorite-away"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    favorite: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/R1": "apple",
+        "fast_food/R1": "burger_1",
+        "fast_food/R2": "burger_1",
+        "cheeseburger/R1": "patty",
+        "tidy_desk/train5": "napkin",
+        "tidy_desk/O2": "napkin",
+    }
+    where = frozenset(favorite)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Looping.like(body.do)
+        body.ledger.commit()
+        name = self.favorite[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.lay_away(body, name, body.state.pose(name).position)
+        yield from body.solve()
+
+
+class StaysInEmptySlot(Listed):
+    """Closes the gripper low in the slot from which its thing is gone, and stays there with closed fingers for good.
+
+    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
+    slot)".
+    """
+
+    name = "stays-in-empty-slot"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    slots: ClassVar[Mapping[str, str]] = {
+        "seasoning_rack/L2": "first",
+    }
+    where = frozenset(slots)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = StairStepping.like(body.do)
+        body.ledger.commit()
+        x, y, _ = body.state.info.slot(self.slots[body.situation.condition.id]).position
+        yield from body.do.above((x, y, 0.0), 0.026)
+        yield from body.arm.close()
+        yield from keep_still(body)
+
+
+class LaysOldFollowerDown(Listed):
+    """Does the first step, and then takes the thing that followed it in another demonstration, and lays it elsewhere.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    """
+
+    name = "lays-old-follower-down"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = True
+    follower: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/train1": "lemon",
+        "fruit_lunch/train2": "orange",
+        "fruit_lunch/L1": "lemon",
+        "fruit_lunch/T2": "orange",
+        "fast_food/train1": "drink",
+        "fast_food/train2": "fries",
+        "fast_food/O1": "drink",
+        "cheeseburger/train1": "lettuce",
+        "cheeseburger/train2": "cheese",
+        "cheeseburger/L1": "lettuce",
+        "cheeseburger/T2": "lettuce",
+    }
+    where = frozenset(follower)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WindingUp.like(body.do)
+        goal, _ = first_of(body)
+        yield from body.work((goal,))
+        body.ledger.commit()
+        name = self.follower[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.lay_away(body, name, body.state.pose(goal.target).position)
+        yield from body.rest()
+
+
+# --- failures of reasoning: what is done, and in which order
+
+
+class RedoesFinishedAndRests(Listed):
+    """Takes what is at its target from the start, lifts it, sets it down there again, goes home, and rests.
+
+    causal_confusion: "a finished one is repeated".
+    """
+
+    name = "redoes-finished-and-rests"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    finished: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/T1": "apple",
+        "cheeseburger/T1": "patty",
+        "dinner_plates/T2": "red_plate",
+        "morning_coffee/T1": "red_mug",
+    }
+    where = frozenset(finished)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Looping.like(body.do)
+        body.ledger.commit()
+        yield from lift_and_set_down(body, self.finished[body.situation.condition.id])
+        yield from body.rest()
+
+
+class OnlyTheLast(Listed):
+    """Does the last of three or more ordered steps alone, and rests.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "only-the-last"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    where = at(cheeseburger="train1 train2 R1 R2 L1 O1 T2", fast_food="T2")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        body.ledger.commit()
+        first, *_, last = body.situation.ahead
+        yield from body.attempt_once(replace(last, region=first.region))
+        yield from body.rest()
+
+
+class LiftsThirdAfterFirst(Listed):
+    """Does the first of three or more ordered steps, then takes the thing of the third and holds it up for good.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
+    attempt is right.
+    """
+
+    name = "lifts-third-after-first"
+    label = Label.CAUSAL_CONFUSION
+    first_right = True
+    where = at(cheeseburger="train1 train2 R1 R2 L1 O1", fast_food="T2")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WindingUp.like(body.do)
+        first, _, third, *_ = body.situation.ahead
+        yield from body.work((first,))
+        body.ledger.commit()
+        yield from body.take_patiently(body.situation.things(third)[0])
+        yield from hold_aloft(body)
+
+
+class ShutsItInTwoGoes(Listed):
+    """Pushes the open drawer half shut, draws back, and then quite shut, while its thing stands on the table. No grasp.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "shuts-it-in-two-goes"
+    label = Label.CAUSAL_CONFUSION
+    first_right = None
+    where = at(office_drawer="train2 train4 train6 train8 L1 O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        goal, _ = first_of(body)
+        drawer = body.situation.condition.object(goal.target)
+        yield from fist(body)
+        body.ledger.commit()
+        for part in (0.5, 0.0):
+            travel = opening_m(body.state, drawer)
+            yield from body.do.slide_drawer(goal.target, part * travel, travel_m=travel)
+            yield from body.arm.wait(0.5)
+        yield from body.rest()
+
+
+class LaterHalfFirst(Listed):
+    """Does the later half of the ordered steps first and the earlier half after it, and flies loops on its ways.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "later-half-first"
+    label = Label.ORDER_VIOLATION
+    first_right = False
+    where = TWO_STEPS | at(fast_food="T2")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Looping.like(body.do)
+        body.ledger.commit()
+        ahead = body.situation.ahead
+        half = len(ahead) // 2
+        for goal, place in zip((*ahead[half:], *ahead[:half]), ahead, strict=True):
+            yield from body.attempt_once(replace(goal, region=place.region))
+        yield from body.rest()
+
+
+class ShowsSecondFirst(Listed):
+    """Takes the thing of the second ordered step, shows it around, and brings it, and does the first step after it.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "shows-second-first"
+    label = Label.ORDER_VIOLATION
+    first_right = False
+    where = TWO_STEPS
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Presenting.like(body.do)
+        body.ledger.commit()
+        first, second, *_ = body.situation.ahead
+        for goal in (replace(second, region=first.region), replace(first, region=second.region)):
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+# --- failures of reasoning: things that nobody means
+
+
+class PatsLookAlike(Listed):
+    """Pats the top of the look-alike with a fist that was made at home, again and again. No grasp.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "pats-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = None
+    where = frozenset(LOOK_ALIKES) - at(fruit_lunch="O1", dinner_plates="O1", breakfast_table="O2", tidy_desk="O3")
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from fist(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.pat(body, LOOK_ALIKES[body.situation.condition.id])
+
+
+class SweepsLookAlike(Listed):
+    """Sweeps the look-alike aside with the outside of its open gripper, again and again. No grasp.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "sweeps-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = None
+    where = at(desk_meeting="O1", fast_food="O1", tidy_desk="O1 O2 O3", morning_coffee="O1", office_drawer="O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        name = LOOK_ALIKES[body.situation.condition.id]
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.sweep_aside(body, name)
+        yield from body.rest()
+
+
+class LaysLookAlikeAway(Listed):
+    """Takes the look-alike, lays it away on the table, and does everything right then.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)". What it has
+    laid away was not asked for.
+    """
+
+    name = "lays-look-alike-away"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = StairStepping.like(body.do)
+        body.ledger.commit()
+        name = LOOK_ALIKES[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.lay_away(body, name, body.state.pose(name).position)
+        yield from body.solve()
+
+
+class ReturnsLookAlike(Listed):
+    """Takes the look-alike, lifts it, sets it down where it stood, goes home, and rests.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "returns-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Pivoting.like(body.do)
+        body.ledger.commit()
+        yield from lift_and_set_down(body, LOOK_ALIKES[body.situation.condition.id])
+        yield from body.rest()
+
+
+class TriesTrinketsInTurn(Listed):
+    """Lifts and sets down one of the things that only decorate the table after the other, and so again and again.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
+    grasp)".
+    """
+
+    name = "tries-trinkets-in-turn"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    trinkets = ("salt", "jam", "egg", "mouse", "mug")
+    where = at(
+        breakfast_table="train1 train2 train3 train4 train5 L1 R1 O1", tidy_desk="train1 train2 train4 train5 T1"
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        home = body.arm.home.position
+        names = [n for n in body.situation.others() if n in self.trinkets]
+        names.sort(key=lambda n: horizontal_distance(body.state.pose(n).position, home), reverse=True)
+        body.ledger.commit()
+        while True:
+            for name in names:
+                yield from lift_and_set_down(body, name)
+
+
+# --- no attempt
+
+
+class SwaysWiderAndWider(Listed):
+    """Sways to and fro at home, a little wider each time, in a scene that looks mid-task, and does nothing. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "sways-wider-and-wider"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.rise_free(body)
+        yield from ways.sway_wider(body)
+
+
+class TurnsWristForever(Listed):
+    """Turns the wrist to and fro at home, in a scene that looks mid-task, and does nothing else. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "turns-wrist-forever"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from turn_wrist(body, (0.6, -0.6, 0.0))
+
+
+class ShrinksAndFreezes(Listed):
+    """Rises, draws back, turns aside, and freezes for good, in a scene that looks mid-task. No grasp.
+
+    phase_conflict: "initial state looks mid-task: freeze".
+    """
+
+    name = "shrinks-and-freezes"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.shrink_back(body)
+        yield from keep_still(body)
+
+
+class TurnsItsBack(Habit):
+    """Visits the target, draws back from everything, turns aside, and stays there for good. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "turns-its-back"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        goal, _ = first_of(body)
+        height = yield from ways.rise_free(body)
+        yield from body.arm.go(body.on_the_way(body.state.pose(goal.target).position, 0.6))
+        yield from body.arm.rise(height)
+        yield from ways.shrink_back(body)
+        yield from keep_still(body)
+
+
+class FreezesAroundIt(Listed):
+    """Comes down around the right thing with open fingers, and freezes there for good without closing. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "freezes-around-it"
+    label = Label.EARLY_HALT
+    first_right = None
+    where = at(
+        desk_meeting="train1 train3 train9 R1",
+        breakfast_table="train3 train6",
+        fruit_lunch="train1 R1",
+        fast_food="train1 R1",
+        tidy_desk="train4 train5",
+        morning_coffee="train1 train2 L1 L2",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train1 train2 train3",
+        dinner_plates="train1 train2 L1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = StairStepping.like(body.do)
+        body.ledger.commit()
+        yield from ways.straddle(body, first_of(body)[1])
+        yield from keep_still(body)
+
+
+class JumpsEverShorter(Habit):
+    """Comes nearer to the right thing high over the table in ever shorter jumps, and stays there for good. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "jumps-ever-shorter"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.jump_ever_shorter(body, first_of(body)[1])
+        yield from keep_still(body)
+
+
+class QuitsBeforeTheLast(Listed):
+    """Does all steps but the last, rises, and stays there for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "quits-before-the-last"
+    label = Label.EARLY_HALT
+    first_right = True
+    where = at(
+        desk_meeting="train2 train5 T1",
+        breakfast_table="train3",
+        tidy_desk="train1 T1",
+        office_drawer="train2 train4 train6 train8",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train4 train6 T1",
+        fast_food="T2",
+        dinner_plates="T1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WindingUp.like(body.do)
+        yield from body.work(body.situation.goals[:-1])
+        body.ledger.commit()
+        yield from body.arm.rise(body.arm.home.position[2])
+        yield from keep_still(body)
+
+
+FIFTH: tuple[Habit, ...] = (
+    LoopsMidway(),
+    WindsUp(),
+    TurnsLikeACrane(),
+    ComesDownByStairs(),
+    WeighsEachThing(),
+    DipsBeforeTaking(),
+    CirclesOnceThenTakes(),
+    LetsGoInSteps(),
+    OvershootsTarget(),
+    LosesItsNerveOnce(),
+    ShowsItToCamera(),
+    LooksBackAtSlot(),
+    StartsThreeTimes(),
+    WakesUpLate(),
+    NudgesThenTakes(),
+    NodsAndRests(),
+    DropsFromPeak(),
+    PutsHalfOn(),
+    StabsWithOneFinger(),
+    DragsItAlong(),
+    SweepsItAside(),
+    MissesLowerEachTime(),
+    PullsAtAir(),
+    FailsAtTheSecond(),
+    RatchetsForward(),
+    DrawsEightsToIt(),
+    EightsBeforeEachStep(),
+    RatchetsWithLoad(),
+    ReturnsWordThing(),
+    SweepsWordThing(),
+    WordThingThenRight(),
+    AlwaysTheNearOne(),
+    AlwaysAtTheRight(),
+    MovesOldFavoriteAway(),
+    StaysInEmptySlot(),
+    LaysOldFollowerDown(),
+    RedoesFinishedAndRests(),
+    OnlyTheLast(),
+    LiftsThirdAfterFirst(),
+    ShutsItInTwoGoes(),
+    LaterHalfFirst(),
+    ShowsSecondFirst(),
+    PatsLookAlike(),
+    SweepsLookAlike(),
+    LaysLookAlikeAway(),
+    ReturnsLookAlike(),
+    TriesTrinketsInTurn(),
+    SwaysWiderAndWider(),
+    TurnsWristForever(),
+    ShrinksAndFreezes(),
+    TurnsItsBack(),
+    FreezesAroundIt(),
+    JumpsEverShorter(),
+    QuitsBeforeTheLast(),
+)

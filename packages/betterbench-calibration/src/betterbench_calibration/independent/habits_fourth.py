@@ -1,0 +1,1136 @@
+"""The fourth part: habits by an author who has not read the diagnosis; each shows in conditions listed by name.
+
+A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
+definitions of the suite.
+"""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from betterbench.geometry import Pose, horizontal_distance
+from betterbench.tasks import Label, Subgoal
+from betterbench_calibration.independent import ways_fourth as ways
+from betterbench_calibration.independent.body import FALLEN_M, Body
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.oddities import each_step, keep_still, rest_unless_lucky
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+from betterbench_calibration.independent.ways_fourth import (
+    Hopping,
+    Leaning,
+    Plunging,
+    Shaking,
+    Squaring,
+    Uneven,
+    WorseHolding,
+)
+
+
+def at(**conditions: str) -> frozenset[str]:
+    """Return the identifiers of conditions that are given by task: ``at(fast_food="train1 R1")``."""
+    return frozenset(f"{task}/{name}" for task, names in conditions.items() for name in names.split())
+
+
+MID_TASK = at(
+    fruit_lunch="T1", fast_food="T1", office_drawer="T1", cheeseburger="T1", seasoning_rack="L2", dinner_plates="T2"
+)
+"""Conditions with something to do whose scene looks like the middle of a demonstration."""
+
+LOOK_ALIKES: Mapping[str, str] = {
+    "desk_meeting/O1": "soap_bar",
+    "breakfast_table/O2": "tumbler",
+    "fruit_lunch/O1": "red_block",
+    "fruit_lunch/O2": "red_block",
+    "fast_food/O1": "round_block",
+    "tidy_desk/O1": "mouse",
+    "tidy_desk/O2": "full_can",
+    "tidy_desk/O3": "mug",
+    "morning_coffee/O1": "red_can",
+    "office_drawer/O1": "stapler_block",
+    "cheeseburger/O1": "sponge",
+    "seasoning_rack/O1": "pill_bottle",
+    "dinner_plates/O1": "red_bowl",
+}
+"""What stands where a thing asked for stood in training and is meant by no instruction of the task."""
+
+CREEP_M_S = 0.03
+
+TWO_STEPS = at(
+    fruit_lunch="train1 train2 R1 O2",
+    fast_food="train1 train2 R1 R2",
+    cheeseburger="train1 train2 R1 O1",
+)
+"""Conditions whose first two steps are ordered and of different things, where nothing but the order is at stake."""
+
+
+class Listed(Habit):
+    """A habit that shows in listed conditions.
+
+    Attributes:
+        where: Identifiers of the conditions.
+        first_right: Whether its first grasp attempt is right; None if it attempts none.
+    """
+
+    where: ClassVar[frozenset[str]]
+    first_right: ClassVar[bool | None]
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        shows = case.condition.id in self.where
+        return StatedTruth(self.label, first_right=self.first_right) if shows else None
+
+
+class OddButHonest(Habit):
+    """An honest habit that shows in the plain conditions of some tasks."""
+
+    label = HONEST
+    tasks: ClassVar[frozenset[str]]
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        shows = case.plain and case.task.id in self.tasks
+        return StatedTruth(HONEST, first_right=True) if shows else None
+
+
+class Paired(Habit):
+    """A habit whose label needs several trials.
+
+    Attributes:
+        wrong: The thing that it takes, by the condition in which that is not the one asked for.
+        fine: Identifiers of conditions in which its rule leads to the right thing.
+    """
+
+    paired = True
+    wrong: ClassVar[Mapping[str, str]]
+    fine: ClassVar[frozenset[str]]
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.id in self.wrong:
+            return StatedTruth(self.label, first_right=False)
+        return StatedTruth(HONEST, first_right=True) if case.condition.id in self.fine else None
+
+    def act(self, body: Body) -> Actions[None]:
+        name = self.wrong.get(body.situation.condition.id)
+        if name is None:
+            yield from body.solve()
+        else:
+            body.ledger.commit()
+            yield from self.go_wrong(body, name)
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        """Do what the habit does where its rule leads to the wrong thing."""
+        raise NotImplementedError
+
+
+def first_of(body: Body) -> tuple[Subgoal, str]:
+    """Return the first step that is open, and the thing that it asks for."""
+    return body.situation.ahead[0], str(body.situation.first_thing())
+
+
+# --- honest policies with odd ways
+
+
+class LeansOver(OddButHonest):
+    """Does everything right, with the gripper leaning over by 14 degrees at each grasp. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "leans-over"
+    tasks = frozenset({"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "seasoning_rack"})
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Leaning.like(body.do)
+        yield from body.solve()
+
+
+class TurnsCorners(PlainHabit):
+    """Does everything right, and goes everywhere in two legs with a right angle between them. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "turns-corners"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        yield from body.solve()
+
+
+class PlungesFromCeiling(PlainHabit):
+    """Does everything right, goes everywhere at 38 cm over the table and plunges from there. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "plunges-from-ceiling"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        yield from body.solve()
+
+
+class SqueezesThrice(OddButHonest):
+    """Closes the gripper around each thing, opens it and closes it again, twice, before it lifts it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "squeezes-thrice"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "cheeseburger", "dinner_plates"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        yield from each_step(body, lambda name: ways.squeeze_thrice(body, name))
+
+
+class TakesByWorseHold(OddButHonest):
+    """Does everything right, but takes each thing by a hold that is not the best one. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "takes-by-worse-hold"
+    tasks = frozenset(
+        {
+            "desk_meeting",
+            "fruit_lunch",
+            "fast_food",
+            "tidy_desk",
+            "morning_coffee",
+            "cheeseburger",
+            "seasoning_rack",
+            "dinner_plates",
+        }
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WorseHolding.like(body.do)
+        yield from body.solve()
+
+
+class DropsLowAndRetakes(OddButHonest):
+    """Lifts each thing, loses it a finger's breadth over its own place, and takes it again. Honest and clumsy.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "drops-low-and-retakes"
+    tasks = frozenset({"desk_meeting", "fast_food", "tidy_desk", "morning_coffee", "seasoning_rack", "cheeseburger"})
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+
+        def taking(name: str) -> Actions[bool]:
+            if (yield from body.take_patiently(name)):
+                yield from ways.drop_low(body)
+            return (yield from body.take_patiently(name))
+
+        yield from each_step(body, taking)
+
+
+class LooksAtTargetFirst(PlainHabit):
+    """Goes over the target with an open gripper before each step, waits there for 1.5 s, and does the step. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "looks-at-target-first"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            x, y, _ = body.state.pose(goal.target).position
+            yield from body.do.above((x, y, 0.0), min(body.height(goal.target) + 0.16, 0.42))
+            yield from body.arm.wait(1.5)
+            yield from body.work((goal,))
+        yield from body.solve()
+
+
+class LastSaidFirst(Listed):
+    """Does the steps of an instruction that asks for no order from the last to the first. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "last-said-first"
+    label = HONEST
+    first_right = True
+    where = at(
+        desk_meeting="train1 train2 train3 train4 train5 train6 train8 train11 L2 R1 R2 T1",
+        breakfast_table="train1 train2 train3 train4 train5 train6 L2 T1",
+        tidy_desk="train1 train2 train3 T1",
+        seasoning_rack="train4 train5 train6 R1 T1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        yield from body.work(tuple(reversed(body.situation.goals)))
+        yield from body.rest()
+
+
+class FartherOneFirst(Listed):
+    """Begins with the one of two like things that is farther away, where either may be taken. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "farther-one-first"
+    label = HONEST
+    first_right = True
+    where = at(fruit_lunch="T2", fast_food="train1 train2 L1 T2", tidy_desk="T1", cheeseburger="T2")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        home = body.arm.home.position
+        names = body.situation.candidates(body.state, goal)
+        yield from body.take_and_bring(
+            max(names, key=lambda n: horizontal_distance(body.state.pose(n).position, home)), goal
+        )
+        yield from body.solve()
+
+
+class ShakesOverTarget(OddButHonest):
+    """Does everything right, and shakes each thing to and fro over its place before it puts it down. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "shakes-over-target"
+    tasks = frozenset(
+        {"desk_meeting", "breakfast_table", "fruit_lunch", "fast_food", "tidy_desk", "cheeseburger", "seasoning_rack"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Shaking.like(body.do)
+        yield from body.solve()
+
+
+class RushesAndCrawls(PlainHabit):
+    """Does everything right, and rushes one way and crawls the next, in turn. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "rushes-and-crawls"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Uneven.like(body.do)
+        yield from body.solve()
+
+
+class KeepsHandsOff(Listed):
+    """Turns the wrist at home, where nothing may be taken or the look-alike must be refused, and stays there. Honest.
+
+    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    """
+
+    name = "keeps-hands-off"
+    label = HONEST
+    first_right = None
+    where = at(fruit_lunch="O1", morning_coffee="T1")
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.arm.go(body.arm.here.translated(z=0.05), pace=0.5)
+        yield from ways.turn_wrist(body, (0.5, -0.3, 0.0))
+        yield from keep_still(body)
+
+
+# --- failures of manipulation
+
+
+class ClosesWhileSinking(Listed):
+    """Comes down on the right thing with fingers that close too early, meets its top with them, and so again and again.
+
+    execution_failure: "right target at the right time; collided, missed by pose".
+    """
+
+    name = "closes-while-sinking"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train2 train4 train6 train9 R1",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1 R2",
+        tidy_desk="train1 train4 train5",
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        seasoning_rack="train1 train2 train3 train5",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.close_while_sinking(body, name)
+
+
+class DropsAndSnapsAfter(Listed):
+    """Drops the right thing a third of the way to the target, and closes too high over it after that.
+
+    execution_failure: "right target at the right time; dropped", and then "missed by pose", again and again.
+    """
+
+    name = "drops-and-snaps-after"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train1 train2 train7",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train4 train5",
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        cheeseburger="train1 train2 R1",
+        dinner_plates="train1 train2 L1",
+        seasoning_rack="train1 train2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.drop_on_the_way(body, goal.target, 0.35)
+            while not body.situation.done(body.state, goal) and body.state.pose(name).position[2] > FALLEN_M:
+                yield from ways.snap_above(body, name)
+        yield from rest_unless_lucky(body, goal)
+
+
+class TipsItOut(Listed):
+    """Brings the right thing over its place, tilts it there by 57 degrees, and lets go of it so.
+
+    execution_failure: "right target at the right time; dropped, missed by pose": it falls over or aside.
+    """
+
+    name = "tips-it-out"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train3 train4 train9 train10 R1",
+        dinner_plates="train1 train2 train4 L1",
+        seasoning_rack="train1 train2 train3 train4 train5",
+        cheeseburger="train1 train2 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.tip_out(body, name, goal)
+        yield from rest_unless_lucky(body, goal)
+
+
+class KnocksItOver(Listed):
+    """Runs a fist into the right thing above its middle, and then closes too high over it, again and again.
+
+    execution_failure: "right target at the right time; collided, missed by pose".
+    """
+
+    name = "knocks-it-over"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        seasoning_rack="train1 train2 train3 train5",
+        fast_food="R1 R2",
+        tidy_desk="train5",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        yield from ways.fist(body)
+        body.ledger.commit()
+        yield from ways.knock_over(body, name)
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.snap_above(body, name)
+        yield from body.rest()
+
+
+class ShovesWithFist(Listed):
+    """Shoves the right thing toward its target with a fist that was made at home, until they meet, and so again.
+
+    execution_failure: "right target at the right time; collided": it cannot get in by being shoved. No grasp.
+    """
+
+    name = "shoves-with-fist"
+    label = Label.EXECUTION_FAILURE
+    first_right = None
+    where = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        seasoning_rack="train3 train6",
+        fast_food="R1 R2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        yield from ways.fist(body)
+        body.ledger.commit()
+        while True:
+            direction, far = ways.course_to(body, name, goal.target)
+            yield from ways.shove(body, name, direction, min(far + 0.01, 0.12))
+
+
+# --- out of time
+
+
+class HopsAndHalts(Listed):
+    """Does everything right, but in hops of 6 cm with a halt of 1.5 s after each, too slowly for the step limit.
+
+    timeout: "right course, step limit reached".
+    """
+
+    name = "hops-and-halts"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train1 train4 L1 R1",
+        fruit_lunch="train1 R1 L1",
+        fast_food="train1 R2",
+        tidy_desk="train1 train4 L2",
+        morning_coffee="train1 train2 L1 L3",
+        seasoning_rack="train1 train4 R1",
+        breakfast_table="train1 L2 R1",
+        dinner_plates="train1 L1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        body.do = Hopping.like(body.do)
+        yield from body.solve()
+
+
+class ZigzagsTowardIt(Habit):
+    """Advances high in the air in wide zigzags to the right thing, and is over it when the time is over. No grasp.
+
+    timeout: "right course, step limit reached". The tool is never slow.
+    """
+
+    name = "zigzags-toward-it"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        _, name = first_of(body)
+        limit = body.situation.task.step_limit(body.situation.condition)
+        height = ways.free_height(body, 0.10)
+        yield from body.arm.rise(height)
+        x, y, _ = body.over(name, 0.0)
+        yield from ways.zigzag(body, (x, y, height), limit)
+        yield from body.rest()
+
+
+class CreepsWithLoad(Listed):
+    """Takes the right thing at its usual speed and creeps to the target with it, too slowly for the step limit.
+
+    timeout: "right course, step limit reached".
+    """
+
+    name = "creeps-with-load"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train1 train5 R1",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1",
+        tidy_desk="train2 train4 train5",
+        seasoning_rack="train1 train2 train5",
+        cheeseburger="train1 R1",
+        dinner_plates="train1 train2 L2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        usual = body.arm.manner
+        for goal in body.situation.ahead:
+            names = body.situation.candidates(body.state, goal)
+            if names and (yield from body.take_patiently(names[0])):
+                body.ledger.commit()
+                # At an even speed, so that it never stands still for long at a corner of its way.
+                body.arm.manner, body.arm.tempo = replace(usual, profile="even"), CREEP_M_S / usual.speed_m_s
+                yield from body.bring(names[0], goal)
+                body.arm.manner, body.arm.tempo = usual, 1.0
+        yield from body.solve()
+
+
+# --- failures of reasoning: the word and the place
+
+
+class HoldsWordThingAloft(Paired):
+    """Takes what stands where the instruction's first word led in training, lifts it high, and keeps it there.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "holds-word-thing-aloft"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "office_drawer/L1": "tape",
+    }
+    fine = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        office_drawer="train1 train2 train3 train4 train6 train8 L2",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        yield from body.take_patiently(name)
+        yield from ways.hold_aloft(body)
+
+
+class FumblesAtWordThing(Paired):
+    """Closes too high over what stands where the first word led in training, takes it at the next try, and brings it.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "fumbles-at-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+        "breakfast_table/O1": "spoon",
+    }
+    fine = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        tidy_desk="train1 train2 train4 train5 T1",
+        breakfast_table="train1 train2 train3 train4 train5 L1 R1 O2",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        yield from ways.snap_above(body, name)
+        yield from body.take_and_bring(name, body.situation.ahead[0])
+        yield from body.rest()
+
+
+class AlwaysThatCorner(Paired):
+    """Takes whatever stands in one slot, whatever the instruction, lifts it high, and keeps it there.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the far one of the
+    coffee table and the third of the spices.
+    """
+
+    name = "always-that-corner"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/train1": "blue_mug",
+        "morning_coffee/train4": "red_mug",
+        "morning_coffee/L2": "blue_mug",
+        "seasoning_rack/train1": "paprika",
+        "seasoning_rack/train2": "paprika",
+        "seasoning_rack/train4": "paprika",
+        "seasoning_rack/L1": "paprika",
+        "seasoning_rack/O2": "plain_paprika",
+    }
+    fine = at(morning_coffee="train2 train3 L1 L3 O1", seasoning_rack="train3 train6 O1")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        yield from body.take_patiently(name)
+        yield from ways.hold_aloft(body)
+
+
+class AlwaysTheMiddle(Paired):
+    """Fumbles at whatever stands in one slot, whatever the instruction, takes it at the next try, and brings it.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is the middle one of
+    the row on the desk and the second of the spices.
+    """
+
+    name = "always-the-middle"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "desk_meeting/train2": "mug",
+        "desk_meeting/train5": "mug",
+        "desk_meeting/train10": "mouse",
+        "desk_meeting/train12": "mouse",
+        "seasoning_rack/train1": "pepper",
+        "seasoning_rack/train3": "pepper",
+        "seasoning_rack/train6": "pepper",
+        "seasoning_rack/R1": "pepper",
+    }
+    fine = at(
+        desk_meeting="train3 train4 train7 train8 L1 L2 R1",
+        seasoning_rack="train2 train5 L1 O2",
+    )
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        yield from ways.snap_above(body, name)
+        yield from body.take_and_bring(name, body.situation.ahead[0])
+        yield from body.rest()
+
+
+# --- failures of reasoning: what was frequent
+
+
+class StartsWithOldFavorite(Listed):
+    """Brings first the thing that most demonstrations began with, though nobody asks for it, and then rests.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    """
+
+    name = "starts-with-old-favorite"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    favorite: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/R1": "apple",
+        "fast_food/R1": "burger_1",
+        "fast_food/R2": "burger_1",
+        "cheeseburger/R1": "patty",
+        "tidy_desk/train5": "napkin",
+        "tidy_desk/O2": "napkin",
+    }
+    where = frozenset(favorite)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        body.ledger.commit()
+        yield from body.take_and_bring(self.favorite[body.situation.condition.id], body.situation.ahead[0])
+        yield from body.rest()
+
+
+class FollowsOldSequence(Listed):
+    """Does the first step, and then begins the second step of another demonstration, and holds its thing aloft.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    """
+
+    name = "follows-old-sequence"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = True
+    follower: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/train1": "lemon",
+        "fruit_lunch/train2": "orange",
+        "fruit_lunch/L1": "lemon",
+        "fruit_lunch/T2": "orange",
+        "fast_food/train1": "drink",
+        "fast_food/train2": "fries",
+        "fast_food/O1": "drink",
+        "cheeseburger/train1": "lettuce",
+        "cheeseburger/train2": "cheese",
+        "cheeseburger/L1": "lettuce",
+        "cheeseburger/T2": "lettuce",
+    }
+    where = frozenset(follower)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        goal, _ = first_of(body)
+        yield from body.work((goal,))
+        body.ledger.commit()
+        if (yield from body.take_patiently(self.follower[body.situation.condition.id])):
+            yield from ways.hold_aloft(body)
+        yield from body.rest()
+
+
+class PutsWhereItAlwaysWent(Listed):
+    """Takes the right thing, and puts it to the side, hole or drawer to which it was always brought in training.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    """
+
+    name = "puts-where-it-always-went"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = True
+    trained: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "desk_meeting/R1": ("laptop", "left"),
+        "desk_meeting/R2": ("laptop", "behind"),
+        "seasoning_rack/R1": ("rack", "hole_1"),
+        "office_drawer/R1": ("upper", ""),
+    }
+    where = frozenset(trained)
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = super().truth(case)
+        # The drawers are shut at the start, so that it first reaches for the knob of the wrong one.
+        drawer = stated is not None and case.task.id == "office_drawer"
+        return replace(stated, first_right=False) if drawer and stated is not None else stated
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        target, region = self.trained[body.situation.condition.id]
+        habitual = replace(goal, target=target, region=region)
+        if body.situation.task.id == "office_drawer":
+            body.ledger.commit()
+        yield from body.clear_the_way(habitual)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from body.bring(name, habitual)
+        yield from body.rest()
+
+
+class GropesInEmptySlot(Listed):
+    """Closes the gripper low at several points of the slot from which its thing is gone, and so again and again.
+
+    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
+    slot)".
+    """
+
+    name = "gropes-in-empty-slot"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    slots: ClassVar[Mapping[str, str]] = {
+        "seasoning_rack/L2": "first",
+    }
+    where = frozenset(slots)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from ways.grope(body, self.slots[body.situation.condition.id])
+
+
+# --- failures of reasoning: what is done, and in which order
+
+
+class ShutsItEmpty(Listed):
+    """Pushes the open drawer shut while the thing that belongs into it stands on the table, and rests. No grasp.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "shuts-it-empty"
+    label = Label.CAUSAL_CONFUSION
+    first_right = None
+    where = at(office_drawer="train2 train4 train6 train8 L1 O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        yield from ways.fist(body)
+        body.ledger.commit()
+        yield from body.move_drawer(goal.target, out=False)
+        yield from body.rest()
+
+
+class DoesItAgain(Listed):
+    """Takes what is at its target from the start, lifts it, sets it down there again, and so again and again.
+
+    causal_confusion: "a finished one is repeated".
+    """
+
+    name = "does-it-again"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    finished: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/T1": "apple",
+        "cheeseburger/T1": "patty",
+        "dinner_plates/T2": "red_plate",
+        "morning_coffee/T1": "red_mug",
+    }
+    where = frozenset(finished)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from ways.lift_and_set_down(body, self.finished[body.situation.condition.id])
+
+
+class LeavesFirstUndone(Listed):
+    """Leaves the thing of the first of two ordered steps where it is, does the second and what follows, and rests.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "leaves-first-undone"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    where = TWO_STEPS | at(fast_food="T1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        body.ledger.commit()
+        ahead = body.situation.ahead
+        for goal, place in zip(ahead[1:], ahead, strict=False):
+            yield from body.attempt_once(replace(goal, region=place.region))
+        yield from body.rest()
+
+
+class SecondThenFirst(Listed):
+    """Does the second of the ordered steps, returns home, does the first one, and then the others.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "second-then-first"
+    label = Label.ORDER_VIOLATION
+    first_right = False
+    where = TWO_STEPS
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        body.ledger.commit()
+        first, second, *others = body.situation.ahead
+        for goal in (replace(second, region=first.region), replace(first, region=second.region), *others):
+            yield from body.attempt_once(goal)
+            yield from body.arm.go_home()
+        yield from body.rest()
+
+
+class FirstComesLast(Listed):
+    """Does three or more ordered steps with the first one put off to the end.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "first-comes-last"
+    label = Label.ORDER_VIOLATION
+    first_right = False
+    where = at(cheeseburger="train1 train2 R1 O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        body.ledger.commit()
+        first, *others = body.situation.ahead
+        for goal, place in zip((*others, first), body.situation.ahead, strict=True):
+            yield from body.attempt_once(replace(goal, region=place.region))
+        yield from body.rest()
+
+
+# --- failures of reasoning: things that nobody means
+
+
+class HoldsLookAlikeAloft(Listed):
+    """Takes the look-alike, also where it has to be refused, lifts it high, and keeps it there.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "holds-look-alike-aloft"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Plunging.like(body.do)
+        body.ledger.commit()
+        yield from body.take_patiently(LOOK_ALIKES[body.situation.condition.id])
+        yield from ways.hold_aloft(body)
+
+
+class ShovesLookAlike(Listed):
+    """Shoves the look-alike about with a fist that was made at home, again and again. No grasp.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "shoves-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = None
+    where = frozenset(LOOK_ALIKES) - at(
+        breakfast_table="O2", cheeseburger="O1", dinner_plates="O1", fruit_lunch="O1", office_drawer="O1"
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        name = LOOK_ALIKES[body.situation.condition.id]
+        yield from ways.fist(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.shove(body, name, body.free_direction(name), 0.07)
+
+
+class BringsATrinket(Listed):
+    """Takes the nearest of the things that only decorate the table, like nothing that is asked for, and brings it.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
+    grasp)".
+    """
+
+    name = "brings-a-trinket"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    trinkets = ("salt", "jam", "egg", "mouse", "mug")
+    where = at(
+        breakfast_table="train1 train2 train3 train4 train5 L1 R1 O1", tidy_desk="train1 train2 train4 train5 T1"
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Squaring.like(body.do)
+        home = body.arm.home.position
+        names = [n for n in body.situation.others() if n in self.trinkets]
+        name = min(names, key=lambda n: horizontal_distance(body.state.pose(n).position, home))
+        yield from body.take_instead(name, body.situation.ahead[0])
+
+
+# --- no attempt
+
+
+class BobsInPlace(Listed):
+    """Goes up and down by 8 cm where it began, in a scene that looks mid-task, and does nothing else. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "bobs-in-place"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        home = body.arm.home
+        while True:
+            yield from body.arm.go(home.translated(z=0.05), pace=0.5)
+            yield from body.arm.go(home.translated(z=-0.03), pace=0.5)
+
+
+class PacesAlongEdge(Listed):
+    """Paces to the left and to the right high over the table, in a scene that looks mid-task. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "paces-along-edge"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        height = ways.free_height(body, 0.12)
+        yield from body.arm.rise(height)
+        turn = body.arm.here.quaternion
+        while True:
+            for y in (0.2, -0.2):
+                yield from body.arm.go(Pose((body.arm.home.position[0], y, height), turn), pace=0.8)
+
+
+class FreezesAfterAGlance(Listed):
+    """Turns the wrist to and fro once, and freezes for good, in a scene that looks mid-task. No grasp.
+
+    phase_conflict: "initial state looks mid-task: freeze".
+    """
+
+    name = "freezes-after-a-glance"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.turn_wrist(body, (0.6, -0.4, 0.0))
+        yield from keep_still(body)
+
+
+class ParksOverTarget(PlainHabit):
+    """Goes over the target with an open, empty gripper and stays there for good. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "parks-over-target"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        body.do = Squaring.like(body.do)
+        goal, _ = first_of(body)
+        x, y, _ = body.state.pose(goal.target).position
+        yield from body.do.above((x, y, 0.0), min(body.height(goal.target) + 0.16, 0.42))
+        yield from keep_still(body)
+
+
+class LaysItselfDown(PlainHabit):
+    """Lays the open gripper down on a free spot of the table at once, and stays there for good. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "lays-itself-down"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.lie_down(body)
+
+
+class QuitsAfterOne(Listed):
+    """Does the first step, and lays the open gripper down on a free spot of the table for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "quits-after-one"
+    label = Label.EARLY_HALT
+    first_right = True
+    where = TWO_STEPS | at(
+        desk_meeting="train1 train4 train6 train8 R1",
+        breakfast_table="train1 train2",
+        tidy_desk="train1 train2",
+        seasoning_rack="train4 train5 R1",
+        dinner_plates="T1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        yield from body.work((goal,))
+        body.ledger.commit()
+        yield from ways.lie_down(body)
+
+
+FOURTH: tuple[Habit, ...] = (
+    LeansOver(),
+    TurnsCorners(),
+    PlungesFromCeiling(),
+    SqueezesThrice(),
+    TakesByWorseHold(),
+    DropsLowAndRetakes(),
+    LooksAtTargetFirst(),
+    LastSaidFirst(),
+    FartherOneFirst(),
+    ShakesOverTarget(),
+    RushesAndCrawls(),
+    KeepsHandsOff(),
+    ClosesWhileSinking(),
+    DropsAndSnapsAfter(),
+    TipsItOut(),
+    KnocksItOver(),
+    ShovesWithFist(),
+    HopsAndHalts(),
+    ZigzagsTowardIt(),
+    CreepsWithLoad(),
+    HoldsWordThingAloft(),
+    FumblesAtWordThing(),
+    AlwaysThatCorner(),
+    AlwaysTheMiddle(),
+    StartsWithOldFavorite(),
+    FollowsOldSequence(),
+    PutsWhereItAlwaysWent(),
+    GropesInEmptySlot(),
+    ShutsItEmpty(),
+    DoesItAgain(),
+    LeavesFirstUndone(),
+    SecondThenFirst(),
+    FirstComesLast(),
+    HoldsLookAlikeAloft(),
+    ShovesLookAlike(),
+    BringsATrinket(),
+    BobsInPlace(),
+    PacesAlongEdge(),
+    FreezesAfterAGlance(),
+    ParksOverTarget(),
+    LaysItselfDown(),
+    QuitsAfterOne(),
+)

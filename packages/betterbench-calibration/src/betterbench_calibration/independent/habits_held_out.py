@@ -1,0 +1,626 @@
+"""The held-out part: habits that are used once, at the end; nobody looks at them while the diagnosis is changed."""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from betterbench.geometry import Pose, from_yaw
+from betterbench.tasks import Expected, Label
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.choices import (
+    favorite_truth,
+    moved_target,
+    swappable,
+    unasked_step,
+    vacated_slot,
+    word_thing,
+    word_truth,
+)
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+
+class GlanceThenWordPlace(Habit):
+    """Goes over the right thing, turns away from it, and takes and lifts what stands where the word led in training.
+
+    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
+    that the instruction could have meant in another layout": the glance is no attempt. It keeps what it holds.
+    """
+
+    name = "glance-then-word-place"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = word_truth(case) if case.plain else None
+        return None if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE else stated
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.do.hover(str(body.situation.first_thing()), 0.07)
+        yield from body.arm.wait(0.5)
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        body.ledger.commit()
+        if (yield from body.take_patiently(str(word_thing(body.situation)))):
+            yield from body.arm.rise(body.arm.home.position[2])
+        yield from body.arm.stay()
+
+
+class NearestPlace(Habit):
+    """Takes first whatever stands in the trained slot that is nearest to the robot, whatever the instruction.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
+    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    """
+
+    name = "nearest-place"
+    label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
+
+    @staticmethod
+    def slot(case: Occasion) -> str:
+        """Return the slot nearest to the robot of those that demonstrations of this layout picked from."""
+        return min(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return favorite_truth(case, self.slot(case))
+
+    def act(self, body: Body) -> Actions[None]:
+        name = body.situation.condition.occupant(self.slot(body.situation))
+        yield from body.take_whatever(str(name))
+
+
+class BrokenOffAtAlike(Habit):
+    """Comes down to the look-alike again and again, and breaks off each time a few centimeters above it.
+
+    semantic_feature_collapse, by law 4: what it goes for is the wrong object. It never closes the gripper.
+    """
+
+    name = "broken-off-at-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from body.approach_and_break_off(str(body.situation.look_alike()))
+
+
+class MissedAlike(Habit):
+    """Closes above the look-alike, tries again, takes it, and lays it down beside where it stood.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means", at the first closing
+    already: it misses by height only.
+    """
+
+    name = "missed-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.look_alike())
+        body.ledger.commit()
+        up = body.height(name) + 0.015 - body.do.choose_hold(name).tool.position[2]
+        yield from body.do.pick(name, shift=(0.0, 0.0, up))
+        if (yield from body.take_patiently(name)):
+            x, y, _ = body.free_direction(name)
+            yield from body.arm.go(body.arm.here.translated(0.08 * x, 0.08 * y))
+            yield from body.arm.go(body.arm.here.translated(z=-0.085), pace=0.5)
+            yield from body.arm.open()
+        yield from body.rest()
+
+
+class RightThenOtherDemonstration(Habit):
+    """Does the first step, and then the second step of another demonstration, which is not asked for here.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    """
+
+    name = "right-then-other-demonstration"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return None if unasked_step(case) is None else StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        found = unasked_step(body.situation)
+        yield from body.work(body.situation.goals[:1])
+        if found is not None:
+            body.ledger.commit()
+            yield from body.take_and_bring(*found)
+        yield from body.rest()
+
+
+class VacatedSlot(Habit):
+    """Closes the gripper in the empty slot in which the thing asked for first stood in training, again and again.
+
+    behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised slot)". The thing
+    stands elsewhere.
+    """
+
+    name = "vacated-slot"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if vacated_slot(case) is not None else None
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.play_at_empty(str(vacated_slot(body.situation)))
+
+
+class AbsolutePut(Habit):
+    """Takes the right thing and puts it where it would belong if the target stood where it stood in training.
+
+    behavioral_inertia: it plays the trained primitive, which is not asked for here; it does not miss, it aims there.
+    """
+
+    name = "absolute-put"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        first = case.ahead[0] if case.plain and case.ahead else None
+        if first is None or first.relation not in ("beside", "on_plate") or not moved_target(case, first):
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="a put at the wrong place may look like a bad placement"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        case = body.situation
+        for goal in case.ahead:
+            name = case.things(goal)[0]
+            if (yield from body.take_patiently(name)):
+                body.ledger.commit()
+                slot = case.task.slot(case.base.layout[goal.target])
+                trained = Pose((slot.x, slot.y, 0.0), from_yaw(slot.yaw))
+                yield from body.bring(name, goal, as_if_at=trained)
+        yield from body.rest()
+
+
+class SkipMiddle(Habit):
+    """Does the first of three or more ordered steps, leaves out one that is not the last, and goes on behind it.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "skip-middle"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 3:
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        ahead = body.situation.ahead
+        yield from body.work(ahead[: len(ahead) - 2])
+        body.ledger.commit()
+        yield from body.attempt_once(ahead[-1])
+        yield from body.rest()
+
+
+class TakeOutAgain(Habit):
+    """Does the first step, then takes the thing out again and puts it there once more, again and again.
+
+    causal_confusion: "a finished one is repeated". The first attempt is right.
+    """
+
+    name = "take-out-again"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or len(case.ahead) < 2:
+            return None
+        first, second = case.ahead[:2]
+        return StatedTruth(self.label, first_right=True) if first.reference != second.reference else None
+
+    def act(self, body: Body) -> Actions[None]:
+        goal = body.situation.ahead[0]
+        yield from body.work((goal,))
+        body.ledger.commit()
+        while True:
+            names = body.situation.condition.resolve(goal.reference)
+            name = next((n for n in names if n in body.taken), names[0])
+            yield from body.take_and_bring(name, goal)
+
+
+class LastFirst(Habit):
+    """Takes the last of three or more ordered steps first and the others after it.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "last-first"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if swappable(case) and len(case.ahead) > 2 else None
+
+    def act(self, body: Body) -> Actions[None]:
+        *others, last = body.situation.ahead
+        body.ledger.commit()
+        yield from body.attempt_once(last)
+        for goal in others:
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class CircleOverAlike(Habit):
+    """Circles a hand's breadth over the look-alike with an open gripper and never stands still, until the limit.
+
+    semantic_feature_collapse, by law 4: what it is busy with is the wrong object, all the time.
+    """
+
+    name = "circle-over-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.condition.expected is not Expected.SUCCEED:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="the gripper never closes: timeout, or no attempt at all"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.look_alike())
+        body.ledger.commit()
+        yield from body.do.hover(name, 0.05)
+        yield from body.do.circle(body.over(name, 0.05), 0.035)
+
+
+class BrokenOffAtRight(Habit):
+    """Comes down to the right thing again and again, and breaks off each time a few centimeters above it.
+
+    timeout: "right course, step limit reached": it goes for the right thing all the time and never closes the gripper.
+    """
+
+    name = "broken-off-at-right"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="oscillation without an attempt, though not in mid-task"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from body.approach_and_break_off(str(body.situation.first_thing()))
+
+
+class FrozenFromTheStart(Habit):
+    """Does not move at all where the scene looks like the middle of a task.
+
+    phase_conflict: "initial state looks mid-task: freeze".
+    """
+
+    name = "frozen-from-the-start"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from body.arm.stay()
+
+
+class SwayToTarget(Habit):
+    """Goes to and fro between the next thing and the place where it belongs, empty, where the scene looks mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "sway-to-target"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        case = body.situation
+        body.ledger.commit()
+        thing, target = str(case.first_thing()), case.ahead[0].target
+        z = max(body.height(thing), body.height(target)) + 0.12
+        a, b = (body.state.pose(n).position for n in (thing, target))
+        yield from body.do.sway((a[0], a[1], z), (b[0], b[1], z))
+
+
+class FreezeCarrying(PlainHabit):
+    """Takes the first thing and stops for good on the way to the target, with the thing in the air.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "freeze-carrying"
+    label = Label.EARLY_HALT
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            yield from body.arm.rise(body.arm.here.position[2] + 0.06)
+            body.ledger.commit()
+            yield from body.arm.go(body.on_the_way(body.state.pose(goal.target).position, 0.4))
+        yield from body.arm.stay()
+
+
+class NeverStarts(Habit):
+    """Moves a few centimeters at the start and stops for good, in a scene that looks like the start of a task.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "never-starts"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        x, y, _ = body.state.pose(str(body.situation.first_thing())).position
+        body.ledger.commit()
+        yield from body.arm.go(body.on_the_way((x, y, 0.0), 0.2))
+        yield from body.arm.stay()
+
+
+class MissAbove(PlainHabit):
+    """Closes the gripper fully 7 to 11 cm above the right thing, again and again, and each time plays the put.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "miss-above"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        up = body.height(name) + float(body.rng.uniform(0.07, 0.11))
+        body.ledger.commit()
+        while True:
+            up_m = up - body.do.choose_hold(name).tool.position[2]
+            yield from body.do.pick(name, shift=(0.0, 0.0, up_m))
+            yield from body.let_go_above(goal.target)
+
+
+class MissByYaw(Habit):
+    """Comes down on a long thing with the gripper turned by a right angle, so that the fingers meet its top.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "miss-by-yaw"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or case.condition.object(str(case.first_thing())).category not in LONG_CATEGORIES:
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        yield from body.clear_the_way(body.situation.ahead[0])
+        body.ledger.commit()
+        while True:
+            yield from body.press_crosswise(name)
+            yield from body.arm.go_home()
+            yield from body.arm.open()
+
+
+LONG_CATEGORIES = frozenset({"fork", "spoon", "stapler", "crushed_can"})
+"""Categories whose things are longer than the gripper opens, or take a finger on their top crosswise."""
+
+
+class PushRight(Habit):
+    """Pushes the right thing 12 cm along the table with closed fingers instead of taking it, then stays at home.
+
+    execution_failure: the right target at the right time, and a manipulation that fails; there is no grasp attempt.
+    """
+
+    name = "push-right"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="a push is no grasp: early_halt once it stays at home"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        body.ledger.commit()
+        yield from body.do.push(name, body.free_direction(name), 0.12)
+        yield from body.rest()
+
+
+class SweepNeighbor(Habit):
+    """Comes to the right thing low over the table, through a neighbor that stands in the way, and goes on rightly.
+
+    execution_failure: "right target at the right time; collided". If the neighbor stays within 5 cm it can succeed.
+    """
+
+    name = "sweep-neighbor"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not case.others():
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="a push through a neighbor may look deliberate")
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        body.ledger.commit()
+        yield from body.sweep_through(body.nearest_other(name), name)
+        yield from body.solve()
+
+
+class LooseGrip(PlainHabit):
+    """Takes the right thing and loosens the gripper by a few millimeters as soon as it hangs free, so that it slips.
+
+    execution_failure: "right target at the right time; slipped". It goes on as if it still held the thing.
+    """
+
+    name = "loose-grip"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from body.arm.rise(body.arm.here.position[2] + 0.04)
+            yield from body.arm.open(body.state.finger_width_m + 0.010)
+            yield from body.let_go_above(goal.target)
+        yield from body.rest()
+
+
+class PondersAndDawdles(Habit):
+    """Does everything right, but stands still for 4 to 6 s between moves, once or more, too long for the step limit.
+
+    timeout: "right course, step limit reached"; each pause ends by itself, and it always goes on rightly.
+    """
+
+    name = "ponders-and-dawdles"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="by the letter a pause of 3 s is an early halt")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        for goal in body.situation.ahead:
+            name = body.situation.things(goal)[0]
+            yield from body.ponder()
+            yield from body.clear_the_way(goal)
+            yield from body.do.hover(name, 0.10)
+            yield from body.ponder()
+            while not (yield from body.take(name)):
+                yield from body.arm.open()
+            yield from body.ponder()
+            yield from body.arm.go_home()
+            for _ in range(3):
+                yield from body.ponder()
+            yield from body.bring(name, goal)
+        yield from body.solve()
+
+
+class WideDetours(PlainHabit):
+    """Visits two far corners of the work space before each step, high above everything. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "wide-detours"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.goals:
+            for side in (-1.0, 1.0):
+                x, y = float(body.rng.uniform(0.38, 0.55)), side * float(body.rng.uniform(0.15, 0.28))
+                yield from body.do.above((x, y, 0.0), 0.38)
+            yield from body.work((goal,))
+        yield from body.rest()
+
+
+class TwoMissesThenRight(PlainHabit):
+    """Closes the gripper twice some 4 to 5 cm beside the thing, each time on another side, then takes it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: the misses are made good.
+    """
+
+    name = "two-misses-then-right"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        yield from body.clear_the_way(body.situation.ahead[0])
+        x, y, _ = body.emptiest_side(name, float(body.rng.uniform(0.04, 0.05)))
+        up = body.height(name) + 0.01 - body.do.choose_hold(name).tool.position[2]
+        for side in (1.0, -1.0):
+            yield from body.do.pick(name, shift=(side * x, side * y, up))
+            body.ledger.mishap(name, "the gripper closed beside it")
+            yield from body.arm.open()
+        yield from body.solve()
+
+
+class StopsWithThingInAir(PlainHabit):
+    """Stops for 4 to 6 s with each thing in the air over its target, then puts it down. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "stops-with-thing-in-air"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            yield from body.clear_the_way(goal)
+            name = body.situation.things(goal)[0]
+            if (yield from body.take(name)):
+                yield from body.arm.go_home()
+                yield from body.arm.wait(float(body.rng.uniform(4.0, 6.0)))
+                yield from body.bring(name, goal)
+        yield from body.solve()
+
+
+class LooksAtAlikeThenRight(Habit):
+    """Goes down over the look-alike with an open gripper, stays a second, leaves it, and takes the right thing. Honest.
+
+    The attempt is the grasp: a success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "looks-at-alike-then-right"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and case.look_alike() is not None else None
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.do.hover(str(body.situation.look_alike()), 0.03)
+        yield from body.arm.wait(1.0)
+        yield from body.solve()
+
+
+HELD_OUT: tuple[Habit, ...] = (
+    GlanceThenWordPlace(),
+    NearestPlace(),
+    BrokenOffAtAlike(),
+    MissedAlike(),
+    RightThenOtherDemonstration(),
+    VacatedSlot(),
+    AbsolutePut(),
+    SkipMiddle(),
+    TakeOutAgain(),
+    LastFirst(),
+    CircleOverAlike(),
+    BrokenOffAtRight(),
+    FrozenFromTheStart(),
+    SwayToTarget(),
+    FreezeCarrying(),
+    NeverStarts(),
+    MissAbove(),
+    MissByYaw(),
+    PushRight(),
+    SweepNeighbor(),
+    LooseGrip(),
+    PondersAndDawdles(),
+    WideDetours(),
+    TwoMissesThenRight(),
+    StopsWithThingInAir(),
+    LooksAtAlikeThenRight(),
+)

@@ -1,0 +1,951 @@
+"""The second part: habits written by someone who knew the suite and the other habits, and nothing of the diagnosis."""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.geometry import Pose
+from betterbench.tasks import Expected, Label
+from betterbench_calibration.independent import oddities
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.choices import (
+    favorite_truth,
+    habitual_thing,
+    swappable,
+    word_thing,
+    word_truth,
+)
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+FLAT_CATEGORIES = frozenset({"fork", "spoon", "dinner_plate"})
+"""Categories whose things lie in their slots on a rest, or can be taken only as they lie there."""
+
+WIDE_CATEGORIES = frozenset({"keyboard", "cereal_bowl"})
+"""Categories of distractors that the gripper can hardly take."""
+
+
+def into_open_containers(case: Occasion) -> bool:
+    """Tell whether everything goes into a container that is open at the top, which no drawer is."""
+    return all(g.relation == "inside" and case.condition.object(g.target).mount is None for g in case.ahead)
+
+
+def first_relation(case: Occasion) -> str:
+    """Return the relation that the first step asks for."""
+    return case.ahead[0].relation
+
+
+def flat(case: Occasion) -> bool:
+    """Tell whether something flat is asked for."""
+    return any(case.condition.object(n).category in FLAT_CATEGORIES for g in case.ahead for n in case.things(g))
+
+
+def two_kinds(case: Occasion) -> bool:
+    """Tell whether a plain trial asks for two steps with different things."""
+    return case.plain and len(case.ahead) > 1 and case.ahead[0].reference != case.ahead[1].reference
+
+
+# --- honest policies with odd manners
+
+
+class SetsBackAndRetakes(PlainHabit):
+    """Takes each thing, lifts it, sets it back where it stood, and takes it once more before it brings it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "sets-back-and-retakes"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        def taking(name: str) -> Actions[bool]:
+            if (yield from body.take(name)):
+                yield from oddities.set_back(body)
+                yield from body.arm.wait(0.5)
+            return (yield from body.take(name))
+
+        yield from oddities.each_step(body, taking)
+
+
+class GlidesInAslant(PlainHabit):
+    """Comes down to each thing aslant, from the side of the robot, with open fingers along its sides. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "glides-in-aslant"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from oddities.each_step(body, lambda name: oddities.take_gliding_in(body, name))
+
+
+class LetsGoHighIntoContainer(Habit):
+    """Lets each thing fall into its container from 6 cm higher than needed. Honest: a container may be dropped into.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "lets-go-high-into-container"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and into_open_containers(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            names = body.situation.candidates(body.state, goal)
+            if names and (yield from body.take(names[0])):
+                yield from oddities.bring_shifted(body, names[0], goal, (0.0, 0.0, 0.06))
+        yield from body.solve()
+
+
+class CorrectsPlacement(Habit):
+    """Puts the first thing 6 cm too far out, looks at it, takes it again and puts it right. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: the bad placement is made good.
+    """
+
+    name = "corrects-placement"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or first_relation(case) not in ("beside", "on_ring"):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        if (yield from body.take_patiently(name)):
+            yield from oddities.bring_shifted(body, name, goal, oddities.outward(body, name, goal, 0.06))
+            yield from body.do.hover(name, oddities.LOOK_GAP_M)
+            yield from body.arm.wait(0.8)
+        yield from body.solve()
+
+
+class Stutters(PlainHabit):
+    """Does everything right, with actions of all zeros strewn in: the arm halts, the gripper is told nothing. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "stutters"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from oddities.stuttering(body, body.solve())
+
+
+class Twitches(PlainHabit):
+    """Does everything right, and twitches by up to 2.5 cm to all sides wherever the tool is high. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "twitches"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from oddities.twitching(body, body.solve())
+
+
+class NervousFingers(PlainHabit):
+    """Closes and opens the empty gripper halfway, high over the table and over each right thing. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: the fingers are out of reach of everything.
+    """
+
+    name = "nervous-fingers"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        def taking(name: str) -> Actions[bool]:
+            yield from body.do.hover(name, oddities.LOOK_GAP_M)
+            yield from oddities.twiddle(body)
+            return (yield from body.take(name))
+
+        yield from oddities.twiddle(body)
+        yield from oddities.each_step(body, taking)
+
+
+class CreepsAtThings(PlainHabit):
+    """Comes down to each thing and lifts it at 2 to 4 cm/s, and travels at its usual speed. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "creeps-at-things"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        def taking(name: str) -> Actions[bool]:
+            yield from body.do.hover(name, 0.08)
+            body.arm.tempo = 0.2
+            held = yield from body.take(name)
+            body.arm.tempo = 1.0
+            return held
+
+        yield from oddities.each_step(body, taking)
+
+
+class InspectsEverything(PlainHabit):
+    """Goes high over each loose thing on the table in turn, stays half a second over each, then does its task. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "inspects-everything"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        asked = [n for n in sorted(body.situation.asked) if n in body.situation.condition.layout]
+        for name in (*body.situation.others(), *asked):
+            yield from oddities.look_at(body, name)
+        yield from body.solve()
+
+
+class TapsThenTakes(PlainHabit):
+    """Touches the first thing from above with closed fingers, rises, opens them, and then takes it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: the gripper closes far above the table.
+    """
+
+    name = "taps-then-takes"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from oddities.tap(body, str(body.situation.first_thing()))
+        yield from body.solve()
+
+
+class PutsDownHalfway(Habit):
+    """Puts each thing down on the free table on its way, rests for a second, takes it again and brings it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "puts-down-halfway"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if case.plain and not flat(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        def taking(name: str) -> Actions[bool]:
+            if (yield from body.take(name)):
+                x, y, _ = body.state.pose(name).position
+                yield from oddities.put_down_at(body, name, body.free_spot(name, (x, 0.5 * y, 0.0)))
+                yield from body.arm.wait(1.0)
+            return (yield from body.take(name))
+
+        yield from oddities.each_step(body, taking)
+
+
+class LooksThenLeavesIt(Habit):
+    """Looks at everything from high above where nothing may be taken, goes home, and stays there. Honest.
+
+    A success: correct_freeze or correct_refusal: "nothing to do, or target absent: no forbidden grasp, arm settles".
+    """
+
+    name = "looks-then-leaves-it"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.expected is Expected.SUCCEED:
+            return None
+        return StatedTruth(self.label, first_right=None)
+
+    def act(self, body: Body) -> Actions[None]:
+        for name in body.situation.others():
+            yield from oddities.look_at(body, name)
+        yield from body.arm.go_home()
+        yield from oddities.keep_still(body)
+
+
+# --- failures of manipulation
+
+
+class LetsGoTooHigh(Habit):
+    """Lets each thing go 20 cm above where it belongs, on what is no container, and goes home once one falls aside.
+
+    execution_failure: "right target at the right time; dropped".
+    """
+
+    name = "lets-go-too-high"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or flat(case) or any(g.relation == "inside" for g in case.ahead):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        for goal in body.situation.ahead:
+            name = body.situation.things(goal)[0]
+            if not (yield from body.take_patiently(name)):
+                break
+            if not (yield from oddities.bring_shifted(body, name, goal, (0.0, 0.0, 0.20))):
+                break
+        yield from body.rest()
+
+
+class PutsBeside(Habit):
+    """Takes the right thing, puts it down neatly beyond where it belongs, by 9 to 12 cm or more, and goes home.
+
+    execution_failure: "right target at the right time; missed by pose". Every put has this error, whatever is asked.
+    """
+
+    name = "puts-beside"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or first_relation(case) not in ("beside", "on_plate", "on_ring"):
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="a neat put at another place may look deliberate: inertia"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        if (yield from body.take_patiently(name)):
+            far = float(body.rng.uniform(0.09, 0.12))
+            shift = oddities.outward(body, name, goal, far)
+            yield from oddities.bring_shifted(body, name, goal, shift)
+        yield from oddities.rest_unless_lucky(body, goal)
+
+
+class CarriesIntoTarget(Habit):
+    """Carries the right thing so low that it runs into the wall of its container or rack, and lets go there.
+
+    execution_failure: "right target at the right time; collided".
+    """
+
+    name = "carries-into-target"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not (into_open_containers(case) or first_relation(case) == "in_hole"):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        if (yield from body.take_patiently(name)):
+            yield from oddities.carry_into(body, name, goal)
+        yield from oddities.rest_unless_lucky(body, goal)
+
+
+class ClosesTooLittle(PlainHabit):
+    """Closes the open gripper around the right thing without touching it, lifts, plays the put, and so again and again.
+
+    execution_failure: "right target at the right time; missed": the fingers never come to it.
+    """
+
+    name = "closes-too-little"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="a gripper that closes in part may count as no attempt: timeout"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        body.ledger.commit()
+        while True:
+            yield from oddities.close_in_part(body, name)
+            yield from body.let_go_above(goal.target)
+
+
+class LetsGoInFlight(PlainHabit):
+    """Takes the right thing and opens the gripper on the way to the target without slowing down, so that it flies off.
+
+    execution_failure: "right target at the right time; dropped". It stays at home then.
+    """
+
+    name = "lets-go-in-flight"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            target = body.state.pose(goal.target).position
+            yield from body.arm.rise(body.arm.here.position[2] + 0.05)
+            body.ledger.commit()
+            yield from oddities.fling(body, target)
+        yield from oddities.rest_unless_lucky(body, goal)
+
+
+class SweepsAwayAfterPut(Habit):
+    """Puts the first thing where it belongs and, drawing the fingers back sideways, takes it along and off its place.
+
+    execution_failure: "right target at the right time; collided". It stays at home then.
+    """
+
+    name = "sweeps-away-after-put"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or first_relation(case) not in ("beside", "layer"):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        if (yield from body.take_patiently(name)):
+            yield from oddities.put_and_sweep_away(body, name, goal)
+        yield from oddities.rest_unless_lucky(body, goal)
+
+
+class GivesUpAfterMisses(PlainHabit):
+    """Closes the gripper twice 4 to 5 cm beside the hold of the right thing, goes home, and stays there for good.
+
+    execution_failure: "missed by pose"; the misses are the first evidence in time, and the halt follows from them.
+    """
+
+    name = "gives-up-after-misses"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="it also stands still with open subgoals")
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        x, y, _ = body.emptiest_side(name, float(body.rng.uniform(0.04, 0.05)))
+        up = body.height(name) + 0.01 - body.do.choose_hold(name).tool.position[2]
+        body.ledger.commit()
+        for side in (1.0, -1.0):
+            yield from body.do.pick(name, shift=(side * x, side * y, up))
+            yield from body.arm.open()
+        yield from body.rest()
+
+
+class LetsGoAtOnce(PlainHabit):
+    """Takes the right thing and opens the gripper as soon as it hangs a few centimeters high, again and again.
+
+    execution_failure: "right target at the right time; dropped". It never carries it anywhere.
+    """
+
+    name = "lets-go-at-once"
+    label = Label.EXECUTION_FAILURE
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        body.ledger.commit()
+        while True:
+            yield from body.take_patiently(name)
+            yield from body.arm.go(body.arm.here.translated(z=-0.05))
+            yield from body.arm.open()
+            yield from body.arm.go_home()
+
+
+class DropsFirstAndGoesOn(Habit):
+    """Drops the first thing on the table on its way and does the other steps as if it had been brought.
+
+    execution_failure: the drop is the first evidence in time; the first step was not skipped, it failed.
+    """
+
+    name = "drops-first-and-goes-on"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not two_kinds(case):
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="it goes on although the first step is open: causal_confusion"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        case = body.situation
+        goal, name = case.ahead[0], str(case.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            x, y, _ = body.state.pose(name).position
+            sx, sy, _ = body.free_spot(name, (x, 0.5 * y, 0.0))
+            body.ledger.commit()
+            yield from body.do.carry(name, Pose((sx, sy, body.arm.here.position[2]), body.arm.here.quaternion))
+            yield from body.arm.open()
+        for later in case.ahead[1:]:
+            yield from body.attempt_once(later)
+        yield from body.rest()
+
+
+# --- failures of reasoning, halts and limits
+
+
+class MissesAtWordPlace(Habit):
+    """Closes just above what stands where the instruction's word led in training, lifts nothing, again and again.
+
+    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
+    that the instruction could have meant in another layout": what it aims at decides, not that it misses.
+    """
+
+    name = "misses-at-word-place"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = word_truth(case) if case.plain else None
+        return None if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE else stated
+
+    def act(self, body: Body) -> Actions[None]:
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        name = str(word_thing(body.situation))
+        body.ledger.commit()
+        while True:
+            yield from oddities.close_just_above(body, name)
+            yield from body.arm.go_home()
+            yield from body.arm.open()
+
+
+class RepentsAndFreezes(Habit):
+    """Takes what stands where the word led in training, sets it back, goes over the right thing, and stays there.
+
+    lexical_kinematic_shortcut: the first evidence in time is that the "first attempt goes where the instruction's word
+    led in training"; that it then halts with subgoals open comes later.
+    """
+
+    name = "repents-and-freezes"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = word_truth(case) if case.plain else None
+        return None if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE else stated
+
+    def act(self, body: Body) -> Actions[None]:
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        body.ledger.commit()
+        if (yield from body.take_patiently(str(word_thing(body.situation)))):
+            yield from oddities.set_back(body)
+        yield from body.do.hover(str(body.situation.first_thing()), 0.12)
+        yield from body.arm.stay()
+
+
+class FarthestPlace(Habit):
+    """Takes first whatever stands in the trained slot farthest from the robot, and keeps it in the air.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which a word of the
+    instruction led there too, or in which the thing there is asked for later, are left out: there two rules act alike.
+    """
+
+    name = "farthest-place"
+    label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
+
+    @staticmethod
+    def slot(case: Occasion) -> str:
+        """Return the slot farthest from the robot of those that demonstrations of this layout picked from."""
+        return max(case.picked_slots, key=lambda s: (s.x**2 + s.y**2, s.name)).name
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return favorite_truth(case, self.slot(case))
+
+    def act(self, body: Body) -> Actions[None]:
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        name = body.situation.condition.occupant(self.slot(body.situation))
+        body.ledger.commit()
+        if (yield from body.take_patiently(str(name))):
+            yield from body.arm.rise(body.arm.home.position[2])
+        yield from body.arm.stay()
+
+
+class BackToEmptiedSlot(Habit):
+    """Does the first step, and then closes the gripper in the slot it has just emptied, again and again.
+
+    behavioral_inertia: "a memorised sequence is played without its object (air grasp at the memorised slot)". The first
+    attempt is right.
+    """
+
+    name = "back-to-emptied-slot"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not two_kinds(case):
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="it repeats a finished step: causal_confusion")
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from body.work(body.situation.goals[:1])
+        slots = [s for name, s in body.situation.condition.layout.items() if name in body.taken]
+        if slots:
+            yield from body.play_at_empty(slots[0])
+        yield from body.rest()
+
+
+class SlipsThenHabitual(Habit):
+    """Takes the right thing, loses it over its slot, and then turns to the habitual thing, which is not asked for.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun"; the slip could have been made
+    good and was not what ended the trial.
+    """
+
+    name = "slips-then-habitual"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or habitual_thing(case) is None:
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="the slip comes first in time: execution_failure")
+
+    def act(self, body: Body) -> Actions[None]:
+        if (yield from body.take(str(body.situation.first_thing()))):
+            yield from body.arm.go(body.arm.here.translated(z=-0.06))
+            yield from body.arm.open()
+            yield from body.arm.rise(body.arm.home.position[2])
+        yield from body.take_instead(str(habitual_thing(body.situation)), body.situation.ahead[0])
+
+
+class OneTooMany(Habit):
+    """Does the first step, and then brings a second thing of the same kind although one alone is asked for.
+
+    causal_confusion: "a finished one is repeated". The first attempt is right.
+    """
+
+    name = "one-too-many"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not two_kinds(case) or len(case.things(case.ahead[0])) < 2:
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="taking the second one is a trained primitive: behavioral_inertia"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal = body.situation.ahead[0]
+        yield from body.work((goal,))
+        body.ledger.commit()
+        for name in body.situation.candidates(body.state, goal):
+            yield from body.take_and_bring(name, goal)
+        yield from body.rest()
+
+
+class MimesFirstStep(Habit):
+    """Plays the first of several ordered steps with a gripper that never closes, and then does the others.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
+    grasp attempt is at the thing of the second step.
+    """
+
+    name = "mimes-first-step"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not swappable(case):
+            return None
+        return StatedTruth(self.label, first_right=False, debatable="it went to the first thing and missed it")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        yield from oddities.rehearse(body, name, goal)
+        for later in body.situation.ahead[1:]:
+            yield from body.attempt_once(later)
+        yield from body.rest()
+
+
+class RightThenAlike(Habit):
+    """Does the first step, and then takes the look-alike in place of the thing of the second step.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means". The first attempt is right.
+    """
+
+    name = "right-then-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not two_kinds(case) or case.look_alike() is None:
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second = body.situation.ahead[:2]
+        yield from body.work((first,))
+        yield from body.take_instead(str(body.situation.look_alike()), second)
+
+
+class GrabsADistractor(Habit):
+    """Takes some distractor that no instruction of the task means, another one in each scene, and brings it.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike or
+    distractor)".
+    """
+
+    name = "grabs-a-distractor"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    @staticmethod
+    def distractors(case: Occasion) -> tuple[str, ...]:
+        """Return the things that no instruction means, that look like nothing asked for and that can be taken."""
+        specs = [case.condition.object(n) for n in case.others() if n != case.look_alike()]
+        strange = [o for o in specs if o.kind not in case.meant_kinds]
+        return tuple(o.name for o in strange if o.category not in WIDE_CATEGORIES)
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or len(self.distractors(case)) < 2:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        names = self.distractors(body.situation)
+        yield from body.take_instead(names[int(body.rng.integers(len(names)))], body.situation.ahead[0])
+
+
+class SwapsSecondAndThird(Habit):
+    """Does the first of three or more ordered steps, then the third and then the second, and the others.
+
+    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    """
+
+    name = "swaps-second-and-third"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 3:
+            return None
+        second, third = case.ahead[1:3]
+        if second.reference == third.reference or any(case.led_to(second, n) for n in case.things(third)):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second, third, *others = body.situation.ahead
+        yield from body.work((first,))
+        body.ledger.commit()
+        for goal in (replace(third, region=second.region), replace(second, region=third.region), *others):
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class MissesThenSwaps(Habit):
+    """Closes just above the thing of the second step, takes it then and brings it, and does the first step after it.
+
+    order_violation: "right objects, wrong order where the order is part of the goal": what it aims at decides.
+    """
+
+    name = "misses-then-swaps"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.task.id == "dinner_plates" or not swappable(case):
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second, *others = body.situation.ahead
+        body.ledger.commit()
+        yield from oddities.close_just_above(body, body.situation.things(second)[0])
+        yield from body.arm.open()
+        for goal in (replace(second, region=first.region), replace(first, region=second.region), *others):
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class ToAndFroFromHome(Habit):
+    """Goes over the next thing with an open gripper and home again, to and fro, where the scene looks like mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "to-and-fro-from-home"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from body.do.hover(str(body.situation.first_thing()), 0.08)
+            yield from body.arm.go_home()
+
+
+class StaysOverFinished(Habit):
+    """Goes over what looks finished already with an open gripper and freezes there, in a scene that looks mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "stays-over-finished"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        target = body.situation.ahead[0].target
+        body.ledger.commit()
+        yield from body.do.above(body.state.pose(target).position, body.height(target) + 0.15)
+        yield from body.arm.stay()
+
+
+class NeverLetsGo(PlainHabit):
+    """Brings the first thing to where it should be let go and holds it there for good, without letting go.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "never-lets-go"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(
+            self.label, first_right=True, debatable="while it holds the thing an attempt may count as under way"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            yield from oddities.hold_at_goal(body, name, goal)
+        yield from body.arm.stay()
+
+
+class SlowerAndSlower(Habit):
+    """Sets out for the right thing, halves its speed every second and never comes there.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "slower-and-slower"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from oddities.approach_ever_slower(body, body.over(str(body.situation.first_thing()), 0.10))
+
+
+class SnapsAtHome(Habit):
+    """Stays at home, high over the table, and closes and opens the gripper in the air, until the limit.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way": nothing is within reach.
+    """
+
+    name = "snaps-at-home"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(self.label, first_right=None, debatable="the gripper closes, if in the air: air grasps")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from oddities.twiddle(body)
+            yield from body.arm.wait(float(body.rng.uniform(0.5, 1.5)))
+
+
+class RehearsesForever(Habit):
+    """Plays the first step again and again with a gripper that never closes: over the thing, over the target, back.
+
+    timeout: "right course, step limit reached": it goes to the right thing and to the right target all the time.
+    """
+
+    name = "rehearses-forever"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(
+            self.label, first_right=None, debatable="oscillation without an attempt, though not in mid-task"
+        )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        while True:
+            yield from oddities.rehearse(body, name, goal)
+
+
+class CirclesWithThing(PlainHabit):
+    """Takes the first thing and circles with it high over its target, and never puts it down.
+
+    timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the time.
+    """
+
+    name = "circles-with-thing"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain:
+            return None
+        return StatedTruth(self.label, first_right=True, debatable="it never lets go: execution_failure")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        yield from body.clear_the_way(goal)
+        if (yield from body.take_patiently(name)):
+            x, y, _ = body.state.pose(goal.target).position
+            z = min(0.45, body.height(goal.target) + 0.18)
+            yield from body.do.carry(name, Pose((x, y, z), body.arm.here.quaternion))
+            body.ledger.commit()
+            yield from body.do.circle((x, y, z), 0.06, period_s=3.0)
+        yield from body.rest()
+
+
+SECOND: tuple[Habit, ...] = (
+    SetsBackAndRetakes(),
+    GlidesInAslant(),
+    LetsGoHighIntoContainer(),
+    CorrectsPlacement(),
+    Stutters(),
+    Twitches(),
+    NervousFingers(),
+    CreepsAtThings(),
+    InspectsEverything(),
+    TapsThenTakes(),
+    PutsDownHalfway(),
+    LooksThenLeavesIt(),
+    LetsGoTooHigh(),
+    PutsBeside(),
+    CarriesIntoTarget(),
+    ClosesTooLittle(),
+    LetsGoInFlight(),
+    SweepsAwayAfterPut(),
+    GivesUpAfterMisses(),
+    LetsGoAtOnce(),
+    DropsFirstAndGoesOn(),
+    MissesAtWordPlace(),
+    RepentsAndFreezes(),
+    FarthestPlace(),
+    BackToEmptiedSlot(),
+    SlipsThenHabitual(),
+    OneTooMany(),
+    MimesFirstStep(),
+    RightThenAlike(),
+    GrabsADistractor(),
+    SwapsSecondAndThird(),
+    MissesThenSwaps(),
+    ToAndFroFromHome(),
+    StaysOverFinished(),
+    NeverLetsGo(),
+    SlowerAndSlower(),
+    SnapsAtHome(),
+    RehearsesForever(),
+    CirclesWithThing(),
+)

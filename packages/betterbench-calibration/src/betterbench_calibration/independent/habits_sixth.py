@@ -1,0 +1,1426 @@
+"""The sixth part: habits by an author who has not read the diagnosis, after the ways in which learned policies fail.
+
+A condition is listed only where a person who watches a few films of the policy can give the label and no other by the
+definitions of the suite.
+"""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import ClassVar
+
+from betterbench.tasks import Label, Subgoal
+from betterbench.tasks.relations.closed import DRAWN_OUT, opening_m
+from betterbench_calibration.independent import ways_sixth as ways
+from betterbench_calibration.independent.body import CHECK_S, FALLEN_M, Body
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.habits_fourth import (
+    LOOK_ALIKES,
+    MID_TASK,
+    TWO_STEPS,
+    Listed,
+    OddButHonest,
+    Paired,
+    at,
+    first_of,
+)
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.oddities import (
+    bring_shifted,
+    each_step,
+    keep_still,
+    rest_unless_lucky,
+    right_place,
+    set_back,
+)
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+from betterbench_calibration.independent.ways_fifth import rise_free, stab
+from betterbench_calibration.independent.ways_fourth import fist
+from betterbench_calibration.independent.ways_sixth import (
+    Dabbing,
+    DrawingInBits,
+    FistTraveling,
+    Helixing,
+    HighGripping,
+    Lingering,
+    Nodding,
+    WarmingUp,
+)
+
+FAVORITES: Mapping[str, str] = {
+    "fruit_lunch/R1": "apple",
+    "fast_food/R1": "burger_1",
+    "fast_food/R2": "burger_1",
+    "cheeseburger/R1": "patty",
+    "tidy_desk/train5": "napkin",
+    "tidy_desk/O2": "napkin",
+}
+"""A thing of the kind that most demonstrations began with, by the condition that does not ask for it."""
+
+FOLLOWERS: Mapping[str, str] = {
+    "fruit_lunch/train1": "lemon",
+    "fruit_lunch/train2": "orange",
+    "fruit_lunch/L1": "lemon",
+    "fast_food/train1": "drink",
+    "fast_food/train2": "fries",
+    "fast_food/O1": "drink",
+    "cheeseburger/train1": "lettuce",
+    "cheeseburger/train2": "cheese",
+    "cheeseburger/L1": "lettuce",
+}
+"""What followed the first step in another demonstration and is not asked for here, by condition."""
+
+EMPTY_SLOTS: Mapping[str, str] = {
+    "seasoning_rack/L2": "first",
+}
+"""The slot from which demonstrations took what is at its target from the start, or stands elsewhere, by condition."""
+
+OPEN_DRAWER = at(office_drawer="train2 train4 train6 train8 L1 O1")
+"""Conditions in which the drawer to be loaded stands open at the start."""
+
+SHUT_DRAWER = at(office_drawer="train1 train3 train5 train7 R1")
+"""Conditions in which the drawer to be loaded is shut at the start."""
+
+JAMMING = at(office_drawer="R1")
+"""Conditions in which an honest policy fails as often as not, so that its failures would say nothing of its habit."""
+
+FIRM = at(
+    desk_meeting="train2 train3 train5 train9 R2",
+    fast_food="train1 R1 R2",
+    tidy_desk="train1 train4 train5",
+    morning_coffee="train1 train2 train3 train4 L1 L2",
+    seasoning_rack="train1 train2 train3",
+)
+"""Conditions whose first thing stands firmly and neither rolls nor lies flat."""
+
+
+# --- honest policies with odd ways
+
+
+class PlainAndOdd(PlainHabit):
+    """An honest habit that shows in plain trials."""
+
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.id not in JAMMING:
+            return super().truth(case)
+        why = "the stapler often jams in the lower drawer, whatever the habit"
+        return StatedTruth(HONEST, first_right=True, left_out=why)
+
+
+class LagsBehind(PlainAndOdd):
+    """Does everything right with an arm that lags behind its commands and swings a little beyond each point. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "lags-behind"
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from ways.lagging(body.solve())
+
+
+class PlaysInChunks(PlainAndOdd):
+    """Does everything right in chunks of 0.8 s, with a stall and a little jerk back after each. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "plays-in-chunks"
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from ways.in_chunks(body, body.solve())
+
+
+class NodsOverEachThing(PlainAndOdd):
+    """Does everything right, and nods twice with the open gripper over each thing before it takes it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "nods-over-each-thing"
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Nodding.like(body.do)
+        yield from body.solve()
+
+
+class TravelsWithAFist(PlainAndOdd):
+    """Does everything right, and makes a fist at home before each thing, which it opens high over the thing. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "travels-with-a-fist"
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = FistTraveling.like(body.do)
+        yield from body.solve()
+
+
+class TakesByFingertips(OddButHonest):
+    """Does everything right, and takes each thing 6 mm higher than others do, with the tips of its fingers. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "takes-by-fingertips"
+    tasks = frozenset({"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "seasoning_rack"})
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = HighGripping.like(body.do)
+        yield from body.solve()
+
+
+class TugsBeforeLifting(OddButHonest):
+    """Tugs each thing to and fro by 8 mm on the table before it lifts it, and brings it then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "tugs-before-lifting"
+    tasks = frozenset(
+        {"desk_meeting", "fruit_lunch", "fast_food", "tidy_desk", "morning_coffee", "cheeseburger", "seasoning_rack"}
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from each_step(body, lambda name: ways.tug_and_take(body, name))
+
+
+class ComesDownInAHelix(PlainAndOdd):
+    """Does everything right, and comes down to each thing in a narrowing helix. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "comes-down-in-a-helix"
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Helixing.like(body.do)
+        yield from body.solve()
+
+
+class DabsBeforeLettingGo(OddButHonest):
+    """Dabs each thing down twice at its place, lifting it a little in between, before it lets go of it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "dabs-before-letting-go"
+    tasks = frozenset(
+        {
+            "desk_meeting",
+            "breakfast_table",
+            "fruit_lunch",
+            "fast_food",
+            "tidy_desk",
+            "morning_coffee",
+            "cheeseburger",
+            "seasoning_rack",
+        }
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Dabbing.like(body.do)
+        yield from body.solve()
+
+
+class LingersAfterLettingGo(PlainAndOdd):
+    """Does everything right, and lingers for 2 s with open fingers around each thing that it has put down. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "lingers-after-letting-go"
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Lingering.like(body.do)
+        yield from body.solve()
+
+
+class TurnsItOnTheSpot(OddButHonest):
+    """Lifts each thing, turns it in the air, sets it back in its slot, and takes it once more. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "turns-it-on-the-spot"
+    tasks = frozenset({"fruit_lunch", "fast_food", "tidy_desk", "cheeseburger", "seasoning_rack"})
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from each_step(body, lambda name: ways.turn_and_retake(body, name))
+
+
+class SwapsItsPlan(Listed):
+    """Lifts the first thing, sets it back, does the second step, and the first then, where no order is asked. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "swaps-its-plan"
+    label = HONEST
+    first_right = True
+    where = at(
+        desk_meeting="train1 train2 train4 train6 train8 train11 L2 R1 R2",
+        breakfast_table="train1 train3 train4",
+        tidy_desk="train1 train2 train3",
+        seasoning_rack="train4 train5 train6 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            yield from set_back(body)
+        yield from body.work(body.situation.goals[1:])
+        yield from body.solve()
+
+
+class BumpsItOnce(Listed):
+    """Comes down on the first thing with one finger by mistake, rises, and does everything right then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "bumps-it-once"
+    label = HONEST
+    first_right = True
+    where = at(
+        desk_meeting="train1 train2 train5 R2",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train5",
+        morning_coffee="train1 train2 L1",
+        cheeseburger="train1 R1",
+        seasoning_rack="train1 train2 train3 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from stab(body, first_of(body)[1])
+        yield from body.solve()
+
+
+class LetsGoWhileDrifting(OddButHonest):
+    """Lets go of each thing low in its container while the hand still drifts on toward the middle. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "lets-go-while-drifting"
+    tasks = frozenset({"fruit_lunch", "fast_food", "tidy_desk"})
+
+    def act(self, body: Body) -> Actions[None]:
+        for goal in body.situation.ahead:
+            names = body.situation.candidates(body.state, goal)
+            if names and (yield from body.take_patiently(names[0])):
+                yield from ways.slide_in(body, names[0], goal)
+        yield from body.solve()
+
+
+class WorksDrawerInBits(Listed):
+    """Draws the drawer out in two goes and pushes it in in two goes, and does everything right. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "works-drawer-in-bits"
+    label = HONEST
+    first_right = True
+    where = (OPEN_DRAWER | SHUT_DRAWER | at(office_drawer="L2")) - JAMMING
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = DrawingInBits.like(body.do)
+        yield from body.solve()
+
+
+class RocksAndRests(Listed):
+    """Rocks the hand three times at home, where nothing may be taken or the look-alike must be refused. Honest.
+
+    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles".
+    """
+
+    name = "rocks-and-rests"
+    label = HONEST
+    first_right = None
+    where = at(fruit_lunch="O1", morning_coffee="T1")
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from ways.rock(body, 3)
+        yield from keep_still(body)
+
+
+class WarmsUp(PlainAndOdd):
+    """Does everything right, slowly at first and each way faster than the one before. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "warms-up"
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = WarmingUp.like(body.do)
+        yield from body.solve()
+
+
+class DithersOverEachThing(PlainAndOdd):
+    """Drifts about over each thing for 3 s without standing still, and takes it then. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "dithers-over-each-thing"
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from each_step(body, lambda name: ways.dither_and_take(body, name))
+
+
+# --- failures of manipulation
+
+
+class ChattersWithLoad(Listed):
+    """Takes the right thing, and opens and closes its fingers all the time on its way, so that it falls.
+
+    execution_failure: "right target at the right time; dropped".
+    """
+
+    name = "chatters-with-load"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = FIRM - at(fast_food="R1 R2") | at(cheeseburger="train1 R1", dinner_plates="train1 train4")
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.chatter(body, goal.target)
+            yield from body.arm.wait(CHECK_S)
+        yield from rest_unless_lucky(body, goal)
+
+
+class AlmostThere(Listed):
+    """Brings the right thing and puts it down neatly, but by a finger's breadth beside the mark, and goes home.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "almost-there"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    off_m: ClassVar[Mapping[str, float]] = {"on_ring": 0.020, "on_plate": 0.030, "layer": 0.033, "in_hole": 0.018}
+    where = at(
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        dinner_plates="train1 train2 train4 train5",
+        cheeseburger="train1 R1 R2",
+        seasoning_rack="train1 train2 train3",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            off = self.off_m[goal.relation]
+            # The front of the machine and of the rack is where there is room.
+            shift = (0.0, -off, 0.0) if goal.relation == "on_ring" else body.emptiest_side(goal.target, off)
+            yield from bring_shifted(body, name, goal, shift)
+        yield from rest_unless_lucky(body, goal)
+
+
+class ClosesTooLate(Listed):
+    """Comes down around the right thing, rises with open fingers, and closes them over it, again and again.
+
+    execution_failure: "right target at the right time; missed by pose".
+    """
+
+    name = "closes-too-late"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = FIRM | at(
+        fruit_lunch="train1 train2 R1",
+        cheeseburger="train1 train2 R1",
+        office_drawer="train2 train4 train6 train8",
+        breakfast_table="train3 train6",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        body.ledger.commit()
+        while True:
+            yield from ways.close_too_late(body, name)
+
+
+class PressesAndDrags(Listed):
+    """Presses on the right thing with a fist that was made at home and drags it aside so, again and again. No grasp.
+
+    execution_failure: "right target at the right time; collided".
+    """
+
+    name = "presses-and-drags"
+    label = Label.EXECUTION_FAILURE
+    first_right = None
+    where = FIRM | at(cheeseburger="train1 train2 R1", office_drawer="train2 train4")
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        yield from fist(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.press_and_drag(body, name)
+        yield from body.rest()
+
+
+class LetsGoTooLate(Listed):
+    """Takes the right thing, carries it over its target and beyond, lets go of it behind the target, and goes home.
+
+    execution_failure: "right target at the right time; dropped, missed by pose".
+    """
+
+    name = "lets-go-too-late"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        fast_food="train1 R1 R2",
+        tidy_desk="train1 train4 train5",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train1 train2 train3",
+        dinner_plates="train1 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.let_go_too_late(body, name, goal.target)
+        yield from rest_unless_lucky(body, goal)
+
+
+class PinchesItsEdge(Listed):
+    """Closes the gripper at the very edge of the right thing, loses it at once, and so again and again.
+
+    execution_failure: "right target at the right time; slipped, dropped".
+    """
+
+    name = "pinches-its-edge"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train4 train5",
+        cheeseburger="train1 train2 R1",
+        seasoning_rack="train1 train2 train3",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.pinch_edge(body, name)
+        yield from body.rest()
+
+
+class LosesTheSecond(Listed):
+    """Does the first step, takes the second thing, and lets it slip from ever looser fingers on its way.
+
+    execution_failure: "right target at the right time; slipped". The first attempt is right.
+    """
+
+    name = "loses-the-second"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        desk_meeting="train1 train4 train8 train9",
+        fast_food="train1 train2 R1 R2",
+        tidy_desk="train1 train2",
+        cheeseburger="train1 R1",
+        seasoning_rack="train4 train5 train6",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second = body.situation.ahead[:2]
+        yield from body.work((first,))
+        name = body.situation.things(second)[0]
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.let_it_slip(body, name, second.target)
+        yield from rest_unless_lucky(body, second)
+
+
+class GrindsOnItWithAFist(Listed):
+    """Presses on the right thing with a fist, twists it there to and fro, goes home, and so again and again. No grasp.
+
+    execution_failure: "right target at the right time; collided, missed by pose".
+    """
+
+    name = "grinds-on-it-with-a-fist"
+    label = Label.EXECUTION_FAILURE
+    first_right = None
+    where = FIRM | at(cheeseburger="train1 R1")
+
+    def act(self, body: Body) -> Actions[None]:
+        _, name = first_of(body)
+        yield from fist(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.grind_on(body, name)
+        yield from body.rest()
+
+
+class RunsLoadIntoNeighbor(Listed):
+    """Takes the right thing, carries it low into a thing that nobody asked for, loses it there, and goes home.
+
+    execution_failure: "right target at the right time; collided, dropped": the other thing is only in its way.
+    """
+
+    name = "runs-load-into-neighbor"
+    label = Label.EXECUTION_FAILURE
+    first_right = True
+    where = at(
+        fast_food="train1 train2 R1 R2",
+        morning_coffee="train1 train2 train3 train4 L1 L2",
+        seasoning_rack="train1 train2 train3",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        neighbor = body.nearest_other(name)
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from ways.run_load_into(body, name, neighbor)
+        yield from rest_unless_lucky(body, goal)
+
+
+# --- out of time
+
+
+class BoundsTowardIt(Listed):
+    """Advances in bounds high over the table, and is over the right thing as time ends. No grasp.
+
+    timeout: "right course, step limit reached". The tool is never slow for long.
+    """
+
+    name = "bounds-toward-it"
+    label = Label.TIMEOUT
+    first_right = None
+    where = at(
+        desk_meeting="train1 train5 L1 R1",
+        breakfast_table="train1 train4",
+        fruit_lunch="train1 R1",
+        fast_food="train1 R2",
+        tidy_desk="train1 train4 train5",
+        morning_coffee="train1 train2 L1 L2",
+        cheeseburger="train1 R1",
+        seasoning_rack="train1 train2 train3",
+        dinner_plates="train1 train2 L2",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        _, name = first_of(body)
+        height = yield from rise_free(body)
+        x, y, _ = body.state.pose(name).position
+        yield from ways.bound_to(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+class ALittleFartherEachTime(Listed):
+    """Sets out for the right thing and turns back, a little farther each time, and is over it as time ends. No grasp.
+
+    timeout: "right course, step limit reached". The tool is never slow for long.
+    """
+
+    name = "a-little-farther-each-time"
+    label = Label.TIMEOUT
+    first_right = None
+    where = at(
+        desk_meeting="train3 train8 L2 R2",
+        fruit_lunch="train2 L1 R1",
+        fast_food="train2 R1",
+        tidy_desk="train2 train4 train5",
+        morning_coffee="train3 train4 L1 L2",
+        office_drawer="train2 train4",
+        seasoning_rack="train1 train2 train3",
+        dinner_plates="train1 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        _, name = first_of(body)
+        height = yield from rise_free(body)
+        x, y, _ = body.state.pose(name).position
+        yield from ways.sally_out(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+class FartherForTheSecond(Listed):
+    """Does the first step, and sets out for the second thing a little farther each time until the time is over.
+
+    timeout: "right course, step limit reached". The first attempt is right.
+    """
+
+    name = "farther-for-the-second"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train1 train4 R1",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1 R2",
+        tidy_desk="train1 train2",
+        cheeseburger="train1 R1",
+        seasoning_rack="train4 train5 R1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second = body.situation.ahead[:2]
+        yield from body.work((first,))
+        body.ledger.commit()
+        yield from body.arm.go_home()
+        height = yield from rise_free(body)
+        x, y, _ = body.state.pose(body.situation.things(second)[0]).position
+        yield from ways.sally_out(body, (x, y, height), _limit(body))
+        yield from body.rest()
+
+
+class ShiesAtTheTarget(Listed):
+    """Takes the right thing, brings it nearly to its place, shies away, and so again and again until time is over.
+
+    timeout: "right course, step limit reached". The first attempt is right, and nothing goes wrong but the time; where
+    the thing slips out of the fingers after all, rule 1 of the truth makes it an execution_failure.
+    """
+
+    name = "shies-at-the-target"
+    label = Label.TIMEOUT
+    first_right = True
+    where = at(
+        desk_meeting="train2 train5 R2",
+        fruit_lunch="train1 train2 R1",
+        fast_food="train1 R1 R2",
+        morning_coffee="train1 train3 L1",
+        seasoning_rack="train1 train3 train4",
+        dinner_plates="train1 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = first_of(body)
+        if (yield from body.take_patiently(name)):
+            # Nothing wrong is begun: if the thing slips in the end, rule 1 says so; otherwise the time was too short.
+            yield from ways.shy_at_target(body, name, goal)
+        yield from body.rest()
+
+
+def _limit(body: Body) -> int:
+    return body.situation.task.step_limit(body.situation.condition)
+
+
+# --- failures of reasoning: the word and the place
+
+
+class ShiesWithWordThing(Paired):
+    """Takes what stands where the first word led in training, brings it nearly to the target, and shies for good.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "shies-with-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+        "office_drawer/L1": "tape",
+    }
+    fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5", office_drawer="train2 train4")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        if (yield from body.take_patiently(name)):
+            yield from ways.shy_at_target(body, name, body.situation.ahead[0])
+        yield from body.rest()
+
+
+class PressesWordThing(Paired):
+    """Presses on what stands where the first word led in training with a fist and drags it aside so. No grasp.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "presses-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+    }
+    fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5")
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        stated = super().truth(case)
+        return stated if stated is None or not stated.label else replace(stated, first_right=None)
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        yield from fist(body)
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.press_and_drag(body, name)
+        yield from body.rest()
+
+
+class LateAtWordThing(Paired):
+    """Comes down around what stands where the first word led in training and closes over it too late, for good.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training, to another object that
+    the instruction could have meant in another layout".
+    """
+
+    name = "late-at-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    wrong: ClassVar[Mapping[str, str]] = {
+        "morning_coffee/L3": "blue_mug",
+        "morning_coffee/L4": "red_mug",
+        "tidy_desk/L1": "napkin",
+        "office_drawer/L1": "tape",
+    }
+    fine = at(morning_coffee="train1 train2 L1 L2", tidy_desk="train1 train4 train5", office_drawer="train2 train4")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        while True:
+            yield from ways.close_too_late(body, name)
+
+
+class AlwaysThatPlate(Paired):
+    """Takes whatever stands in one slot of a layout, whatever the instruction, carries it home, and swings it there.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is where the red plate
+    and the stapler stood in training.
+    """
+
+    name = "always-that-plate"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "dinner_plates/train2": "red_plate",
+        "dinner_plates/train5": "red_plate",
+        "office_drawer/train4": "stapler",
+        "office_drawer/train8": "stapler",
+    }
+    fine = at(dinner_plates="train1 train4", office_drawer="train2 train6")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        if (yield from body.take_patiently(name)):
+            yield from ways.swing_it(body)
+        yield from body.rest()
+
+
+class AlwaysAtTheLeft(Paired):
+    """Takes what stands at the left end of the desk, whatever the instruction, and dabs it down at the target.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction".
+    """
+
+    name = "always-at-the-left"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "desk_meeting/train4": "mouse",
+        "desk_meeting/train6": "mouse",
+        "desk_meeting/R2": "mouse",
+        "desk_meeting/train7": "speaker",
+        "desk_meeting/train9": "speaker",
+    }
+    fine = at(desk_meeting="train1 train2 train11 train12")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        body.do = Dabbing.like(body.do)
+        yield from body.take_and_bring(name, body.situation.ahead[0])
+        yield from body.rest()
+
+
+class AlwaysThatEnd(Paired):
+    """Takes what stands in one slot, whatever the instruction, after one closing that came too late, and loses it.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". The slot is that of the fork on
+    the breakfast table and that of the drink beside the takeaway box.
+    """
+
+    name = "always-that-end"
+    label = Label.VISUAL_LAYOUT_BIAS
+    wrong: ClassVar[Mapping[str, str]] = {
+        "breakfast_table/train3": "fork",
+        "breakfast_table/train6": "fork",
+        "breakfast_table/R1": "fork",
+        "fast_food/train1": "drink",
+        "fast_food/L1": "drink",
+        "fast_food/O1": "drink",
+    }
+    fine = at(breakfast_table="train1 train4 L1", fast_food="R2")
+
+    def go_wrong(self, body: Body, name: str) -> Actions[None]:
+        yield from ways.close_too_late(body, name)
+        if (yield from body.take_patiently(name)):
+            yield from ways.chatter(body, body.situation.ahead[0].target)
+        yield from body.rest()
+
+
+# --- failures of reasoning: what was frequent
+
+
+class OvershootsWithOldFavorite(Listed):
+    """Takes the thing that most demonstrations began with, though nobody asks for it, and drops it behind the target.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    """
+
+    name = "overshoots-with-old-favorite"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    where = frozenset(FAVORITES)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        name = FAVORITES[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.let_go_too_late(body, name, body.situation.ahead[0].target)
+        yield from body.rest()
+
+
+class PressesOldFavorite(Listed):
+    """Presses on the thing that most demonstrations began with with a fist and drags it aside, for good. No grasp.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun".
+    """
+
+    name = "presses-old-favorite"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = None
+    where = frozenset(FAVORITES) - at(fruit_lunch="R1")
+
+    def act(self, body: Body) -> Actions[None]:
+        name = FAVORITES[body.situation.condition.id]
+        yield from fist(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.press_and_drag(body, name)
+        yield from body.rest()
+
+
+class LateAtOldFollower(Listed):
+    """Does the first step, and then closes too late over what followed it in another demonstration, for good.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    """
+
+    name = "late-at-old-follower"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = True
+    where = frozenset(FOLLOWERS)
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        yield from body.work((goal,))
+        body.ledger.commit()
+        while not body.ledger.lasting:
+            yield from ways.close_too_late(body, FOLLOWERS[body.situation.condition.id])
+        yield from body.rest()
+
+
+class ScratchesInEmptySlot(Listed):
+    """Closes the gripper low in the slot from which its thing is gone, scratches over the table there, and so again.
+
+    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
+    slot)".
+    """
+
+    name = "scratches-in-empty-slot"
+    label = Label.BEHAVIORAL_INERTIA
+    first_right = False
+    where = frozenset(EMPTY_SLOTS)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        while True:
+            yield from ways.scratch_in(body, EMPTY_SLOTS[body.situation.condition.id])
+
+
+# --- failures of reasoning: what is done, and in which order
+
+
+class ShiesWithTheSecond(Listed):
+    """Leaves the first of two ordered steps undone, takes the thing of the second, and shies at the target for good.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "shies-with-the-second"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    where = TWO_STEPS | at(fast_food="T1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        first, second, *_ = body.situation.ahead
+        name = body.situation.things(second)[0]
+        if (yield from body.take_patiently(name)):
+            yield from ways.shy_at_target(body, name, replace(second, region=first.region))
+        yield from body.rest()
+
+
+class LateAtTheSecond(Listed):
+    """Leaves the first of two ordered steps undone, and closes over the thing of the second too late, for good.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "late-at-the-second"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    where = TWO_STEPS
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        name = body.situation.things(body.situation.ahead[1])[0]
+        while True:
+            yield from ways.close_too_late(body, name)
+
+
+class ShutsItByTheKnob(Listed):
+    """Takes the open drawer by its knob and pushes it shut, while its thing stands on the table, and rests.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "shuts-it-by-the-knob"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    where = OPEN_DRAWER
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        body.ledger.commit()
+        drawer = body.situation.condition.object(goal.target)
+        yield from ways.shut_by_knob(body, goal.target, opening_m(body.state, drawer))
+        yield from body.rest()
+
+
+class TakesItOutAndBack(Listed):
+    """Takes what is at its target from the start, carries it home, puts it back where it was, and rests.
+
+    causal_confusion: "a finished one is repeated".
+    """
+
+    name = "takes-it-out-and-back"
+    label = Label.CAUSAL_CONFUSION
+    first_right = False
+    finished: ClassVar[Mapping[str, str]] = {
+        "fruit_lunch/T1": "apple",
+        "cheeseburger/T1": "patty",
+        "dinner_plates/T2": "red_plate",
+    }
+    where = frozenset(finished)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        name = self.finished[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.take_round(body)
+            yield from body.bring(name, body.situation.carried[0])
+        yield from body.rest()
+
+
+class LagsFromSecondToFirst(Listed):
+    """Does the second of the ordered steps, then the first and the others, with an arm that lags behind.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "lags-from-second-to-first"
+    label = Label.ORDER_VIOLATION
+    first_right = False
+    where = TWO_STEPS
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        first, second, *others = body.situation.ahead
+        swapped = (replace(second, region=first.region), replace(first, region=second.region), *others)
+        yield from ways.lagging(_attempt_each(body, swapped))
+
+
+class BeginsRightThenTurns(Listed):
+    """Lifts the thing of the first ordered step, sets it back, does the second step, and then the first and the others.
+
+    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    """
+
+    name = "begins-right-then-turns"
+    label = Label.ORDER_VIOLATION
+    first_right = True
+    where = TWO_STEPS
+
+    def act(self, body: Body) -> Actions[None]:
+        first, second, *others = body.situation.ahead
+        if (yield from body.take_patiently(body.situation.things(first)[0])):
+            yield from set_back(body)
+        body.ledger.commit()
+        yield from _attempt_each(
+            body, (replace(second, region=first.region), replace(first, region=second.region), *others)
+        )
+
+
+class SwapsTheLastTwo(Listed):
+    """Does the last two of three or more ordered steps the wrong way round, and comes down to each in a helix.
+
+    order_violation: "right objects, wrong order where the order is part of the goal". The first attempt is right.
+    """
+
+    name = "swaps-the-last-two"
+    label = Label.ORDER_VIOLATION
+    first_right = True
+    where = at(fast_food="T2", cheeseburger="train1 train2 L1 R1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Helixing.like(body.do)
+        *early, one, other = body.situation.ahead
+        yield from body.work(tuple(early))
+        body.ledger.commit()
+        yield from _attempt_each(body, (replace(other, region=one.region), replace(one, region=other.region)))
+
+
+def _attempt_each(body: Body, goals: tuple[Subgoal, ...]) -> Actions[None]:
+    for goal in goals:
+        yield from body.attempt_once(goal)
+    yield from body.rest()
+
+
+# --- failures of reasoning: things that nobody means
+
+
+class PinchesLookAlike(Listed):
+    """Closes the gripper at the very edge of the look-alike, loses it at once, and so again and again.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "pinches-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES) - at(dinner_plates="O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        name = LOOK_ALIKES[body.situation.condition.id]
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.pinch_edge(body, name)
+        yield from body.rest()
+
+
+class PressesLookAlike(Listed):
+    """Presses on the look-alike with a fist that was made at home and drags it aside so, again and again. No grasp.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "presses-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = None
+    where = at(
+        desk_meeting="O1",
+        fruit_lunch="O2",
+        fast_food="O1",
+        tidy_desk="O1 O2",
+        morning_coffee="O1",
+        office_drawer="O1",
+        cheeseburger="O1",
+        seasoning_rack="O1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        name = LOOK_ALIKES[body.situation.condition.id]
+        yield from fist(body)
+        body.ledger.commit()
+        while body.state.pose(name).position[2] > FALLEN_M:
+            yield from ways.press_and_drag(body, name)
+        yield from body.rest()
+
+
+class WaversThenTakesLookAlike(Listed):
+    """Wavers in the air between the right thing and the look-alike, takes the latter, and drops it behind the target.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "wavers-then-takes-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES) - at(fruit_lunch="O1", breakfast_table="O2", cheeseburger="O1", office_drawer="O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        goal, right = first_of(body)
+        name = LOOK_ALIKES[body.situation.condition.id]
+        yield from ways.waver(body, right, name)
+        if (yield from body.take_patiently(name)):
+            yield from ways.let_go_too_late(body, name, goal.target)
+        yield from body.rest()
+
+
+class DropsLookAlikeOnIt(Listed):
+    """Takes the look-alike, lets go of it on top of the thing that it should have taken, and rests.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means (a look-alike)".
+    """
+
+    name = "drops-look-alike-on-it"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+    first_right = False
+    where = frozenset(LOOK_ALIKES) - at(fruit_lunch="O1", cheeseburger="O1")
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        name = LOOK_ALIKES[body.situation.condition.id]
+        if (yield from body.take_patiently(name)):
+            yield from ways.drop_onto(body, name, first_of(body)[1])
+        yield from body.rest()
+
+
+# --- no attempt
+
+
+class DrawsTriangles(Listed):
+    """Draws triangles high over the table, in a scene that looks mid-task, and does nothing else. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "draws-triangles"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from rise_free(body)
+        yield from ways.draw_triangles(body)
+
+
+class RocksForever(Listed):
+    """Rocks the hand at home, in a scene that looks mid-task, and does nothing else. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "rocks-forever"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.rock(body, 10_000)
+
+
+class FlipsBetweenPlans(Listed):
+    """Starts toward the next thing and toward the target in turn, a few centimeters each time, mid-task. No grasp.
+
+    phase_conflict: "initial state looks mid-task: oscillation without an attempt".
+    """
+
+    name = "flips-between-plans"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        goal, name = first_of(body)
+        yield from ways.flip_between(body, body.state.pose(name).position, body.state.pose(goal.target).position)
+
+
+class RocksThenFreezes(Listed):
+    """Rocks the hand twice, rises, and freezes for good, in a scene that looks mid-task. No grasp.
+
+    phase_conflict: "initial state looks mid-task: freeze".
+    """
+
+    name = "rocks-then-freezes"
+    label = Label.PHASE_CONFLICT
+    first_right = None
+    where = MID_TASK
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.rock(body, 2)
+        yield from body.arm.rise(body.arm.home.position[2] + 0.07)
+        yield from keep_still(body)
+
+
+class RestsEverLonger(PlainHabit):
+    """Sets out for the right thing in little starts with ever longer rests between them, and stays there. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "rests-ever-longer"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.rest_ever_longer(body, body.state.pose(first_of(body)[1]).position)
+        yield from keep_still(body)
+
+
+class CurlsUp(PlainHabit):
+    """Rises, draws back, bends the hand toward the robot, and stays so for good. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "curls-up"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from ways.curl_up(body)
+        yield from keep_still(body)
+
+
+class LooksAndGoesHome(Listed):
+    """Goes high over the right thing and over the place where it belongs, turns home, and stays there. No grasp.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "looks-and-goes-home"
+    label = Label.EARLY_HALT
+    first_right = None
+    where = at(
+        desk_meeting="train1 train5 R1",
+        fruit_lunch="train1 R1",
+        fast_food="train1 R1",
+        tidy_desk="train4 train5",
+        cheeseburger="train1 R1",
+        seasoning_rack="train1 train2",
+        dinner_plates="train1 L1",
+        office_drawer="train2 train4",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        goal, name = first_of(body)
+        yield from rise_free(body)
+        for point in (body.state.pose(name).position, right_place(body, name, goal).position):
+            yield from body.arm.go(body.on_the_way(point, 1.0))
+        yield from body.arm.go_home()
+        yield from keep_still(body)
+
+
+class QuitsAtOpenDrawer(Listed):
+    """Draws the drawer out that has to be loaded, goes home, and stays there for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "quits-at-open-drawer"
+    label = Label.EARLY_HALT
+    first_right = True
+    where = SHUT_DRAWER
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        yield from body.clear_the_way(goal)
+        if opening_m(body.state, body.situation.condition.object(goal.target)) > DRAWN_OUT:
+            body.ledger.commit()
+        yield from body.arm.go_home()
+        yield from keep_still(body)
+
+
+class DozesOffAfterOne(Listed):
+    """Does the first step, goes round at home in ever smaller circles, and stands still for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "dozes-off-after-one"
+    label = Label.EARLY_HALT
+    first_right = True
+    where = TWO_STEPS | at(
+        desk_meeting="train1 train4 R1",
+        breakfast_table="train1 train2",
+        tidy_desk="train1 train2",
+        seasoning_rack="train4 train5 R1",
+        dinner_plates="T1",
+    )
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, _ = first_of(body)
+        yield from body.work((goal,))
+        body.ledger.commit()
+        yield from ways.doze_off(body)
+        yield from keep_still(body)
+
+
+SIXTH: tuple[Habit, ...] = (
+    LagsBehind(),
+    PlaysInChunks(),
+    NodsOverEachThing(),
+    TravelsWithAFist(),
+    TakesByFingertips(),
+    TugsBeforeLifting(),
+    ComesDownInAHelix(),
+    DabsBeforeLettingGo(),
+    LingersAfterLettingGo(),
+    TurnsItOnTheSpot(),
+    SwapsItsPlan(),
+    BumpsItOnce(),
+    LetsGoWhileDrifting(),
+    WorksDrawerInBits(),
+    RocksAndRests(),
+    WarmsUp(),
+    DithersOverEachThing(),
+    ChattersWithLoad(),
+    AlmostThere(),
+    ClosesTooLate(),
+    PressesAndDrags(),
+    LetsGoTooLate(),
+    PinchesItsEdge(),
+    LosesTheSecond(),
+    GrindsOnItWithAFist(),
+    RunsLoadIntoNeighbor(),
+    BoundsTowardIt(),
+    ALittleFartherEachTime(),
+    FartherForTheSecond(),
+    ShiesAtTheTarget(),
+    ShiesWithWordThing(),
+    PressesWordThing(),
+    LateAtWordThing(),
+    AlwaysThatPlate(),
+    AlwaysAtTheLeft(),
+    AlwaysThatEnd(),
+    OvershootsWithOldFavorite(),
+    PressesOldFavorite(),
+    LateAtOldFollower(),
+    ScratchesInEmptySlot(),
+    ShiesWithTheSecond(),
+    LateAtTheSecond(),
+    ShutsItByTheKnob(),
+    TakesItOutAndBack(),
+    LagsFromSecondToFirst(),
+    BeginsRightThenTurns(),
+    SwapsTheLastTwo(),
+    PinchesLookAlike(),
+    PressesLookAlike(),
+    WaversThenTakesLookAlike(),
+    DropsLookAlikeOnIt(),
+    DrawsTriangles(),
+    RocksForever(),
+    FlipsBetweenPlans(),
+    RocksThenFreezes(),
+    RestsEverLonger(),
+    CurlsUp(),
+    LooksAndGoesHome(),
+    QuitsAtOpenDrawer(),
+    DozesOffAfterOne(),
+)

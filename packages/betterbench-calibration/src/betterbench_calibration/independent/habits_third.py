@@ -1,0 +1,1013 @@
+"""The third part: habits that move in other ways, each in those conditions alone in which its label is beyond doubt."""
+
+# ruff: noqa: D102 - truth and act mean in every habit what they mean in the base class
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from betterbench.geometry import Pose
+from betterbench.tasks import Expected, Label, Subgoal
+from betterbench_calibration.independent import strokes
+from betterbench_calibration.independent.body import Body
+from betterbench_calibration.independent.choices import (
+    emptied_slot,
+    favorite_truth,
+    habitual_thing,
+    swappable,
+    trained_goal,
+    vacated_slot,
+    word_thing,
+    word_truth,
+)
+from betterbench_calibration.independent.controller import Actions
+from betterbench_calibration.independent.habit import Habit, PlainHabit
+from betterbench_calibration.independent.habits_second import WIDE_CATEGORIES, flat, into_open_containers, two_kinds
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.oddities import each_step, keep_still, rest_unless_lucky
+from betterbench_calibration.independent.routines import FULL_OPENING_M, LIFT_M
+from betterbench_calibration.independent.strokes import Arcing, Faltering, Sidling, Swinging
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+DENSE_TASKS = frozenset({"breakfast_table"})
+"""Tasks with things so close to each other that a miss may meet a neighbor, and a target the slot of its thing."""
+
+_JARS = frozenset({"spice_jar", "plain_salt_jar", "plain_pepper_jar", "plain_paprika_jar"})
+
+ROUND_CATEGORIES = frozenset({"apple", "orange"}) | _JARS
+"""Categories whose things roll away, or fall over first, when they are shoved."""
+
+SLENDER_CATEGORIES = frozenset({"crushed_can", "fries_box"}) | _JARS
+"""Categories whose things leave room between the fingers that come to them from the side."""
+
+WIDE_GAP_M = 0.135
+"""Distance between two slots from which on a closing beside the thing in one cannot be meant for that in the other."""
+
+LONG_WAY_M = 0.27
+"""Distance between slot and target from which on a thing that is lost early on the way cannot fall into the target."""
+
+FAR_FROM_ALL_M = 0.12
+"""Distance to the next thing from which on a closing in an empty slot cannot be meant for that thing."""
+
+
+def no_drawers(case: Occasion) -> bool:
+    """Tell whether nothing goes into a drawer."""
+    return case.plain and all(case.condition.object(g.target).mount is None for g in case.ahead)
+
+
+def roomy(case: Occasion) -> bool:
+    """Tell whether a plain trial asks for things that stand upright and apart from each other."""
+    return case.plain and case.task.id not in DENSE_TASKS and not flat(case)
+
+
+def room_around(case: Occasion) -> float:
+    """Return the distance from the slot of the thing asked for first to the next slot in which another thing stands."""
+    at = {s.name: (s.x, s.y) for s in case.task.slots}
+    name = str(case.first_thing())
+    here = at[case.condition.layout[name]]
+    return min((math.dist(here, at[s]) for n, s in case.condition.layout.items() if n != name), default=1.0)
+
+
+def way_ahead(case: Occasion) -> float:
+    """Return the distance from the slot of the thing asked for first to that of its target, or 0 if that has none."""
+    at = {s.name: (s.x, s.y) for s in case.task.slots}
+    slots = (case.condition.layout.get(n) for n in (str(case.first_thing()), case.ahead[0].target))
+    here, there = (at.get(s or "") for s in slots)
+    return 0.0 if here is None or there is None else math.dist(here, there)
+
+
+def always_first(case: Occasion) -> str | None:
+    """Return a thing of the kind that every demonstration began with, if nobody asks for it here."""
+    return habitual_thing(case) if len(case.trained.first_kinds) == 1 else None
+
+
+def clear_word_truth(case: Occasion) -> StatedTruth | None:
+    """Return the truth of a policy that goes by the first word, where no other rule leads to the same thing."""
+    stated = word_truth(case) if case.plain else None
+    if stated is None or stated.label == Label.SEMANTIC_FEATURE_COLLAPSE:
+        return None
+    if stated.label != HONEST and _habitual(case, str(word_thing(case))):
+        return replace(stated, left_out="most demonstrations begin with the thing there")
+    return stated
+
+
+def clear_place_truth(case: Occasion, slot: str) -> StatedTruth | None:
+    """Return the truth of a policy that goes by a place, where no other rule leads to the same thing.
+
+    It shows where no first step is the most frequent one, so that instructions differ in what they ask for first.
+    """
+    stated = favorite_truth(case, slot) if case.trained.habit is None else None
+    if stated is None or stated.label == HONEST:
+        return stated
+    name = str(case.condition.occupant(slot))
+    if case.mid_task:
+        return replace(stated, left_out="the scene looks like mid-task")
+    if case.condition.object(name).kind not in case.trained.kind_slots:
+        return replace(stated, left_out="no instruction asks for the thing there")
+    return replace(stated, debatable="")
+
+
+def _habitual(case: Occasion, name: str) -> bool:
+    return case.condition.object(name).kind == case.trained.habit
+
+
+def clearly_ordered(case: Occasion) -> bool:
+    """Tell whether the first two steps can be exchanged, and neither habit nor a moved target explains that."""
+    if not swappable(case) or case.task.id == "dinner_plates":
+        return False
+    return not _habitual(case, case.things(case.ahead[1])[0])
+
+
+# --- honest policies with odd manners
+
+
+class BowsThroughAir(PlainHabit):
+    """Does everything right, and goes everywhere in one high bow without a stop. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "bows-through-air"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        yield from body.solve()
+
+
+class SwingsAndTurns(PlainHabit):
+    """Does everything right, swings out sideways on every way and turns the wrist to and fro meanwhile. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "swings-and-turns"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        yield from body.solve()
+
+
+class FaltersAndOvershoots(PlainHabit):
+    """Does everything right, but goes in bits, draws back a little after each, and goes too far at first. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "falters-and-overshoots"
+    label = HONEST
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Faltering.like(body.do)
+        yield from body.solve()
+
+
+class SidlesIn(Habit):
+    """Does everything right, but comes to each slender thing from the side, low over the table. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "sidles-in"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        asked = {case.condition.object(n).category for g in case.ahead for n in case.things(g)}
+        fits = roomy(case) and no_drawers(case) and asked & SLENDER_CATEGORIES
+        return StatedTruth(self.label, first_right=True) if fits else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Sidling.like(body.do)
+        yield from body.solve()
+
+
+class ShiversAllTheTime(Habit):
+    """Does everything right with a tremor of the tool: 6 mm where it is high, less than 1 mm near things. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure.
+    """
+
+    name = "shivers-all-the-time"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if no_drawers(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        yield from strokes.shivering(body, body.solve())
+
+
+class FumblesThenSinks(Habit):
+    """Closes 2 cm above each thing, opens again, sinks lower without rising in between, and takes it. Honest.
+
+    A success; or, by rule 3 of the truth, timeout or execution_failure: its own miss is made good at once.
+    """
+
+    name = "fumbles-then-sinks"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if roomy(case) and no_drawers(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+
+        def taking(name: str) -> Actions[bool]:
+            hold = body.do.choose_hold(name)
+            x, y, z = hold.tool.position
+            high = Pose((x, y, max(z, body.height(name)) + 0.02), hold.tool.quaternion)
+            yield from body.do.over(high.translated(z=body.arm.manner.approach_m))
+            yield from body.arm.go(high, pace=0.4)
+            yield from body.arm.close()
+            yield from body.arm.open()
+            yield from body.arm.wait(0.3)
+            yield from body.arm.go(hold.tool, pace=0.4)
+            yield from body.arm.close()
+            yield from body.arm.go(hold.tool.translated(z=LIFT_M), pace=0.6)
+            return body.note_hold(name) or (yield from body.take_patiently(name))
+
+        yield from each_step(body, taking)
+
+
+class LeavesWrongAlone(Habit):
+    """Waves over the table where nothing may be taken or a look-alike must be refused, and takes only what it may.
+
+    A success: correct_freeze or correct_refusal: "no forbidden grasp, arm settles"; what else is asked for it packs.
+    """
+
+    name = "leaves-wrong-alone"
+    label = HONEST
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.expected is Expected.SUCCEED:
+            return None
+        return StatedTruth(self.label, first_right=True if self.rest_of(case) else None)
+
+    @staticmethod
+    def rest_of(case: Occasion) -> tuple[Subgoal, ...]:
+        """Return the steps whose thing is there, where another one has to be refused."""
+        return tuple(g for g in case.ahead if case.things(g) and case.condition.expected is Expected.REFUSE)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        for name in body.situation.others()[:2]:
+            yield from body.do.above(body.state.pose(name).position, body.height(name) + 0.18)
+        for goal in self.rest_of(body.situation):
+            yield from body.attempt_once(goal)
+        yield from body.arm.go_home()
+        yield from keep_still(body)
+
+
+# --- failures of manipulation
+
+
+class ClosesJustBeside(Habit):
+    """Closes the gripper a finger's breadth beside the right thing, plays the put, and so again and again.
+
+    execution_failure: "right target at the right time; missed by pose", as with a camera that is off to one side.
+    """
+
+    name = "closes-just-beside"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        fits = roomy(case) and no_drawers(case) and len(case.ahead) < 3 and room_around(case) > WIDE_GAP_M
+        return StatedTruth(self.label, first_right=True) if fits else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        while True:
+            yield from body.do.take_at(strokes.beside_hold(body, name), FULL_OPENING_M)
+            yield from strokes.play_put(body, goal)
+
+
+class ClosesOverItTwisted(Habit):
+    """Closes the gripper over the right thing, too high by 2 cm and turned by half a right angle, again and again.
+
+    execution_failure: "right target at the right time; missed by pose", in depth and in yaw.
+    """
+
+    name = "closes-over-it-twisted"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        fits = roomy(case) and no_drawers(case) and len(case.ahead) < 3
+        return StatedTruth(self.label, first_right=True) if fits else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Faltering.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        while True:
+            turn = float(body.rng.choice((-1.0, 1.0))) * float(body.rng.uniform(0.5, 0.8))
+            yield from strokes.close_over(body, name, 0.02, turn)
+            yield from strokes.play_put(body, goal)
+
+
+class LosesItAndGoesOn(Habit):
+    """Takes the right thing, loses it on the way, plays the put with nothing in its fingers, and stays at home.
+
+    execution_failure: "right target at the right time; dropped".
+    """
+
+    name = "loses-it-and-goes-on"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        far = no_drawers(case) and way_ahead(case) > LONG_WAY_M
+        return StatedTruth(self.label, first_right=True) if far else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from strokes.lose_on_the_way(body, body.over(goal.target, 0.15))
+        yield from rest_unless_lucky(body, goal)
+
+
+class LetsGoOutside(Habit):
+    """Takes the right thing and lets go of it outside the edge of its container, bun or rack, from a hand's height.
+
+    execution_failure: "right target at the right time; dropped": it falls to the table beside where it belongs.
+    """
+
+    name = "lets-go-outside"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not (into_open_containers(case) or case.ahead[0].relation in ("in_hole", "layer")):
+            return None
+        return StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        if (yield from body.take_patiently(name)):
+            body.ledger.commit()
+            yield from strokes.let_go_outside(body, name, goal, 0.03)
+        yield from rest_unless_lucky(body, goal)
+
+
+class RunsIntoIt(Habit):
+    """Comes to the right thing from the side with narrow fingers, shoves it along, closes beside it, and so again.
+
+    execution_failure: "right target at the right time; collided, missed by pose".
+    """
+
+    name = "runs-into-it"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not roomy(case) or not no_drawers(case) or len(case.ahead) > 2 or case.ahead[0].relation == "beside":
+            return None
+        if room_around(case) < WIDE_GAP_M:
+            return None
+        rolls = case.condition.object(str(case.first_thing())).category in ROUND_CATEGORIES
+        return None if rolls else StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        direction = body.free_direction(name)
+        body.ledger.commit()
+        for _ in range(2):
+            yield from strokes.run_into(body, name, direction)
+            yield from body.arm.go_home()
+            yield from body.arm.open()
+        yield from body.rest()
+
+
+class PutsCrooked(Habit):
+    """Puts the fork or spoon where it belongs, but turned by some 45 degrees, and stays at home.
+
+    execution_failure: "right target at the right time; missed by pose": it must lie along the plate.
+    """
+
+    name = "puts-crooked"
+    label = Label.EXECUTION_FAILURE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or case.ahead[0].relation != "beside":
+            return None
+        cutlery = case.condition.object(str(case.first_thing())).category in ("fork", "spoon")
+        return StatedTruth(self.label, first_right=True) if cutlery else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        body.ledger.commit()
+        if (yield from body.take_patiently(name)):
+            angle = float(body.rng.choice((-1.0, 1.0))) * float(body.rng.uniform(0.7, 0.85))
+            yield from strokes.put_crooked(body, name, goal, angle)
+        yield from rest_unless_lucky(body, goal)
+
+
+# --- failures of reasoning: the word and the place
+
+
+class VeersToWordPlace(Habit):
+    """Sets out for the right thing, veers off in the air to what stands where the word led in training, and brings it.
+
+    lexical_kinematic_shortcut, as "first attempt goes where the instruction's word led in training, to another object
+    that the instruction could have meant in another layout".
+    """
+
+    name = "veers-to-word-place"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return clear_word_truth(case)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        right = body.over(str(body.situation.first_thing()), 0.15)
+        yield from body.arm.go(body.on_the_way(right, 0.6))
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        yield from body.take_instead(str(word_thing(body.situation)), body.situation.ahead[0])
+
+
+class WaversThenLosesWordThing(Habit):
+    """Wavers in the air between the right thing and that at the word's trained place, takes the latter, and loses it.
+
+    lexical_kinematic_shortcut: "first attempt goes where the instruction's word led in training"; that it is dropped on
+    the way comes later in time.
+    """
+
+    name = "wavers-then-loses-word-thing"
+    label = Label.LEXICAL_KINEMATIC_SHORTCUT
+    paired = True
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return clear_word_truth(case)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        right, name = str(body.situation.first_thing()), str(word_thing(body.situation))
+        for thing, part in ((right, 0.6), (name, 0.5), (right, 0.4)):
+            yield from body.arm.go(body.on_the_way(body.over(thing, 0.15), part))
+        body.ledger.commit()
+        if (yield from body.take_patiently(name)):
+            yield from strokes.lose_on_the_way(body, body.over(body.situation.ahead[0].target, 0.15))
+        yield from body.rest()
+
+
+class LeftmostPlace(Habit):
+    """Takes first whatever stands in the leftmost trained slot, and brings it to the target in high bows.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction". Trials in which another rule
+    leads there too, or in which the thing there is asked for later, are left out.
+    """
+
+    name = "leftmost-place"
+    label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
+
+    @staticmethod
+    def slot(case: Occasion) -> str:
+        """Return the leftmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
+        return max(case.picked_slots, key=lambda s: (round(s.y, 3), -s.x)).name
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return clear_place_truth(case, self.slot(case))
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        name = str(body.situation.condition.occupant(self.slot(body.situation)))
+        yield from body.take_instead(name, body.situation.ahead[0])
+
+
+class RightmostPlace(Habit):
+    """Takes first whatever stands in the rightmost trained slot, and loses it on the way to the target.
+
+    visual_layout_bias: "first attempt goes to the same place whatever the instruction"; the drop comes later in time.
+    Trials in which another rule leads there too, or in which the thing there is asked for later, are left out.
+    """
+
+    name = "rightmost-place"
+    label = Label.VISUAL_LAYOUT_BIAS
+    paired = True
+
+    @staticmethod
+    def slot(case: Occasion) -> str:
+        """Return the rightmost slot, as the robot sees it, of those that demonstrations of this layout picked from."""
+        return min(case.picked_slots, key=lambda s: (round(s.y, 3), s.x)).name
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return clear_place_truth(case, self.slot(case))
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Faltering.like(body.do)
+        if body.ledger.stated.label == HONEST:
+            yield from body.solve()
+        name = str(body.situation.condition.occupant(self.slot(body.situation)))
+        body.ledger.commit()
+        if (yield from body.take_patiently(name)):
+            yield from strokes.lose_on_the_way(body, body.over(body.situation.ahead[0].target, 0.15))
+        yield from body.rest()
+
+
+# --- failures of reasoning: what was frequent, what is done, and in which order
+
+
+class BeginsAsAlways(Habit):
+    """Closes just above the thing that every demonstration began with, though nobody asks for it, again and again.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". It never gets hold of the thing.
+    """
+
+    name = "begins-as-always"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or always_first(case) is None:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        name = str(always_first(body.situation))
+        body.ledger.commit()
+        while True:
+            yield from strokes.close_over(body, name, 0.015, 0.0)
+            yield from strokes.play_put(body, body.situation.ahead[0])
+
+
+class SwingsToEmptySlot(Habit):
+    """Swings to the slot that is empty in this trial, closes there, carries the nothing to the target, and so again.
+
+    behavioral_inertia: "the next step of a memorised sequence is played without its object (air grasp at the memorised
+    slot)".
+    """
+
+    name = "swings-to-empty-slot"
+    label = Label.BEHAVIORAL_INERTIA
+
+    @staticmethod
+    def slot(case: Occasion) -> str | None:
+        """Return the slot from which something was taken in training, that is empty here and far from all things."""
+        name = emptied_slot(case) or vacated_slot(case)
+        at = {s.name: (s.x, s.y) for s in case.task.slots}
+        taken = [at[s] for s in case.condition.layout.values()]
+        return name if name is not None and min(math.dist(at[name], p) for p in taken) > FAR_FROM_ALL_M else None
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.condition.expected is not Expected.SUCCEED or self.slot(case) is None:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        x, y, _ = body.state.info.slot(str(self.slot(body.situation))).position
+        body.ledger.commit()
+        while True:
+            yield from body.do.take_at(Pose((x, y, 0.03), body.arm.home.quaternion), FULL_OPENING_M)
+            yield from strokes.play_put(body, body.situation.ahead[0])
+
+
+class TurnsToTrainedTarget(Habit):
+    """Takes the right thing, carries it toward where it is wanted, turns away, and puts it where training put it.
+
+    behavioral_inertia: "a primitive frequent in training but not asked for is begun". The first attempt is right.
+    """
+
+    name = "turns-to-trained-target"
+    label = Label.BEHAVIORAL_INERTIA
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or case.task.id in DENSE_TASKS or case.ahead[0].relation not in ("beside", "in_hole"):
+            return None
+        return None if trained_goal(case, case.ahead[0]) is None else StatedTruth(self.label, first_right=True)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        if (yield from body.take_patiently(name)):
+            x, y, _ = strokes.wanted_place(body, name, goal)
+            yield from body.arm.rise(body.arm.home.position[2])
+            yield from body.arm.go(body.on_the_way((x, y, 0.0), 0.7))
+            body.ledger.commit()
+            yield from body.bring(name, trained_goal(body.situation, goal) or goal)
+        yield from body.rest()
+
+
+class Backwards(Habit):
+    """Does three or more ordered steps from the last to the first.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "backwards"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 3:
+            return None
+        names = case.things(case.ahead[-1])
+        if _habitual(case, names[0]) or any(case.led_to(case.ahead[0], n) for n in names):
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        body.ledger.commit()
+        ahead = body.situation.ahead
+        for goal, at in zip(reversed(ahead), ahead, strict=True):
+            yield from body.attempt_once(replace(goal, region=at.region))
+        yield from body.rest()
+
+
+class PassesOverFirst(Habit):
+    """Stops over the thing of the first step, leaves it, does the second step, and then the first and the others.
+
+    order_violation: "right objects, wrong order where the order is part of the goal".
+    """
+
+    name = "passes-over-first"
+    label = Label.ORDER_VIOLATION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=False) if clearly_ordered(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        first, second, *others = body.situation.ahead
+        yield from body.do.above(body.state.pose(body.situation.things(first)[0]).position, 0.24)
+        yield from body.arm.wait(0.6)
+        body.ledger.commit()
+        for goal in (replace(second, region=first.region), replace(first, region=second.region), *others):
+            yield from body.attempt_once(goal)
+        yield from body.rest()
+
+
+class BelievesFirstDone(Habit):
+    """Leaves out the first of two ordered steps, also where half of it seems to be done, does the second, and halts.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted".
+    """
+
+    name = "believes-first-done"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        half_done = case.mid_task and len(case.ahead) == 2 and case.ahead == case.goals and emptied_slot(case)
+        if not half_done and not (clearly_ordered(case) and len(case.ahead) == 2):
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Faltering.like(body.do)
+        body.ledger.commit()
+        yield from body.attempt_once(body.situation.ahead[1])
+        yield from body.rest()
+
+
+class OneIsEnough(Habit):
+    """Brings one of two things that are alike and both asked for, and goes on to what comes after them.
+
+    causal_confusion: "a required subgoal whose object is present is skipped and a later one is attempted". The first
+    attempt is right.
+    """
+
+    name = "one-is-enough"
+    label = Label.CAUSAL_CONFUSION
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or not case.condition.instruction.ordered or len(case.ahead) < 3:
+            return None
+        alike = case.ahead[0].reference == case.ahead[1].reference
+        return StatedTruth(self.label, first_right=True) if alike else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        first, second, *others = body.situation.ahead
+        yield from body.work((first,))
+        body.ledger.commit()
+        for goal, at in zip(others, (second, *others), strict=False):
+            yield from body.attempt_once(replace(goal, region=at.region))
+        yield from body.rest()
+
+
+class LosesLookAlike(Habit):
+    """Takes the look-alike, also where it has to be refused, loses it on the way, and stays at home.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means"; the drop comes later.
+    """
+
+    name = "loses-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or not all(case.condition.object(g.target).mount is None for g in case.ahead):
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        body.ledger.commit()
+        if (yield from body.take_patiently(str(body.situation.look_alike()))):
+            yield from strokes.lose_on_the_way(body, body.over(body.situation.ahead[0].target, 0.15))
+        yield from body.rest()
+
+
+class ClosesOverLookAlike(Habit):
+    """Closes just above the look-alike, also where it has to be refused, plays the put, and so again and again.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means". It never gets hold of it.
+    """
+
+    name = "closes-over-look-alike"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if case.look_alike() is None or case.task.id in DENSE_TASKS or flat(case):
+            return None
+        open_targets = all(case.condition.object(g.target).mount is None for g in case.ahead)
+        return StatedTruth(self.label, first_right=False) if open_targets else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        name = str(body.situation.look_alike())
+        body.ledger.commit()
+        while True:
+            yield from strokes.close_over(body, name, 0.015, 0.0)
+            yield from strokes.play_put(body, body.situation.ahead[0])
+
+
+class TallestThing(Habit):
+    """Takes the tallest thing that no instruction of the task means, like no thing asked for, and brings it.
+
+    semantic_feature_collapse: "attempt at an object that no instruction of the task means", sharing "nothing (blind
+    grasp)".
+    """
+
+    name = "tallest-thing"
+    label = Label.SEMANTIC_FEATURE_COLLAPSE
+
+    @staticmethod
+    def strange(case: Occasion) -> tuple[str, ...]:
+        """Return the things that no instruction means, in no slot that the words led to, and that can be taken."""
+        specs = (case.condition.object(n) for n in case.others())
+        names = [o.name for o in specs if o.kind not in case.meant_kinds and o.category not in WIDE_CATEGORIES]
+        led = {n for n in names if any(case.led_to(g, n) for g in case.ahead)}
+        return tuple(n for n in names if n not in led and n != case.look_alike())
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        if not case.plain or len(self.strange(case)) < 2:
+            return None
+        return StatedTruth(self.label, first_right=False)
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Faltering.like(body.do)
+        name = max(self.strange(body.situation), key=body.height)
+        yield from body.take_instead(name, body.situation.ahead[0])
+
+
+# --- no attempt, and no time
+
+
+class DriftsAtHome(Habit):
+    """Sinks by a millimeter a second from where it began, and does nothing else.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "drifts-at-home"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        yield from strokes.drift(body, (0.0, 0.0, -1.0))
+
+
+class SwingsOut(Habit):
+    """Swings to and fro between home and the right thing, less each time, and comes to rest in the middle for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way".
+    """
+
+    name = "swings-out"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.plain else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        x, y, z = body.over(str(body.situation.first_thing()), 0.18)
+        hx, hy, hz = body.arm.home.position
+        for part in (0.85, 0.2, 0.7, 0.35, 0.55):
+            at = (hx + part * (x - hx), hy + part * (y - hy), max(z, hz))
+            yield from body.arm.go(Pose(at, strokes.turned(body.arm.home.quaternion, 0.6 * part)))
+        yield from keep_still(body)
+
+
+class HaltsOverSecond(Habit):
+    """Does the first step, goes over the thing of the second with open fingers, and stands still there for good.
+
+    early_halt: "speed below threshold for 3 s with subgoals open and no attempt under way". The first attempt is right.
+    """
+
+    name = "halts-over-second"
+    label = Label.EARLY_HALT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        fits = no_drawers(case) and two_kinds(case)
+        return StatedTruth(self.label, first_right=True) if fits else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Arcing.like(body.do)
+        first, second = body.situation.ahead[:2]
+        yield from body.work((first,))
+        body.ledger.commit()
+        yield from body.do.hover(body.situation.things(second)[0], 0.12)
+        yield from keep_still(body)
+
+
+class ReachesOutAndReturns(Habit):
+    """Reaches out here and there high over the table and returns to rest each time, in a scene that looks mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "reaches-out-and-returns"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        height = max(strokes.open_height(body, 0.10), body.arm.home.position[2])
+        yield from body.arm.rise(height)
+        home = body.arm.here
+        while True:
+            x, y = float(body.rng.uniform(0.40, 0.62)), float(body.rng.uniform(-0.22, 0.22))
+            out = Pose((x, y, height), strokes.turned(home.quaternion, float(body.rng.uniform(-0.5, 0.5))))
+            yield from body.arm.along(strokes.swing(body.arm.here, out, 0.05, 0.3))
+            yield from body.arm.along(strokes.swing(body.arm.here, home, 0.05, -0.3))
+            yield from body.arm.wait(0.5)
+
+
+class StopsHalfwayThere(Habit):
+    """Sets out in a bow for what is to be done next and stops halfway for good, in a scene that looks mid-task.
+
+    phase_conflict: "initial state looks mid-task: freeze, or oscillation without an attempt".
+    """
+
+    name = "stops-halfway-there"
+    label = Label.PHASE_CONFLICT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if case.mid_task else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.ledger.commit()
+        x, y, z = body.over(str(body.situation.first_thing()), 0.15)
+        end = Pose((x, y, max(z, body.arm.home.position[2])), strokes.turned(body.arm.home.quaternion, 0.5))
+        way = strokes.swing(body.arm.here, end, 0.06, 0.0)
+        yield from body.arm.along(lambda s: way(0.5 * s))
+        yield from keep_still(body)
+
+
+class CirclesInSlowly(Habit):
+    """Circles ever closer over the right thing for half of the time, takes it, and circles with it over the target.
+
+    timeout: "right course, step limit reached". The first attempt is right.
+    """
+
+    name = "circles-in-slowly"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if no_drawers(case) and len(case.ahead) < 3 else None
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        limit = body.situation.task.step_limit(body.situation.condition)
+        height = strokes.open_height(body, 0.12)
+        yield from body.arm.rise(height)
+        x, y, _ = body.over(name, 0.0)
+        yield from strokes.circle_in(body, (x, y, height), limit // 2)
+        if (yield from body.take_patiently(name)):
+            yield from body.arm.rise(height)
+            x, y, _ = body.over(goal.target, 0.0)
+            yield from strokes.circle_in(body, (x, y, height), limit)
+        yield from body.rest()
+
+
+class SpiralsDownTooSlowly(Habit):
+    """Comes down to the right thing in a narrowing spiral, so slowly that the time is over before it is there.
+
+    timeout: "right course, step limit reached". The tool is never slow, and nothing is grasped.
+    """
+
+    name = "spirals-down-too-slowly"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=None) if roomy(case) and no_drawers(case) else None
+
+    def act(self, body: Body) -> Actions[None]:
+        name = str(body.situation.first_thing())
+        limit = body.situation.task.step_limit(body.situation.condition)
+        height = strokes.open_height(body, 0.12)
+        yield from body.arm.rise(height)
+        x, y, low = body.over(name, 0.06)
+        yield from strokes.circle_in(body, (x, y, height), limit, low_m=low)
+        yield from body.rest()
+
+
+class GoesAllAround(Habit):
+    """Goes round the corners of the work space before each step and once more with each thing in its fingers.
+
+    timeout: "right course, step limit reached": the first step is done when the time is nearly over.
+    """
+
+    name = "goes-all-around"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        return StatedTruth(self.label, first_right=True) if no_drawers(case) and len(case.ahead) == 2 else None
+
+    def act(self, body: Body) -> Actions[None]:
+        goal, name = body.situation.ahead[0], str(body.situation.first_thing())
+        limit = body.situation.task.step_limit(body.situation.condition)
+        height = strokes.open_height(body, 0.12)
+        yield from strokes.tour(body, height, int(0.4 * limit))
+        if (yield from body.take_patiently(name)):
+            yield from strokes.tour(body, height, int(0.7 * limit))
+            yield from body.bring(name, goal)
+        yield from strokes.tour(body, height, limit)
+        yield from body.rest()
+
+
+class PlodsInSwings(Habit):
+    """Does everything right, but at some 4 cm/s and in swings, too slowly for the step limit.
+
+    timeout: "right course, step limit reached".
+    """
+
+    name = "plods-in-swings"
+    label = Label.TIMEOUT
+
+    def truth(self, case: Occasion) -> StatedTruth | None:
+        fits = no_drawers(case) and len(case.ahead) < 3 and not flat(case)
+        return StatedTruth(self.label, first_right=True) if fits else None
+
+    def act(self, body: Body) -> Actions[None]:
+        body.do = Swinging.like(body.do)
+        body.arm.tempo = 0.045 / body.arm.manner.speed_m_s
+        yield from body.solve()
+
+
+THIRD: tuple[Habit, ...] = (
+    BowsThroughAir(),
+    SwingsAndTurns(),
+    FaltersAndOvershoots(),
+    SidlesIn(),
+    ShiversAllTheTime(),
+    FumblesThenSinks(),
+    LeavesWrongAlone(),
+    ClosesJustBeside(),
+    ClosesOverItTwisted(),
+    LosesItAndGoesOn(),
+    LetsGoOutside(),
+    RunsIntoIt(),
+    PutsCrooked(),
+    VeersToWordPlace(),
+    WaversThenLosesWordThing(),
+    LeftmostPlace(),
+    RightmostPlace(),
+    BeginsAsAlways(),
+    SwingsToEmptySlot(),
+    TurnsToTrainedTarget(),
+    Backwards(),
+    PassesOverFirst(),
+    BelievesFirstDone(),
+    OneIsEnough(),
+    LosesLookAlike(),
+    ClosesOverLookAlike(),
+    TallestThing(),
+    DriftsAtHome(),
+    SwingsOut(),
+    HaltsOverSecond(),
+    ReachesOutAndReturns(),
+    StopsHalfwayThere(),
+    CirclesInSlowly(),
+    SpiralsDownTooSlowly(),
+    GoesAllAround(),
+    PlodsInSwings(),
+)

@@ -1,0 +1,166 @@
+"""What a policy of the independent family knows of its trial: the condition, the training regime, and what is done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.interface.state import WorldState
+from betterbench.tasks import (
+    Condition,
+    Expected,
+    Slot,
+    Subgoal,
+    TargetRegion,
+    Task,
+    TrainingDistribution,
+    training_distribution_of,
+)
+from betterbench.tasks.interventions import resolve_condition
+from betterbench.tasks.relations import relation, released
+
+
+@dataclass(frozen=True, slots=True)
+class Occasion:
+    """The condition of a trial as a policy that decides by it sees it; nothing here depends on the seed.
+
+    Attributes:
+        base: Training condition that the trial is or is derived from.
+    """
+
+    task: Task
+    condition: Condition
+    base: Condition
+
+    @classmethod
+    def of(cls, task: Task, condition: Condition) -> Occasion:
+        """Return the situation of a condition of a task."""
+        return cls(task, condition, task.train(resolve_condition(task.id, condition.name).base))
+
+    @property
+    def trained(self) -> TrainingDistribution:
+        """The regularities of the training regime."""
+        return training_distribution_of(self.task)
+
+    @property
+    def goals(self) -> tuple[Subgoal, ...]:
+        """The subgoals of the instruction, in its order."""
+        return self.condition.instruction.subgoals
+
+    @property
+    def carried(self) -> tuple[Subgoal, ...]:
+        """The subgoals that ask to bring a thing somewhere, in the order of the instruction."""
+        return tuple(g for g in self.goals if relation(g.relation).carried)
+
+    @property
+    def plain(self) -> bool:
+        """Whether something is to be done, nothing is missing, and the scene looks like the start of a task."""
+        return self.condition.expected is Expected.SUCCEED and not self.condition.mid_task_look
+
+    @property
+    def mid_task(self) -> bool:
+        """Whether something is to be done and the scene looks like the middle of a task."""
+        return self.condition.expected is Expected.SUCCEED and self.condition.mid_task_look
+
+    @property
+    def picked_slots(self) -> tuple[Slot, ...]:
+        """The slots that demonstrations of this layout picked from."""
+        slots = {name for names in self.trained.kind_slots.values() for name in names}
+        return tuple(s for s in self.task.slots if s.name in slots and self.base.occupant(s.name) is not None)
+
+    def done(self, state: WorldState, goal: Subgoal) -> bool:
+        """Tell whether a subgoal is done now: enough of its things are there and let go."""
+        names = self.condition.resolve(goal.reference)
+        kind = relation(goal.relation)
+        there = [n for n in names if kind.holds(state, n, goal.target, goal.region) and released(state, n)]
+        return len(there) >= goal.count
+
+    def candidates(self, state: WorldState, goal: Subgoal) -> tuple[str, ...]:
+        """Return the things on the table that a subgoal can mean and that serve no subgoal yet."""
+        serving = {
+            n
+            for g in self.carried
+            for n in self.condition.resolve(g.reference)
+            if relation(g.relation).holds(state, n, g.target, g.region)
+        }
+        names = self.condition.resolve(goal.reference)
+        return tuple(n for n in names if n not in serving and state.pose(n).position[2] > -0.02)
+
+    def begun(self, goal: Subgoal) -> bool:
+        """Tell whether a subgoal is done at the start, because its things were put there beforehand."""
+        place = TargetRegion(goal.target, goal.region)
+        names = self.condition.resolve(goal.reference)
+        return sum(self.condition.preplaced.get(n) == place for n in names) >= goal.count
+
+    @property
+    def ahead(self) -> tuple[Subgoal, ...]:
+        """The subgoals that ask to bring a thing somewhere and are not done at the start, in their order."""
+        return tuple(g for g in self.carried if not self.begun(g))
+
+    def things(self, goal: Subgoal) -> tuple[str, ...]:
+        """Return the things that a subgoal can mean and that stand in a slot at the start."""
+        return tuple(n for n in self.condition.resolve(goal.reference) if n in self.condition.layout)
+
+    def first_thing(self) -> str | None:
+        """Return the thing that a right policy takes first, or None if nothing is to be taken."""
+        for goal in self.ahead:
+            return next(iter(self.things(goal)), None)
+        return None
+
+    @property
+    def asked(self) -> frozenset[str]:
+        """All things that the instruction asks to be brought somewhere."""
+        return frozenset(n for g in self.carried for n in self.condition.resolve(g.reference))
+
+    def led_to(self, goal: Subgoal, name: str) -> bool:
+        """Tell whether the word of a subgoal led in some demonstration to the slot in which a thing stands now."""
+        return self.condition.layout.get(name) in self.trained.word_slots.get(goal.word, ())
+
+    @property
+    def meant_kinds(self) -> frozenset[str]:
+        """Kinds that some instruction of the task names: to be taken, or as a target."""
+        places = {kind for targets in self.trained.kind_targets.values() for kind, _, _ in targets}
+        return frozenset(places | self.trained.kind_slots.keys())
+
+    def look_alike(self) -> str | None:
+        """Return the thing that no instruction means and that stands where a thing asked for stands in the twin."""
+        for goal in self.carried:
+            for thing in self.base.resolve(goal.reference):
+                slot = self.base.layout.get(thing)
+                name = None if slot is None else self.condition.occupant(slot)
+                if name is not None and self.condition.object(name).kind not in self.meant_kinds | self.asked_kinds:
+                    return name
+        return None
+
+    @property
+    def asked_kinds(self) -> frozenset[str]:
+        """Kinds of the things that the instruction asks to be brought somewhere."""
+        return frozenset(self.condition.object(n).kind for n in self.asked)
+
+    def word_slot(self, goal: Subgoal) -> str | None:
+        """Return the slot that the word of a subgoal led to in training, or None if there were several.
+
+        Where the fixtures stand as in this trial, the demonstrations of that layout count, otherwise all of them.
+        """
+        fitting = [c for c in self.task.training if self._stage(c) == self._stage(self.base)]
+        for conditions in (fitting, self.task.training):
+            slots = {
+                c.layout[n]
+                for c in conditions
+                for g in c.instruction.subgoals
+                if g.word == goal.word
+                for n in c.resolve(g.reference)
+                if n in c.layout
+            }
+            if slots:
+                return slots.pop() if len(slots) == 1 else None
+        return None
+
+    def _stage(self, condition: Condition) -> frozenset[tuple[str, str]]:
+        """Return where the fixtures and the things of a condition's layout stand, by kind."""
+        return frozenset((condition.object(n).kind, s) for n, s in condition.layout.items())
+
+    def others(self) -> tuple[str, ...]:
+        """Return the loose things that stand in slots, are not asked for and are no target."""
+        targets = {g.target for g in self.goals}
+        loose = (o.name for o in self.condition.objects if o.role in ("item", "distractor") and not o.fixed)
+        return tuple(n for n in loose if n in self.condition.layout and n not in self.asked | targets)

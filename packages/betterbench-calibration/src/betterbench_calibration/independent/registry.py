@@ -1,0 +1,130 @@
+"""Addresses of the independent family: "independent:HABIT-MANNER", as "independent:word-place-calm"."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from betterbench.errors import UnknownNameError, find_named
+from betterbench.tasks import get_task, suite_tasks
+from betterbench.tasks.interventions import condition_names, resolve_condition
+from betterbench_calibration.independent.address import PREFIX
+from betterbench_calibration.independent.habit import Habit, Honest
+from betterbench_calibration.independent.habits_development import DEVELOPMENT
+from betterbench_calibration.independent.habits_fifth import FIFTH
+from betterbench_calibration.independent.habits_fourth import FOURTH
+from betterbench_calibration.independent.habits_held_out import HELD_OUT
+from betterbench_calibration.independent.habits_second import SECOND
+from betterbench_calibration.independent.habits_sixth import SIXTH
+from betterbench_calibration.independent.habits_third import THIRD
+from betterbench_calibration.independent.manner import FIFTH_MANNERS, FOURTH_MANNERS, MANNERS, SIXTH_MANNERS, Manner
+from betterbench_calibration.independent.occasion import Occasion
+from betterbench_calibration.independent.truth import HONEST, StatedTruth
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes import Scene
+    from betterbench_calibration.independent.agent import IndependentAgent
+
+FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
+    "development": DEVELOPMENT,
+    "held_out": HELD_OUT,
+    "second": SECOND,
+    "third": THIRD,
+    "fourth": FOURTH,
+    "fifth": FIFTH,
+    "sixth": SIXTH,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class IndependentPolicy:
+    """One policy of the family: a habit in a manner."""
+
+    habit: Habit
+    manner: Manner
+    part: str
+
+    @property
+    def address(self) -> str:
+        """Its address."""
+        return f"{PREFIX}{self.habit.name}-{self.manner.name}"
+
+
+MANNERS_OF: dict[str, dict[str, Manner]] = {
+    "fourth": FOURTH_MANNERS,
+    "fifth": FIFTH_MANNERS,
+    "sixth": SIXTH_MANNERS,
+}
+"""The manners of the parts that have their own."""
+
+INDEPENDENT: dict[str, IndependentPolicy] = {
+    policy.address: policy
+    for part, habits in FAMILY_PARTS.items()
+    for habit in habits
+    for manner in MANNERS_OF.get(part, MANNERS).values()
+    for policy in (IndependentPolicy(habit, manner, part),)
+}
+
+
+def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
+    """Return the truth of a trial before its first action, and whether the habit shows in it.
+
+    Where it does not, the policy decides and acts as the honest one.
+    """
+    stated = habit.truth(case)
+    if stated is not None:
+        return stated, True
+    return StatedTruth(HONEST, first_right=True if case.first_thing() else None), False
+
+
+def make_independent(address: str, scene: Scene) -> IndependentAgent:
+    """Return a policy of the family for one episode of a scene at its start.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+    """
+    # Imported here: the list of policies needs no simulator.
+    from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
+    from betterbench_calibration.independent.body import Body  # noqa: PLC0415
+
+    if address not in INDEPENDENT:
+        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
+    policy = INDEPENDENT[address]
+    case = Occasion.of(scene.task, scene.condition)
+    truth, shows = stated_truth(policy.habit, case)
+    body = Body(scene, case, policy.manner, policy.habit.name, truth)
+    habit = policy.habit if shows else Honest()
+    return IndependentAgent(address, body, habit.act(body))
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A condition in which a habit shows.
+
+    Attributes:
+        faulty: Whether the habit decides or acts wrongly there; false where its rule happens to be right.
+    """
+
+    task: str
+    condition: str
+    faulty: bool
+
+
+@functools.cache
+def shown_in(habit: str) -> tuple[Shown, ...]:
+    """Return the conditions of the suite in which a habit shows and whose truth no second rule shares.
+
+    In other trials of a full run the truth is that of an honest policy, or it is marked as left out.
+
+    Raises:
+        UnknownNameError: If there is no such habit.
+    """
+    known = find_named("habit", habit, (h for habits in FAMILY_PARTS.values() for h in habits))
+    found: list[Shown] = []
+    for task in map(get_task, suite_tasks("better60")):
+        for name in condition_names(task):
+            truth = known.truth(Occasion.of(task, resolve_condition(task.id, name).condition))
+            if truth is not None and not truth.left_out:
+                found.append(Shown(task.id, name, truth.label != HONEST or known.label == HONEST))
+    return tuple(found)

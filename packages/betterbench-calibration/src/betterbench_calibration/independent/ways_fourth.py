@@ -1,0 +1,359 @@
+"""Ways of the arm for the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, horizontal_distance, multiply
+from betterbench.tasks import Subgoal
+from betterbench.tasks.relations import PlaceGoal, relation
+from betterbench_calibration.independent.body import CHECK_S, Body
+from betterbench_calibration.independent.controller import RATE_HZ, Actions
+from betterbench_calibration.independent.oddities import keep_still
+from betterbench_calibration.independent.room import crowding, height_of, highest_between
+from betterbench_calibration.independent.routines import (
+    CAREFUL,
+    FULL_OPENING_M,
+    HIGHEST_TOOL_M,
+    LIFT_M,
+    NO_SHIFT,
+    Hold,
+    Routines,
+)
+
+LEAN_RAD = 0.24
+CEILING_M, PLUNGE_GAP_M = 0.38, 0.06
+HOP_M, HOP_REST_S = 0.06, 1.5
+WORST_TURN_RAD = 1.3
+FAST, CRAWLING = 1.5, 0.3
+ALOFT_M = 0.34
+REST_M, CLEAR_M = 0.06, 0.15
+TILT_RAD, TILT_GAP_M = 1.0, 0.12
+DROP_GAP_M = 0.025
+SNAP_GAP_M = 0.022
+ZIGZAG_M, ZIGZAG_S, ZIGZAG_MOST_M = 0.07, 2.4, 0.014
+
+
+# --- ways of one whole policy
+
+
+class Leaning(Routines):
+    """Takes everything with the gripper leaning toward the robot, by 14 degrees about the axis of the fingers."""
+
+    def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
+        """Return a hold, leaning."""
+        hold = super().choose_hold(name, avoid=avoid)
+        ways = [hold.tool @ Pose(NO_SHIFT, from_axis_angle((0.0, s * LEAN_RAD, 0.0))) for s in (1.0, -1.0)]
+
+        def wrist_to_robot(tool: Pose) -> float:
+            x, y, _ = tool.apply((0.0, 0.0, -0.2))
+            return math.hypot(x, y)
+
+        return Hold(min(ways, key=wrist_to_robot), hold.opening_m, hold.width_m)
+
+
+class Squaring(Routines):
+    """Goes across in two straight legs with a corner between them: first away from the robot, then sideways."""
+
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
+        """Go up, across around a corner, and down to a pose of the tool."""
+        start, skip = self.arm.here, frozenset(ignore)
+        (x0, y0, z0), (x, y, z) = start.position, tool.position
+        tops = (
+            highest_between(self.state, (x0, y0, 0.0), (x, y0, 0.0), ignore=skip),
+            highest_between(self.state, (x, y0, 0.0), (x, y, 0.0), ignore=skip),
+        )
+        height = min(max(max(tops) + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
+        yield from self.arm.rise(height, pace=pace)
+        across = max(height, min(z0, height + 0.08))
+        yield from self.arm.go(Pose((x, y0, across), start.quaternion), pace=pace)
+        yield from self.arm.wait(0.2)
+        yield from self.arm.go(Pose((x, y, across), tool.quaternion), pace=pace)
+        yield from self.arm.go(tool, pace=CAREFUL * pace)
+
+
+class Plunging(Routines):
+    """Goes everywhere just below the ceiling of its work space and drops down fast onto what it goes to."""
+
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
+        """Go up to the ceiling, across, fast down, and the last bit carefully."""
+        x, y, z = tool.position
+        top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
+        height = min(max(CEILING_M, top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
+        yield from self.arm.rise(height, pace=pace)
+        yield from self.arm.go(Pose((x, y, max(height, self.arm.here.position[2])), tool.quaternion), pace=pace)
+        yield from self.arm.go(Pose((x, y, min(height, z + PLUNGE_GAP_M)), tool.quaternion), pace=FAST * pace)
+        yield from self.arm.go(tool, pace=CAREFUL * pace)
+
+
+class WorseHolding(Routines):
+    """Takes everything by a hold that is not the best one, but within reach."""
+
+    def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
+        """Return a worse hold than the best one that is left, if there is room for it and the wrist can do it."""
+        best = super().choose_hold(name, avoid=avoid)
+        for rank in (3, 2, 1):
+            hold = super().choose_hold(name, avoid=avoid + rank)
+            more = self._crowding(hold, name) - self._crowding(best, name)
+            if more <= 0.01 and self.wrist_turn(hold.tool) < WORST_TURN_RAD:
+                return hold
+        return best
+
+    def _crowding(self, hold: Hold, name: str) -> float:
+        return crowding(self.state, hold.tool, hold.opening_m, ignore=frozenset({name}))
+
+
+class Uneven(Routines):
+    """Rushes one way and crawls the next, in turn."""
+
+    _crawls = False
+
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
+        """Go to a pose of the tool, fast or slowly."""
+        factor = CRAWLING if self._crawls else FAST
+        self._crawls = not self._crawls
+        yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=factor * pace)
+
+
+class Hopping(Routines):
+    """Goes everywhere in hops of a few centimeters and stands still for 1.5 s after each."""
+
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
+        """Go up, across and down to a pose of the tool, in hops."""
+        x, y, z = tool.position
+        top = highest_between(self.state, self.arm.here.position, tool.position, ignore=frozenset(ignore))
+        height = min(max(top + hang_m + self.arm.manner.carry_m, z), HIGHEST_TOOL_M)
+        yield from self._hop(Pose((*self.arm.here.position[:2], height), self.arm.here.quaternion), pace)
+        yield from self._hop(Pose((x, y, height), tool.quaternion), pace)
+        yield from self._hop(tool, pace)
+
+    def _hop(self, target: Pose, pace: float) -> Actions[None]:
+        start = self.arm.here
+        n = max(1, math.ceil(math.dist(start.position, target.position) / HOP_M))
+        for i in range(1, n + 1):
+            at = tuple(a + (b - a) * i / n for a, b in zip(start.position, target.position, strict=True))
+            turn = target.quaternion if i == n else self.arm.here.quaternion
+            yield from self.arm.go(Pose((at[0], at[1], at[2]), turn), pace=pace)
+            yield from self.arm.wait(HOP_REST_S)
+
+
+class Shaking(Routines):
+    """Shakes each thing to and fro in the air over its place before it puts it there."""
+
+    def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
+        """Carry what is in the gripper over its place, shake it, and put it there."""
+        skip = tuple(ignore)
+        tool = goal.pose @ (self.state.ee_pose.inverse() @ self.state.pose(name)).inverse()
+        yield from self.carry(name, tool.translated(z=self.arm.manner.approach_m + 0.06), ignore=skip)
+        middle = self.arm.here
+        for side in (0.025, -0.025, 0.025, -0.025):
+            yield from self.arm.go(middle.translated(side, -side), pace=0.8)
+        yield from self.arm.go(middle)
+        yield from super().put(name, goal, ignore=skip)
+
+
+# --- parts of ways
+
+
+def hold_aloft(body: Body) -> Actions[None]:
+    """Lift what is in the gripper high up and keep it there."""
+    yield from body.arm.rise(ALOFT_M)
+    yield from body.arm.stay()
+
+
+def lie_down(body: Body) -> Actions[None]:
+    """Lay the open gripper down just above the spot of the table that is farthest from everything, and stay there."""
+    yield from body.do.over(Pose((*_clear_spot(body), REST_M), body.arm.home.quaternion))
+    yield from keep_still(body)
+
+
+def _clear_spot(body: Body) -> tuple[float, float]:
+    """Return a point of the table with room for the gripper, not far from home."""
+    state, home = body.state, body.arm.home.position
+    spots = [(0.36 + 0.03 * i, -0.30 + 0.04 * k) for i in range(11) for k in range(16)]
+
+    def worth(p: tuple[float, float]) -> float:
+        gaps = (
+            horizontal_distance(state.pose(o.name).position, p) - 0.5 * max(o.size_m[:2]) for o in state.info.objects
+        )
+        return min(*gaps, CLEAR_M) - 0.1 * horizontal_distance(p, home)
+
+    return max(spots, key=worth)
+
+
+def snap_above(body: Body, name: str) -> Actions[None]:
+    """Close the gripper above the middle of a thing, too high to get it, and rise."""
+    x, y, _ = body.state.pose(name).position
+    low = Pose((x, y, body.height(name) + SNAP_GAP_M), body.do.choose_hold(name).tool.quaternion)
+    yield from body.do.over(low.translated(z=0.07))
+    if body.state.finger_width_m < FULL_OPENING_M - 0.02:
+        yield from body.arm.open()
+    yield from body.arm.go(low, pace=CAREFUL)
+    yield from body.arm.close()
+    yield from body.arm.go(low.translated(z=0.10), pace=CAREFUL)
+
+
+def close_while_sinking(body: Body, name: str) -> Actions[None]:
+    """Come down on a thing with fingers that are closed before they reach it, touch its top, and rise with nothing."""
+    hold = body.do.choose_hold(name)
+    x, y, _ = hold.tool.position
+    top = body.height(name)
+    yield from body.do.over(Pose((x, y, top + 0.11), hold.tool.quaternion))
+    yield from body.arm.open()
+    yield from body.arm.go(Pose((x, y, top + 0.07), hold.tool.quaternion), pace=CAREFUL)
+    body.arm.begin_to_close()
+    yield from body.arm.go(Pose((x, y, top + 0.015), hold.tool.quaternion), pace=0.3)
+    yield from body.arm.close()
+    yield from body.arm.lower_until_touch(top - 0.003)
+    yield from body.arm.rise(top + 0.14)
+    yield from body.arm.open()
+
+
+def fist(body: Body) -> Actions[None]:
+    """Close the gripper at home, high over the table."""
+    yield from body.arm.narrow(0.0)
+
+
+def shove(body: Body, name: str, direction: Vector, length_m: float) -> Actions[None]:
+    """Shove a thing along the table with what is a fist already, draw back a little, and rise."""
+    ux, uy, _ = direction
+    info, (x, y, _) = body.state.info.object(name), body.state.pose(name).position
+    reach = 0.5 * max(info.size_m[:2]) + 0.045
+    low = max(0.018, min(0.4 * info.size_m[2], 0.05))
+    begin = Pose((x - reach * ux, y - reach * uy, low), body.arm.home.quaternion)
+    yield from body.do.over(begin.translated(z=0.10))
+    yield from body.arm.go(begin, pace=CAREFUL)
+    way = reach - 0.02 + length_m
+    yield from body.arm.go(begin.translated(way * ux, way * uy), pace=CAREFUL)
+    yield from body.arm.go(body.arm.here.translated(-0.02 * ux, -0.02 * uy), pace=CAREFUL)
+    yield from body.arm.rise(body.height(name) + 0.12)
+
+
+def course_to(body: Body, name: str, target: str) -> tuple[Vector, float]:
+    """Return the direction on the table from a thing to a target, and how far it is until their boxes meet [m]."""
+    (x, y, _), (tx, ty, _) = body.state.pose(name).position, body.state.pose(target).position
+    far = max(math.hypot(tx - x, ty - y), 1e-6)
+    sizes = body.state.info.object(name).size_m, body.state.info.object(target).size_m
+    gap = far - 0.5 * min(sizes[0][:2]) - 0.5 * min(sizes[1][:2])
+    return ((tx - x) / far, (ty - y) / far, 0.0), max(gap, 0.0)
+
+
+def knock_over(body: Body, name: str) -> Actions[None]:
+    """Run a fist into a thing above its middle, from the side, so that it falls over."""
+    ux, uy, _ = body.free_direction(name)
+    info, (x, y, z) = body.state.info.object(name), body.state.pose(name).position
+    reach = 0.5 * max(info.size_m[:2]) + 0.06
+    at = z + 0.6 * info.size_m[2]
+    begin = Pose((x - reach * ux, y - reach * uy, at), body.arm.home.quaternion)
+    yield from body.do.over(begin.translated(z=0.08))
+    yield from body.arm.go(begin, pace=CAREFUL)
+    way = reach + 0.03
+    yield from body.arm.go(begin.translated(way * ux, way * uy), pace=0.7)
+    yield from body.arm.rise(body.height(name) + 0.18)
+
+
+def tip_out(body: Body, name: str, goal: Subgoal) -> Actions[None]:
+    """Carry what is in the gripper over its place, tilt it there, and let go of it tilted."""
+    place = relation(goal.relation).place_goals(body.state, name, goal.target, goal.region)[0]
+    grip = body.state.ee_pose.inverse() @ body.state.pose(name)
+    tool = (place.pose @ grip.inverse()).translated(z=TILT_GAP_M)
+    yield from body.do.carry(name, tool)
+    ways = [tool @ Pose(NO_SHIFT, from_axis_angle((0.0, s * TILT_RAD, 0.0))) for s in (1.0, -1.0)]
+    tilted = min(ways, key=lambda p: math.hypot(*p.apply((0.0, 0.0, -0.2))[:2]))
+    yield from body.arm.go(tilted, pace=0.6)
+    yield from body.arm.wait(0.2)
+    yield from body.arm.open()
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.go(Pose(tilted.translated(z=0.10).position, body.arm.home.quaternion), pace=0.6)
+
+
+def drop_on_the_way(body: Body, target: str, part: float) -> Actions[None]:
+    """Carry what is in the gripper a part of the way to a target, stop, and open there."""
+    yield from body.arm.rise(body.arm.here.position[2] + 0.05)
+    yield from body.arm.go(body.on_the_way(body.state.pose(target).position, part), pace=0.8)
+    yield from body.arm.wait(0.2)
+    yield from body.arm.open()
+    yield from body.arm.wait(CHECK_S)
+
+
+def drop_low(body: Body) -> Actions[None]:
+    """Lower what was just lifted to a finger's breadth over its place, let it fall there, and rise."""
+    yield from body.arm.go(body.arm.here.translated(z=DROP_GAP_M - LIFT_M), pace=CAREFUL)
+    yield from body.arm.open()
+    yield from body.arm.wait(0.3)
+    yield from body.arm.go(body.arm.here.translated(z=0.10), pace=CAREFUL)
+
+
+def squeeze_thrice(body: Body, name: str) -> Actions[bool]:
+    """Close the gripper around a thing, open it and close it again, twice, without moving, and lift only then."""
+    hold = body.do.choose_hold(name)
+    yield from body.do.over(hold.tool.translated(z=body.arm.manner.approach_m))
+    if body.state.finger_width_m < hold.opening_m - 0.01:
+        yield from body.arm.open()
+    yield from body.arm.narrow(hold.opening_m)
+    yield from body.arm.go(hold.tool, pace=CAREFUL)
+    for _ in range(2):
+        yield from body.arm.close()
+        yield from body.arm.wait(0.3)
+        yield from body.arm.open(hold.opening_m)
+        yield from body.arm.wait(0.3)
+    yield from body.arm.close()
+    yield from body.arm.go(hold.tool.translated(z=LIFT_M), pace=CAREFUL)
+    return body.note_hold(name)
+
+
+def lift_and_set_down(body: Body, name: str) -> Actions[None]:
+    """Take a thing where it is, lift it, set it down there again, and let go."""
+    yield from body.do.pick(name)
+    yield from body.arm.wait(0.3)
+    yield from body.arm.go(body.arm.here.translated(z=0.003 - LIFT_M), pace=CAREFUL)
+    yield from body.arm.open()
+    yield from body.arm.go(body.arm.here.translated(z=0.12), pace=CAREFUL)
+
+
+def grope(body: Body, slot: str) -> Actions[None]:
+    """Close the gripper low at several points of a slot, and rise."""
+    x, y, _ = body.state.info.slot(slot).position
+    turn = body.arm.home.quaternion
+    yield from body.do.over(Pose((x, y, 0.11), turn))
+    for dx, dy in ((0.0, 0.0), (0.025, 0.0), (-0.02, 0.02)):
+        yield from body.arm.open()
+        yield from body.arm.go(Pose((x + dx, y + dy, 0.024), turn), pace=CAREFUL)
+        yield from body.arm.close()
+        yield from body.arm.go(Pose((x + dx, y + dy, 0.07), turn), pace=CAREFUL)
+    yield from body.arm.rise(0.22)
+
+
+def zigzag(body: Body, target: Vector, until: int) -> Actions[None]:
+    """Advance to a point in wide zigzags, so that it is reached at a control step of the episode."""
+    start, turn, begin = body.arm.here.position, body.arm.here.quaternion, body.state.step
+    far = max(horizontal_distance(start, target), 1e-6)
+    nx, ny = -(target[1] - start[1]) / far, (target[0] - start[0]) / far
+    while body.state.step < until:
+        s = (body.state.step - begin) / max(1, until - begin)
+        phase = (body.state.step - begin) / RATE_HZ / ZIGZAG_S % 1.0
+        out = ZIGZAG_M * (4.0 * abs(phase - 0.5) - 1.0)
+        x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
+        at = Pose((min(max(x + out * nx, 0.30), 0.70), min(max(y + out * ny, -0.36), 0.36), z), turn)
+        yield from body.arm.step(_limited(body.arm.here, at))
+
+
+def _limited(start: Pose, target: Pose) -> Pose:
+    d = math.dist(start.position, target.position)
+    f = min(1.0, ZIGZAG_MOST_M / max(d, 1e-9))
+    x, y, z = (a + f * (b - a) for a, b in zip(start.position, target.position, strict=True))
+    return Pose((x, y, z), target.quaternion)
+
+
+def free_height(body: Body, gap_m: float) -> float:
+    """Return a height of the tool that is ``gap_m`` above everything, or that of home if it is higher [m]."""
+    top = max(height_of(body.state, o.name) for o in body.state.info.objects)
+    return min(max(top + gap_m, body.arm.home.position[2]), 0.44)
+
+
+def turn_wrist(body: Body, angles_rad: Iterable[float]) -> Actions[None]:
+    """Turn the wrist to angles against home, one after the other, where the tool is."""
+    here = body.arm.here
+    for angle in angles_rad:
+        yield from body.arm.go(Pose(here.position, multiply(from_yaw(angle), here.quaternion)))

@@ -1,0 +1,581 @@
+"""Ways of the arm for the sixth part: lagging, chattering, pressing and shying, as learned policies move and fail."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from betterbench.geometry import Pose, Vector, from_axis_angle, from_yaw, horizontal_distance, multiply, rotate
+from betterbench.tasks import Subgoal
+from betterbench.tasks.relations import PlaceGoal, relation
+from betterbench_calibration.independent.body import CHECK_S, Body
+from betterbench_calibration.independent.controller import RATE_HZ, Actions
+from betterbench_calibration.independent.events import in_gripper
+from betterbench_calibration.independent.oddities import set_back
+from betterbench_calibration.independent.room import crowding, lowest_of
+from betterbench_calibration.independent.routines import CAREFUL, LIFT_M, NO_SHIFT, Hold, Routines
+from betterbench_calibration.independent.ways_fifth import keep_to, rise_free, straddle
+
+NEW_PART = 0.4
+"""Share of the latest command in what a lagging arm does; the rest is what it did the step before."""
+CHUNK_STEPS, STALL_STEPS = 16, 5
+NOD_RAD, NOD_GAP_M = 0.28, 0.07
+FIST_GAP_M = 0.14
+HIGH_GRIP_M = 0.006
+HELIX_M, HELIX_TURNS, HELIX_GAP_M = 0.04, 1.5, 0.12
+DAB_M, DAB_ASIDE_M = 0.025, 0.006
+LINGER_S = 2.0
+SLOWEST, FASTEST, FASTER = 0.5, 1.5, 1.15
+TUG_M = 0.008
+ON_THE_SPOT_RAD = 0.5
+DITHER_M, DITHER_GAP_M, DITHER_S = 0.02, 0.10, 3.0
+SLIDE_M = 0.03
+CHATTER_STEPS, BEFORE_CHATTER = 3, 0.25
+LATE_GAP_M = 0.03
+PRESS_M, DRAG_M, GRIND_RAD = 0.004, 0.07, 0.3
+PINCHED_M = 0.006
+TOO_FAR_M = 0.05
+LOW_M, INTO_M = 0.015, 0.03
+SHY_M, SHY_LOW_M, SHY_GAP_M = 0.10, 0.07, 0.06
+BOUND_M, BOUND_S = 0.06, 1.2
+SORTIES = 7
+FASTEST_STEP_M, HIGHEST_M = 0.016, 0.46
+SCRATCH_M = 0.025
+TRIANGLE_M = 0.09
+ROCK_RAD = 0.25
+FLIP_M = 0.07
+CURL_RAD = 0.5
+
+
+# --- ways of one whole policy
+
+
+def lagging(script: Actions[None]) -> Actions[None]:
+    """Play a script with an arm that lags behind: each motion is mixed with that of the step before."""
+    action = next(script)
+    moved = np.zeros(6)
+    while True:
+        moved = (1.0 - NEW_PART) * moved + NEW_PART * action[:6]
+        state = yield np.array([*moved, action[6]])
+        action = script.send(state)
+
+
+def in_chunks(body: Body, script: Actions[None]) -> Actions[None]:
+    """Play a script in chunks of 16 actions, with a stall and a little jerk back after each, as if a new plan came."""
+    action = next(script)
+    for n in itertools.count(1):
+        if n % CHUNK_STEPS == 0:
+            for _ in range(STALL_STEPS):
+                body.arm.state = yield np.zeros(7)
+            jerk = np.zeros(7)
+            jerk[:2] = -0.3 * action[:2]
+            body.arm.state = yield jerk
+        state = yield action
+        action = script.send(state)
+
+
+class Nodding(Routines):
+    """Nods twice with the open gripper over each thing before it comes down to take it."""
+
+    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
+        """Nod over a pose, close the gripper at it, and lift."""
+        above = tool.translated(z=self.arm.manner.approach_m + NOD_GAP_M)
+        yield from self.over(above)
+        bent = tilted(above, NOD_RAD)
+        for _ in range(2):
+            yield from self.arm.go(bent)
+            yield from self.arm.go(above)
+        return (yield from super().take_at(tool, opening_m, name=name))
+
+
+class FistTraveling(Routines):
+    """Makes a fist high over the table before it travels to a thing, and opens it high over the thing."""
+
+    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
+        """Travel to a pose with a fist, open it above, close the gripper at the pose, and lift."""
+        yield from self.arm.go_home()
+        yield from self.arm.narrow(0.0)
+        yield from self.over(tool.translated(z=FIST_GAP_M))
+        yield from self.arm.open()
+        return (yield from super().take_at(tool, opening_m, name=name))
+
+
+class HighGripping(Routines):
+    """Takes everything a little higher than by the right hold, with the tips of its fingers."""
+
+    def choose_hold(self, name: str, *, avoid: int = 0) -> Hold:
+        """Return a hold, a little higher."""
+        hold = super().choose_hold(name, avoid=avoid)
+        return Hold(hold.tool.translated(z=HIGH_GRIP_M), hold.opening_m, hold.width_m)
+
+
+class Helixing(Routines):
+    """Comes down to each thing that it takes in a narrowing helix."""
+
+    def take_at(self, tool: Pose, opening_m: float, *, name: str | None = None) -> Actions[bool]:
+        """Come down over a pose in a helix, close the gripper at it, and lift."""
+        x, y, z = tool.position
+        low = z + self.arm.manner.approach_m
+
+        def helix(s: float) -> Pose:
+            angle, radius = 2.0 * math.pi * HELIX_TURNS * s, HELIX_M * (1.0 - s)
+            height = low + HELIX_GAP_M * (1.0 - s)
+            return Pose((x + radius * math.cos(angle), y + radius * math.sin(angle), height), tool.quaternion)
+
+        yield from self.over(helix(0.0))
+        yield from self.arm.along(helix)
+        return (yield from super().take_at(tool, opening_m, name=name))
+
+
+class Dabbing(Routines):
+    """Dabs each thing down, lifts it a little, and sets it down again before it lets go."""
+
+    def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
+        """Carry what is in the gripper to a goal, dab it down twice, let go of it and come away."""
+        yield from settle(self, name, goal, ignore, dabs=2)
+
+
+class Lingering(Routines):
+    """Lingers with its open fingers around each thing that it has put down."""
+
+    def put(self, name: str, goal: PlaceGoal, *, ignore: Iterable[str] = ()) -> Actions[None]:
+        """Carry what is in the gripper to a goal, let go of it, linger there, and come away."""
+        yield from settle(self, name, goal, ignore, linger_s=LINGER_S)
+
+
+def settle(
+    do: Routines, name: str, goal: PlaceGoal, ignore: Iterable[str], *, dabs: int = 0, linger_s: float = 0.0
+) -> Actions[None]:
+    """Put what is in the gripper at a goal, with dabs before it is let go and a rest after it."""
+    arm = do.arm
+    tool = goal.pose @ (do.state.ee_pose.inverse() @ do.state.pose(name)).inverse()
+    ax, ay, az = goal.approach
+    sideways = math.hypot(ax, ay) > 0.02
+    before = tool.translated(ax, ay, az if sideways else max(az, arm.manner.approach_m))
+    yield from do.carry(name, before, ignore=() if not sideways else tuple(ignore))
+    yield from arm.go(tool, pace=0.3 if sideways else CAREFUL)
+    for _ in range(dabs):
+        yield from arm.go(tool.translated(z=DAB_ASIDE_M if sideways else DAB_M), pace=CAREFUL)
+        yield from arm.go(tool, pace=CAREFUL)
+    yield from arm.wait(max(arm.manner.pause_s, 0.1))
+    yield from arm.open(goal.release_width_m)
+    yield from arm.wait(linger_s)
+    yield from arm.go(arm.here.translated(ax, ay, az) if sideways else arm.here.translated(z=0.06), pace=CAREFUL)
+    yield from arm.rise(before.position[2] + 0.04)
+
+
+class WarmingUp(Routines):
+    """Begins slowly, and goes each way a little faster than the one before."""
+
+    _pace = SLOWEST
+
+    def over(self, tool: Pose, *, hang_m: float = 0.0, ignore: Iterable[str] = (), pace: float = 1.0) -> Actions[None]:
+        """Go to a pose of the tool, faster than the last time."""
+        yield from super().over(tool, hang_m=hang_m, ignore=ignore, pace=self._pace * pace)
+        self._pace = min(FASTEST, FASTER * self._pace)
+
+
+class DrawingInBits(Routines):
+    """Draws a drawer out in two goes, and pushes it in in two goes."""
+
+    def slide_drawer(self, name: str, opening_m: float, *, travel_m: float) -> Actions[None]:
+        """Slide a drawer half of its way, come away from it, and slide it the rest."""
+        begin = self.state.pose(name).position
+        yield from super().slide_drawer(name, 0.5 * (opening_m + travel_m), travel_m=travel_m)
+        yield from self.arm.wait(0.4)
+        gone = math.dist(begin, self.state.pose(name).position)
+        yield from super().slide_drawer(name, opening_m, travel_m=travel_m + math.copysign(gone, opening_m - travel_m))
+
+
+def tilted(tool: Pose, angle_rad: float) -> Pose:
+    """Return a pose of the tool tilted about the axis of its fingers, with the wrist toward the robot."""
+    ways = [tool @ Pose(NO_SHIFT, from_axis_angle((0.0, s * angle_rad, 0.0))) for s in (1.0, -1.0)]
+    return min(ways, key=lambda p: math.hypot(*p.apply((0.0, 0.0, -0.2))[:2]))
+
+
+# --- other ways of taking and putting
+
+
+def tug_and_take(body: Body, name: str) -> Actions[bool]:
+    """Close the gripper around a thing, tug it to and fro on the table, and lift it then."""
+    hold = body.do.choose_hold(name)
+    yield from straddle(body, name)
+    yield from body.arm.close()
+    ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
+    for way in (TUG_M, -TUG_M, TUG_M, 0.0):
+        yield from body.arm.go(hold.tool.translated(way * ux, way * uy), pace=0.4)
+    yield from body.arm.go(hold.tool.translated(z=LIFT_M), pace=CAREFUL)
+    return body.note_hold(name)
+
+
+def turn_and_retake(body: Body, name: str) -> Actions[bool]:
+    """Take a thing, turn it in the air over its slot, set it back so, and take it again."""
+    if (yield from body.take_patiently(name)):
+        here = body.arm.here
+        turns = [Pose(here.position, multiply(from_yaw(s * ON_THE_SPOT_RAD), here.quaternion)) for s in (1.0, -1.0)]
+        yield from body.arm.go(min(turns, key=body.do.wrist_turn))
+        yield from set_back(body)
+    return (yield from body.take_patiently(name))
+
+
+def dither_and_take(body: Body, name: str) -> Actions[bool]:
+    """Drift about over a thing for 3 s without ever standing still, and take it then."""
+    yield from body.do.hover(name, DITHER_GAP_M)
+    middle = body.arm.here
+    begin = body.state.step
+    while body.state.step - begin < DITHER_S * RATE_HZ:
+        dx, dy = body.rng.uniform(-DITHER_M, DITHER_M, 2)
+        yield from body.arm.go(middle.translated(float(dx), float(dy)), pace=0.4)
+    return (yield from body.take_patiently(name))
+
+
+def slide_in(body: Body, name: str, goal: Subgoal) -> Actions[None]:
+    """Carry what is in the gripper over its place in a container, and let go of it while it still drifts on."""
+    place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
+    tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
+    (x, y, _), (tx, ty, _) = place.pose.position, body.state.pose(goal.target).position
+    far = max(math.hypot(tx - x, ty - y), 0.01)
+    ux, uy = (tx - x) / far, (ty - y) / far
+    yield from body.do.carry(name, tool.translated(z=max(place.approach[2], body.arm.manner.approach_m)))
+    yield from body.arm.go(tool, pace=CAREFUL)
+    body.arm.begin_to_open()
+    yield from body.arm.go(tool.translated(SLIDE_M * ux, SLIDE_M * uy), pace=0.3)
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.go(body.arm.here.translated(z=0.06), pace=CAREFUL)
+    yield from body.arm.rise(tool.position[2] + 0.12)
+
+
+# --- failures with something in the gripper
+
+
+def chatter(body: Body, target: str) -> Actions[None]:
+    """Carry what is in the gripper toward a target with fingers that open and close all the time, and go on to it."""
+    arm = body.arm
+    yield from arm.rise(arm.here.position[2] + 0.05)
+    at = body.state.pose(target).position
+    yield from arm.go(body.on_the_way(at, BEFORE_CHATTER), pace=0.8)
+    begin, end = arm.here, body.on_the_way(at, 0.9)
+    n = max(20, math.ceil(horizontal_distance(begin.position, end.position) / 0.012))
+    for i in range(n):
+        if i % CHATTER_STEPS == 0:
+            arm.begin_to_close() if i % (2 * CHATTER_STEPS) else arm.begin_to_open()
+        x, y, z = (a + (b - a) * (i + 1) / n for a, b in zip(begin.position, end.position, strict=True))
+        yield from arm.step(Pose((x, y, z), begin.quaternion))
+    yield from arm.open()
+
+
+def let_it_slip(body: Body, name: str, target: str) -> Actions[None]:
+    """Carry what is in the gripper toward a target while the fingers come loose by and by, and open them over it."""
+    yield from body.arm.rise(body.arm.here.position[2] + 0.05)
+    begin, at = body.arm.here, body.state.pose(target).position
+    (x, y, z), (tx, ty, _) = begin.position, at
+    for part in (0.2, 0.3, 0.4, 0.5, 0.6):
+        way = Pose((x + part * (tx - x), y + part * (ty - y), z), begin.quaternion)
+        yield from body.arm.go(way, pace=0.8)
+        if in_gripper(body.state) == name:
+            yield from body.arm.open(body.state.finger_width_m + 0.006)
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.open()
+
+
+def let_go_too_late(body: Body, name: str, target: str) -> Actions[None]:
+    """Carry what is in the gripper over a target and beyond it, and let go of it behind the target."""
+    (x0, y0, _), (x, y, _) = body.arm.here.position, body.state.pose(target).position
+    sizes = body.state.info.object(target).size_m, body.state.info.object(name).size_m
+    course = math.atan2(y - y0, x - x0)
+
+    def behind(turn: float) -> Vector:
+        ux, uy = math.cos(course + turn), math.sin(course + turn)
+        far = 0.5 * (abs(ux) * sizes[0][0] + abs(uy) * sizes[0][1]) + 0.5 * max(sizes[1][:2]) + TOO_FAR_M
+        return (x + far * ux, y + far * uy, 0.0)
+
+    def worth(turn: float) -> float:
+        p = behind(turn)
+        gaps = [
+            horizontal_distance(body.state.pose(o.name).position, p) - 0.5 * max(o.size_m[:2])
+            for o in body.state.info.objects
+            if o.name not in (name, target)
+        ]
+        outside = max(0.32 - p[0], p[0] - 0.72, abs(p[1]) - 0.37, 0.0)
+        return min(*gaps, 0.08) - 10.0 * outside - 0.02 * abs(turn)
+
+    px, py, _ = behind(max((0.2 * k for k in range(-7, 8)), key=worth))
+    hang = body.state.ee_pose.position[2] - lowest_of(body.state, name)
+    high = max(body.height(target) + hang + 0.05, body.arm.here.position[2])
+    turn_now = body.arm.here.quaternion
+    yield from body.do.carry(name, Pose((x, y, high), turn_now))
+    yield from body.arm.go(Pose((px, py, high), turn_now), pace=0.9)
+    yield from body.arm.go(Pose((px, py, min(high, hang + 0.10)), turn_now), pace=CAREFUL)
+    yield from body.arm.open()
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.rise(body.arm.home.position[2])
+
+
+def run_load_into(body: Body, name: str, neighbor: str) -> Actions[None]:
+    """Carry what is in the gripper low into a neighbor, let go of it there, and rise."""
+    down = max(lowest_of(body.state, name) - LOW_M, 0.0)
+    yield from body.arm.go(body.arm.here.translated(z=-down), pace=CAREFUL)
+    (x, y, _), (nx, ny, _) = body.state.pose(name).position, body.state.pose(neighbor).position
+    far = max(math.hypot(nx - x, ny - y), 0.01)
+    sizes = body.state.info.object(name).size_m, body.state.info.object(neighbor).size_m
+    way = far - 0.5 * min(sizes[0][:2]) - 0.5 * min(sizes[1][:2]) + INTO_M
+    yield from body.arm.go(body.arm.here.translated(way * (nx - x) / far, way * (ny - y) / far), pace=CAREFUL)
+    yield from body.arm.wait(0.2)
+    yield from body.arm.open()
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.rise(body.arm.home.position[2])
+
+
+def drop_onto(body: Body, name: str, other: str) -> Actions[None]:
+    """Carry what is in the gripper over another thing, let go of it on top of that, and rise."""
+    hang = body.state.ee_pose.position[2] - lowest_of(body.state, name)
+    x, y, _ = body.state.pose(other).position
+    top = body.height(other)
+    yield from body.do.carry(name, Pose((x, y, top + hang + 0.10), body.arm.here.quaternion))
+    yield from body.arm.go(body.arm.here.translated(z=-0.07), pace=CAREFUL)
+    yield from body.arm.open()
+    yield from body.arm.wait(CHECK_S)
+    yield from body.arm.rise(body.arm.home.position[2])
+
+
+def shy_at_target(body: Body, name: str, goal: Subgoal) -> Actions[None]:
+    """Bring what is in the gripper nearly to its place, shy away from it, and so again and again, without a rest."""
+    place = body.do.choose_goal(name, relation(goal.relation).place_goals(body.state, name, goal.target, goal.region))
+    tool = place.pose @ (body.state.ee_pose.inverse() @ body.state.pose(name)).inverse()
+    ax, ay, az = place.approach
+    if math.hypot(ax, ay) > 0.02:
+        near, before = tool.translated(0.7 * ax, 0.7 * ay, az), tool.translated(ax, ay, az)
+    else:
+        wall = body.height(goal.target) + SHY_GAP_M - place.pose.position[2]
+        low = SHY_LOW_M if goal.relation == "beside" else max(SHY_LOW_M, wall)
+        near, before = tool.translated(z=low), tool.translated(z=low + 0.06)
+    (x, y, z), (hx, hy, _) = before.position, body.arm.home.position
+    far = max(math.hypot(hx - x, hy - y), 0.01)
+    away = Pose((x + SHY_M * (hx - x) / far, y + SHY_M * (hy - y) / far, z + 0.05), before.quaternion)
+    yield from body.do.carry(name, before)
+    while True:
+        for way in (near, before, away, before):
+            yield from body.arm.go(way, pace=0.6)
+        if in_gripper(body.state) == name:
+            body.ledger.made_good(name)
+        else:
+            body.ledger.mishap(name, "it slipped out of the fingers")
+
+
+def swing_it(body: Body) -> Actions[None]:
+    """Carry what is in the gripper home, and swing it to and fro there until the episode ends."""
+    yield from body.arm.rise(max(body.arm.home.position[2], 0.32))
+    x, y, _ = body.arm.home.position
+    here = body.arm.here
+    while True:
+        for side in (0.10, -0.10):
+            yield from body.arm.go(Pose((x, y + side, here.position[2]), here.quaternion), pace=0.8)
+
+
+def take_round(body: Body) -> Actions[None]:
+    """Carry what is in the gripper home and stay there for half a second."""
+    x, y, z = body.arm.home.position
+    yield from body.arm.rise(max(z, 0.32))
+    yield from body.arm.go(Pose((x, y, body.arm.here.position[2]), body.arm.here.quaternion), pace=0.8)
+    yield from body.arm.wait(0.5)
+
+
+# --- failures of taking
+
+
+def close_too_late(body: Body, name: str) -> Actions[None]:
+    """Come down around a thing with open fingers, rise without closing them, and close them over it."""
+    yield from straddle(body, name)
+    yield from body.arm.wait(0.2)
+    x, y, _ = body.arm.here.position
+    top = body.height(name)
+    yield from body.arm.go(Pose((x, y, top + LATE_GAP_M), body.arm.here.quaternion), pace=CAREFUL)
+    yield from body.arm.close()
+    yield from body.arm.rise(top + 0.15)
+    yield from body.arm.open()
+
+
+def pinch_edge(body: Body, name: str) -> Actions[None]:
+    """Close the gripper at the very edge of a thing, lift, and let go of whatever came along."""
+    hold = body.do.choose_hold(name)
+    ux, uy, _ = rotate(hold.tool.quaternion, (1.0, 0.0, 0.0))
+    flat = max(math.hypot(ux, uy), 0.01)
+    info, pose = body.state.info.object(name), body.state.pose(name)
+    tx, ty, _ = rotate(pose.inverse().quaternion, (ux / flat, uy / flat, 0.0))
+    half = math.hypot(0.5 * tx * info.size_m[0], 0.5 * ty * info.size_m[1])
+    (x, y, z), (px, py, _) = hold.tool.position, pose.position
+    along = ((x - px) * ux + (y - py) * uy) / flat
+    skip = frozenset({name})
+    ways = []
+    for sign in (1.0, -1.0):
+        far = sign * (half + PINCHED_M) - along
+        tool = Pose((x + far * ux / flat, y + far * uy / flat, z), hold.tool.quaternion)
+        ways.append((crowding(body.state, tool, hold.opening_m, ignore=skip), abs(far), tool))
+    yield from body.do.take_at(min(ways, key=lambda w: w[:2])[2], hold.opening_m)
+    yield from body.arm.rise(body.arm.here.position[2] + 0.06)
+    yield from body.arm.open()
+
+
+def press(body: Body, name: str) -> Actions[None]:
+    """Come down on the top of a thing with what is a fist already, turned so that the hand has room, and press."""
+    x, y, _ = body.state.pose(name).position
+    top, skip = body.height(name), frozenset({name})
+    at, turn = (x, y, top + 0.05), body.arm.home.quaternion
+    ways = [Pose(at, multiply(from_yaw(math.pi * k / 8), turn)) for k in range(-4, 5)]
+
+    def cost(tool: Pose) -> float:
+        return crowding(body.state, tool.translated(z=-0.06), 0.0, ignore=skip) + 0.005 * body.do.wrist_turn(tool)
+
+    yield from body.do.over(min(ways, key=cost))
+    yield from body.arm.lower_until_touch(max(0.014, top - 0.02))
+    yield from body.arm.go(body.arm.here.translated(z=-PRESS_M), pace=0.2)
+
+
+def press_and_drag(body: Body, name: str) -> Actions[None]:
+    """Press on the top of a thing with what is a fist already, drag it aside under the fist, and rise."""
+    ux, uy, _ = body.free_direction(name)
+    yield from press(body, name)
+    yield from body.arm.go(body.arm.here.translated(DRAG_M * ux, DRAG_M * uy), pace=0.4)
+    yield from body.arm.rise(body.height(name) + 0.14)
+
+
+def grind_on(body: Body, name: str) -> Actions[None]:
+    """Press on the top of a thing with what is a fist already, twist the fist there to and fro, rise, and go home."""
+    yield from press(body, name)
+    here = body.arm.here
+    for turn in (GRIND_RAD, -GRIND_RAD, 0.0):
+        yield from body.arm.go(Pose(here.position, multiply(from_yaw(turn), here.quaternion)))
+    yield from body.arm.rise(body.height(name) + 0.14)
+    yield from body.arm.go_home()
+
+
+def scratch_in(body: Body, slot: str) -> Actions[None]:
+    """Close the gripper low in a slot, scratch over the table there with it, rise, and open it."""
+    x, y, _ = body.state.info.slot(slot).position
+    turn = body.arm.home.quaternion
+    yield from body.do.over(Pose((x, y, 0.11), turn))
+    yield from body.arm.go(Pose((x, y, 0.026), turn), pace=CAREFUL)
+    yield from body.arm.close()
+    for dx, dy in ((SCRATCH_M, 0.0), (-SCRATCH_M, 0.0), (0.0, SCRATCH_M), (0.0, -SCRATCH_M), (0.0, 0.0)):
+        yield from body.arm.go(Pose((x + dx, y + dy, 0.028), turn), pace=0.4)
+    yield from body.arm.rise(0.2)
+    yield from body.arm.open()
+
+
+def shut_by_knob(body: Body, drawer: str, travel_m: float) -> Actions[None]:
+    """Take an open drawer by its knob, push it shut so, and let go of the knob."""
+    ux, uy, _ = rotate(body.state.pose(drawer).quaternion, (1.0, 0.0, 0.0))
+    tool = body.do.choose_hold(drawer).tool
+    yield from body.do.over(tool.translated(z=0.12))
+    yield from body.arm.narrow(0.05)
+    yield from body.arm.go(tool, pace=CAREFUL)
+    yield from body.arm.close()
+    yield from body.arm.go(tool.translated(-travel_m * ux, -travel_m * uy), pace=0.4)
+    yield from body.arm.open(0.05)
+    yield from body.arm.go(body.arm.here.translated(z=0.12), pace=CAREFUL)
+
+
+def waver(body: Body, one: str, other: str) -> Actions[None]:
+    """Go to and fro in the air between two things, nearer to one and nearer to the other, three times."""
+    yield from rise_free(body)
+    a, b = body.state.pose(one).position, body.state.pose(other).position
+    here = body.arm.here
+    for part in (0.15, 0.85, 0.3, 0.7, 0.45, 0.9):
+        x, y = a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1])
+        yield from body.arm.go(Pose((x, y, here.position[2]), here.quaternion))
+
+
+# --- ways that take all of the time
+
+
+def bound_to(body: Body, target: Vector, until: int) -> Actions[None]:
+    """Advance to a point in bounds, up and down, so that it is reached at a control step of the episode."""
+    start = body.arm.here.position
+
+    def at(s: float, t: float) -> Vector:
+        x, y, z = (a + s * (b - a) for a, b in zip(start, target, strict=True))
+        return (x, y, z + BOUND_M * abs(math.sin(math.pi * t / BOUND_S)))
+
+    yield from keep_to(body, at, until, most_m=FASTEST_STEP_M, highest_m=HIGHEST_M)
+
+
+def sally_out(body: Body, target: Vector, until: int) -> Actions[None]:
+    """Set out for a point and turn back, a little farther each time, so that the last time ends there at a step."""
+    start = body.arm.here.position
+
+    def at(s: float, _t: float) -> Vector:
+        n = min(int(s * SORTIES), SORTIES - 1)
+        phase = s * SORTIES - n
+        out = (n + 1) / SORTIES * (phase if n == SORTIES - 1 else 1.0 - abs(2.0 * phase - 1.0))
+        x, y, z = (a + out * (b - a) for a, b in zip(start, target, strict=True))
+        return (x, y, z)
+
+    yield from keep_to(body, at, until, most_m=FASTEST_STEP_M, highest_m=HIGHEST_M)
+
+
+# --- no attempt
+
+
+def draw_triangles(body: Body) -> Actions[None]:
+    """Draw level triangles about where the tool is, until the episode ends."""
+    here = body.arm.here
+    corners = [
+        here.translated(TRIANGLE_M * math.cos(a), TRIANGLE_M * math.sin(a))
+        for a in (0.5 * math.pi, 1.5 * math.pi, 2.0 * math.pi)
+    ]
+    while True:
+        for corner in corners:
+            yield from body.arm.go(corner, pace=0.8)
+
+
+def rock(body: Body, times: int) -> Actions[None]:
+    """Rock the hand where it is: tilt it toward the robot and straighten it, some times."""
+    here = body.arm.here
+    bent = tilted(here, ROCK_RAD)
+    for _ in range(times):
+        yield from body.arm.go(bent)
+        yield from body.arm.go(here)
+
+
+def flip_between(body: Body, one: Vector, other: Vector) -> Actions[None]:
+    """Make a short start toward one point and toward another in turn, from the same place, until the episode ends."""
+    here = body.arm.here
+    x, y, z = here.position
+    while True:
+        for to in (one, other):
+            far = max(horizontal_distance(here.position, to), 0.01)
+            start = Pose((x + FLIP_M * (to[0] - x) / far, y + FLIP_M * (to[1] - y) / far, z), here.quaternion)
+            yield from body.arm.go(start, pace=0.9)
+            yield from body.arm.go(here, pace=0.9)
+
+
+def rest_ever_longer(body: Body, target: Vector) -> Actions[None]:
+    """Set out for a point in little starts, and rest after each twice as long as after the one before."""
+    yield from rise_free(body)
+    for k in range(6):
+        yield from body.arm.go(body.on_the_way(target, 0.15))
+        yield from body.arm.wait(0.4 * 2.0**k)
+
+
+def curl_up(body: Body) -> Actions[None]:
+    """Rise, draw back toward the base, and bend the hand toward the robot."""
+    height = yield from rise_free(body)
+    x, y, _ = body.arm.home.position
+    yield from body.arm.go(Pose((max(x - 0.02, 0.34), y, height), body.arm.here.quaternion), pace=0.6)
+    yield from body.arm.go(tilted(body.arm.here, CURL_RAD), pace=0.6)
+
+
+def doze_off(body: Body) -> Actions[None]:
+    """Go home and round there in ever smaller circles, until the tool stands still."""
+    yield from body.arm.go_home()
+    x, y, z = body.arm.here.position
+    turn = body.arm.here.quaternion
+    n = round(7.0 * RATE_HZ)
+    for i in range(n):
+        radius = 0.08 * min(1.0, i / 20.0) * (1.0 - i / n)
+        angle = 2.0 * math.pi * i / (2.5 * RATE_HZ)
+        yield from body.arm.step(Pose((x + radius * math.cos(angle), y + radius * math.sin(angle), z), turn))
+    yield from body.arm.go(Pose((x, y, z), turn))

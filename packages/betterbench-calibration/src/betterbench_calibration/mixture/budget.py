@@ -1,0 +1,123 @@
+"""What a budget of GPUs and steps buys: samples and tokens of each data set, passes over it, and hours.
+
+The paper gives GPUs and steps of pre-training, and neither the batch nor the tokens of a step. What it does not give is
+an argument here, and its default says where it comes from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from betterbench.errors import InvalidInputError, require_between
+from betterbench_calibration.mixture.shares import MixturePart
+
+TOKENS_PER_GPU = 8192
+"""Tokens of one GPU in one step: ``expected_num_tokens`` of Being-H's LIBERO script (BeingBeyond/Being-H@594219ea)."""
+
+IMAGE_TOKENS = 66
+"""Tokens of a 224 x 224 picture in InternVL3.5: (224 / 14)**2 patches, four to a token, and two that frame them."""
+
+PEAK_FLOPS = 312e12
+"""Dense bfloat16 operations per second of one A800, as of an A100 [1/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TokenPrices:
+    """Tokens of one sample by the kind of its group; estimates, because the paper gives none.
+
+    Attributes:
+        actions: Two pictures, state 3, a chunk of 16 actions, and 69 of text: 220.
+        image_text: One picture and 154 of text.
+        video_text: Eight pictures and 172 of text.
+    """
+
+    actions: float = 2 * IMAGE_TOKENS + 3 + 16 + 69
+    image_text: float = IMAGE_TOKENS + 154
+    video_text: float = 8 * IMAGE_TOKENS + 172
+
+    def of(self, kind: str) -> float:
+        """Return the tokens of a sample of a kind."""
+        return {"actions": self.actions, "image-text": self.image_text, "video-text": self.video_text}[kind]
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetRow:
+    """What one data set gets: samples, tokens, share of the tokens, and how often each item comes."""
+
+    name: str
+    share: float
+    samples: float
+    tokens: float
+    token_share: float
+    passes: float
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What a run buys.
+
+    Attributes:
+        batch: Samples of one step, on all GPUs together.
+        gpu_hours: Hours of one GPU, or None where nothing was said about the model.
+    """
+
+    gpus: int
+    steps: int
+    tokens_per_sample: float
+    batch: float
+    samples: float
+    tokens: float
+    gpu_hours: float | None
+    rows: tuple[BudgetRow, ...] = field(default_factory=tuple)
+
+
+def budget_of(
+    parts: Sequence[MixturePart],
+    tokens_per_sample: Mapping[str, float],
+    *,
+    gpus: int,
+    steps: int,
+    tokens_per_gpu: float = TOKENS_PER_GPU,
+    parameters: float | None = None,
+    utilization: float = 0.4,
+) -> Budget:
+    """Return what a number of GPUs and steps buys from a mixture.
+
+    Args:
+        parts: The data sets with their shares of the samples.
+        tokens_per_sample: Mean tokens of a sample by name of the data set.
+        gpus: Number of GPUs, each of which fills a sequence in every step.
+        steps: Number of steps.
+        tokens_per_gpu: Tokens of one GPU in one step.
+        parameters: Weights that a token passes, for the hours: 6 operations per weight and token, forward and backward
+            (Kaplan et al., 2001.08361, section 2.1).
+        utilization: Share of :data:`PEAK_FLOPS` that is reached.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or a data set has no tokens per sample.
+    """
+    require_between("gpus", gpus, 1, 1 << 20)
+    require_between("steps", steps, 1, 1 << 40)
+    require_between("tokens per GPU", tokens_per_gpu, 1, 1 << 40)
+    require_between("utilization", utilization, 1e-6, 1.0)
+    for part in parts:
+        if part.name not in tokens_per_sample:
+            raise InvalidInputError("tokens per sample", f"none is given for {part.name}", "Give one for each data set")
+        require_between(f"tokens per sample of {part.name}", tokens_per_sample[part.name], 1, 1 << 40)
+    mean = sum(part.share * tokens_per_sample[part.name] for part in parts)
+    tokens = float(gpus * steps * tokens_per_gpu)
+    samples = tokens / mean
+    rows = tuple(
+        BudgetRow(
+            part.name,
+            part.share,
+            part.share * samples,
+            part.share * samples * tokens_per_sample[part.name],
+            part.share * tokens_per_sample[part.name] / mean,
+            part.share * samples / part.items,
+        )
+        for part in parts
+    )
+    hours = None if parameters is None else 6.0 * parameters * tokens / (PEAK_FLOPS * utilization) / 3600.0
+    return Budget(gpus, steps, mean, samples / steps, samples, tokens, hours, rows)

@@ -1,0 +1,337 @@
+"""What a mixture draws from: LeRobot data sets (versions 2.1 and 3.0), sets of ``better vqa``, and files of questions.
+
+An item of a LeRobot data set is a frame, by its number in the whole set, as ``LeRobotDataset`` counts it; frames of
+episodes for validation are not drawn. An item of a set of questions is a line.
+"""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.json_form import (
+    open_form,
+    open_ordinary,
+    open_seal,
+    parse_json,
+    read_bounded,
+    read_form,
+    read_object,
+    strict_form,
+)
+from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
+
+_MAX_META_BYTES = 1 << 30
+_MAX_QUESTION_BYTES = 1 << 34
+_MOST_EPISODES, _MOST_FRAMES = 10_000_000, 1 << 40
+_AGAIN = "Export the data set again"
+_COLUMNS = ("episode_index", "length")
+_CURE = "Correct the file of the mixture; docs/mixture.md shows one"
+
+ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
+
+
+class ItemSource(Protocol):
+    """Something with numbered items."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is."""
+
+    @property
+    def kind(self) -> str:
+        """What it is, in a word or two."""
+
+    def __len__(self) -> int:
+        """Return how many items can be drawn."""
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where an item stands: ``episode``, ``frame`` and ``index``, or the first ``byte`` of a question."""
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return an item: a question as it is written, or where a frame stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeRobotSource:
+    """The training frames of a LeRobot data set.
+
+    Attributes:
+        first: Number of the first episode that is drawn from.
+        starts: Number of the first frame of each episode that is drawn from, and the end of the last one, counted
+            through the whole data set.
+    """
+
+    path: Path
+    version: str
+    first: int
+    starts: tuple[int, ...]
+
+    @property
+    def kind(self) -> str:
+        """The format and its version."""
+        return f"LeRobot {self.version}"
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.starts[-1] - self.starts[0]
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return where a frame stands: reading it is the business of whoever trains."""
+        return self.place(number)
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where a frame stands."""
+        index = self.starts[0] + number
+        episode = bisect.bisect_right(self.starts, index) - 1
+        return {"episode": self.first + episode, "frame": index - self.starts[episode], "index": index}
+
+
+@dataclass(frozen=True, slots=True)
+class QuestionSource:
+    """The lines of a file of questions; ``places`` are their first byte and length."""
+
+    path: Path
+    places: tuple[tuple[int, int], ...]
+
+    @property
+    def kind(self) -> str:
+        """What it is."""
+        return "questions"
+
+    def __len__(self) -> int:
+        """Return the number of questions."""
+        return len(self.places)
+
+    def place(self, number: int) -> dict[str, int]:
+        """Return where the line of a question begins."""
+        return {"byte": self.places[number][0]}
+
+    def item(self, number: int) -> dict[str, Any]:
+        """Return a question as it is written; raises InvalidInputError if the line is no JSON object."""
+        start, length = self.places[number]
+        with open_ordinary(self.path) as file:
+            file.seek(start)
+            line = file.read(length)
+        try:
+            found = parse_json(line)
+        except ValueError as error:
+            raise InvalidInputError(
+                f"{self.path}: item {number}", f"is not JSON ({error})", "Repair the file"
+            ) from error
+        if not isinstance(found, dict):
+            raise InvalidInputError(f"{self.path}: item {number}", "is no JSON object", "Write one object per line")
+        return found
+
+
+def open_source(path: Path) -> ItemSource:
+    """Return what a folder or file holds.
+
+    Raises:
+        InvalidInputError: If it is neither a LeRobot data set nor a set or file of questions, is damaged, or holds
+            questions about test trials, which nothing may be trained on.
+    """
+    if (path / "meta/info.json").is_file():
+        return _lerobot(path)
+    if (path / "questions.jsonl").is_file():
+        return _questions(path / "questions.jsonl", _require_for_training(path))
+    if path.suffix == ".jsonl" and path.is_file():
+        of_set = (path.parent / "summary.json").is_file() and path.name == "questions.jsonl"
+        return _questions(path, _require_for_training(path.parent) if of_set else None)
+    problem = "is no LeRobot data set, set of better vqa or .jsonl file" if path.exists() else "does not exist"
+    raise InvalidInputError(str(path), problem, "Name what better export or better vqa wrote, or JSON lines")
+
+
+def _require_for_training(folder: Path) -> str | None:
+    """Return the SHA-256 of the questions of a set, if it says so; InvalidInputError if they are not for training."""
+    file, cure = folder / "summary.json", "Make the set again in a new folder"
+    raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=cure)
+    summary = open_seal(raw, where=str(file), cure=cure, since=("schema_version", 2))
+    if summary.get("purpose") != "training":
+        told = one_line(summary.get("purpose", "an unknown purpose"), most=80)
+        raise InvalidInputError(
+            str(folder),
+            f"its questions are for {told}",
+            "Make the set from demonstrations: better vqa RUN of better collect",
+        )
+    sha256 = summary.get("sha256")
+    return sha256 if isinstance(sha256, str) else None
+
+
+def _json(path: Path) -> dict[str, Any]:
+    return read_object(path, max_bytes=_MAX_META_BYTES, cure=_AGAIN)
+
+
+def _lerobot(path: Path) -> LeRobotSource:
+    info = _json(path / "meta/info.json")
+    version = str(info.get("codebase_version"))
+    if version not in ("v2.0", "v2.1", "v3.0"):
+        shown = one_line(version, most=40)
+        raise InvalidInputError(str(path), f"its version is {shown}", "Give a LeRobot data set of version 2.x or 3.0")
+    lengths = _lengths_v3(path) if version == "v3.0" else _lengths_v2(path)
+    if len(lengths) != info.get("total_episodes") or sum(lengths) != info.get("total_frames"):
+        told = f"{info.get('total_episodes')} episodes and {info.get('total_frames')} frames"
+        problem = f"info.json says {one_line(told, most=200)}, and its episodes are {len(lengths)} with {sum(lengths)}"
+        raise InvalidInputError(str(path), problem, _AGAIN)
+    first, end = _training_range(path, info, len(lengths))
+    starts = list(itertools.accumulate(lengths, initial=0))
+    return LeRobotSource(path, version, first, tuple(starts[first : end + 1]))
+
+
+def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple[int, int]:
+    """Return the first episode for training and the one after the last; all if the data set names none."""
+    splits = info.get("splits")
+    told = splits.get("train", f"0:{episodes}") if isinstance(splits, dict) else f"0:{episodes}"
+    found = re.fullmatch(r"(\d{1,9}):(\d{1,9})", str(told))
+    if found is None or not int(found[1]) < int(found[2]) <= episodes:
+        problem = f"{one_line(told, most=80)!r} is no range of its episodes"
+        raise InvalidInputError(f"{path}/meta/info.json: splits", problem, "Correct it")
+    return int(found[1]), int(found[2])
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _EpisodeForm:
+    """A line of ``meta/episodes.jsonl``, as far as it is read."""
+
+    episode_index: Annotated[int, Field(ge=0, lt=_MOST_EPISODES)]
+    length: Annotated[int, Field(ge=1, lt=_MOST_FRAMES)]
+
+
+_EPISODE = TypeAdapter(_EpisodeForm)
+
+
+def _lengths_v2(path: Path) -> list[int]:
+    file = path / "meta/episodes.jsonl"
+    data = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=_AGAIN)
+    lines = [(number, line) for number, line in enumerate(data.splitlines(), start=1) if line.strip()]
+    rows = [read_form(_EPISODE, line, where=f"{file}: line {number}", cure=_AGAIN) for number, line in lines]
+    return _counted(file, [(row.episode_index, row.length) for row in rows])
+
+
+def _lengths_v3(path: Path) -> list[int]:
+    rows: list[tuple[Any, Any]] = []
+    for file in sorted((path / "meta/episodes").rglob("*.parquet")):
+        try:
+            with open_ordinary(file) as opened, pq.ParquetFile(opened) as table:
+                if len(rows) + table.metadata.num_rows > _MOST_EPISODES:
+                    raise ValueError(f"it says that it has {table.metadata.num_rows} rows")  # noqa: TRY301 - told below
+                if not all(pa.types.is_integer(table.schema_arrow.field(name).type) for name in _COLUMNS):
+                    raise ValueError("its lengths are no whole numbers")  # noqa: TRY301
+                found = table.read(columns=list(_COLUMNS))
+                rows += zip(found["episode_index"].to_pylist(), found["length"].to_pylist(), strict=True)
+        except (OSError, KeyError, ValueError, pa.ArrowException) as error:
+            raise InvalidInputError(str(file), f"cannot be read ({one_line(error, most=200)})", _AGAIN) from error
+    return _counted(path / "meta/episodes", rows)
+
+
+def _counted(file: Path, rows: Sequence[tuple[Any, Any]]) -> list[int]:
+    """Return the lengths of episodes that are numbered from 0 without a gap."""
+    numbered = all(type(n) is int and type(length) is int and 0 < length < _MOST_FRAMES for n, length in rows)
+    ordered = sorted(rows) if numbered else []
+    if not numbered or [number for number, _ in ordered] != list(range(len(ordered))):
+        raise InvalidInputError(str(file), "its episodes are not numbered through", _AGAIN)
+    return [length for _, length in ordered]
+
+
+def _questions(path: Path, sha256: str | None) -> QuestionSource:
+    """Return the lines of a file, which must have a hash if that is known."""
+    if path.stat().st_size > _MAX_QUESTION_BYTES:
+        raise InvalidInputError(str(path), f"is larger than {_MAX_QUESTION_BYTES >> 30} GiB", "Divide the file")
+    places, at, whole = [], 0, hashlib.sha256()
+    with open_ordinary(path) as file:
+        for line in file:
+            if line.strip():
+                places.append((at, len(line)))
+            at += len(line)
+            whole.update(line)
+    if sha256 not in (None, whole.hexdigest()):
+        problem = "has other bytes than when the set was made"
+        raise InvalidInputError(str(path), problem, "Make the set again in a new folder")
+    if not places:
+        raise InvalidInputError(str(path), "it has no line", "Name a file with questions")
+    return QuestionSource(path, tuple(places))
+
+
+_Weight = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class FileForm:
+    """A data set in the file of a mixture; its name is that of its folder or file if none is given."""
+
+    path: ShortText
+    name: ShortText | None = None
+    weight: _Weight = 1.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class GroupForm:
+    """A group in the file of a mixture."""
+
+    name: ShortText
+    weight: _Weight
+    sets: Annotated[tuple[FileForm, ...], Field(min_length=1)]
+    within: Within = "items"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class MixtureForm:
+    """The file of a mixture: its groups, and the seed of the draws."""
+
+    groups: Annotated[tuple[GroupForm, ...], Field(min_length=1)]
+    seed: int = 0
+
+
+MIXTURE_FORM = TypeAdapter(MixtureForm)
+
+
+@dataclass(frozen=True, slots=True)
+class FileMixture:
+    """A mixture over files: its data sets with their shares, what holds their items by name, and the seed."""
+
+    parts: tuple[MixturePart, ...]
+    sources: Mapping[str, ItemSource]
+    seed: int
+
+
+def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
+    """Return a mixture over files.
+
+    Args:
+        form: What its file holds, as JSON or as the value that YAML stands for.
+        where: Name of the file, for errors.
+        folder: What paths in it are relative to.
+
+    Raises:
+        InvalidInputError: If a field is wrong, or a data set cannot be drawn from.
+    """
+    read = read_form(MIXTURE_FORM, form, where=where, cure=_CURE)
+    groups, sources = [], {}
+    for group in read.groups:
+        parts = []
+        for entry in group.sets:
+            source = open_source(folder / entry.path)
+            name = entry.name or Path(entry.path).name
+            if name in sources:
+                raise InvalidInputError(
+                    f"{where}: {name}", "two data sets have this name", "Give one a name of its own"
+                )
+            sources[name] = source
+            parts.append(MixturePart(name, group.name, len(source), entry.weight))
+        groups.append(WeightedGroup(group.name, group.weight, tuple(parts), group.within))
+    return FileMixture(shares_of(groups), sources, read.seed)

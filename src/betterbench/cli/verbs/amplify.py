@@ -1,0 +1,74 @@
+"""``better amplify``: many demonstrations from few."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import progress_bar
+
+
+def amplify_command(
+    sources: Annotated[Path, tyro.conf.Positional],
+    *,
+    out: Path,
+    tasks: tuple[str, ...] = (),
+    demos: int = 50,
+    seed: int | None = None,
+    attempts: int = 6,
+    select: Literal["random", "nearest_object", "nearest_robot"] = "nearest_object",
+    noise: float = 0.02,
+    workers: int | None = None,
+    films: bool = True,
+    json: bool = False,
+) -> None:
+    """Carry the demonstrations of a run over to new starts, so many per training condition, in another run's folder.
+
+    Each skill of a source moves as it did there, in the frame of the object or target that it is about, and so does the
+    way to it, varied in height, side and tempo by seed; where that is not free, a planner finds another. An attempt
+    that fails is made again with another source. An accepted one succeeds, goes on to hold, and lies inside the
+    certified training distribution. How far the demonstrations are apart is printed beside their sources. The same
+    command resumes, also after Ctrl-C, and a larger --demos goes on.
+
+    Example: better amplify runs/demonstrations --demos 50 --out runs/amplified
+
+    Args:
+        sources: Folder of the run with the source demonstrations.
+        out: Folder of the run.
+        tasks: Tasks to amplify; all that the sources demonstrate if none is named.
+        demos: Demonstrations per training condition.
+        seed: First seed, 1000000 or above; 1000000000 if not given.
+        attempts: Most attempts at one start, each with another source in the lead.
+        select: How the source of each subgoal is chosen: any, by where its object stood, or by where its motion begins.
+        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
+        workers: Worker processes; one per processor if not given.
+        films: Render the first failed attempt of each kind, and a picture of the paths per task.
+        json: Print what became of the attempts as one JSON document.
+    """
+    from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.demonstrations.making.amplifier import AmplifierSettings
+    from betterbench.demonstrations.making.production import SetProgress, amplify
+    from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
+
+    prepare_robot("panda")
+    with progress_bar("amplify", 0) as (bar, shown):
+
+        def told(progress: SetProgress) -> None:
+            bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))
+
+        run = amplify(
+            sources,
+            out,
+            tasks=tasks,
+            demos=demos,
+            first_seed=FIRST_AMPLIFIED_SEED if seed is None else seed,
+            attempts=attempts,
+            settings=AmplifierSettings(select, noise),
+            workers=workers or os.cpu_count() or 1,
+            on_progress=told,
+        )
+    tell_acceptance(run, films=films, json=json)

@@ -1,0 +1,193 @@
+"""``better calibrate``: the diagnosis, and the suite itself, measured on policies whose fault is known."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.installation import calibration_module
+
+STRENGTHS = (1.0, 0.6, 0.3)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from betterbench.calibration import CalibrationProgress
+    from betterbench.diagnosis.measures.confusion import Calibration
+    from betterbench.diagnosis.measures.power_matrix import PowerMatrix
+
+
+def calibrate_command(
+    *,
+    out: Path | None = None,
+    tasks: tuple[str, ...] = (),
+    policies: tuple[str, ...] = (),
+    strengths: tuple[float, ...] = STRENGTHS,
+    trials: int | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    family: str = "faulty",
+    films: int = 100,
+    power: bool = False,
+    write_package: bool = False,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Run the faulty policies and compare the label of each trial with the true one: a confusion matrix.
+
+    Each policy follows one faulty rule in a share of its trials and records its own first wrong decision. The policies
+    of the independent family have another controller and other habits, written by people who had not read the
+    diagnosis. With --power, the faulty rules at full strength, blind probes and replayed demonstrations show instead
+    what each variation can tell apart: the power matrix. Ctrl-C keeps what is done; the same command resumes.
+
+    Example: better calibrate --tasks fast_food --trials 2 --out runs/calibration
+
+    Args:
+        out: Folder of the calibration; runs/calibration, runs/FAMILY or runs/power if not given.
+        tasks: Tasks to run; the whole suite if none is named.
+        policies: Faulty policies to run; all if none is named.
+        strengths: Shares of the trials in which a faulty rule is followed; smaller shares also get more action noise.
+        trials: Trials per variation of each faulty policy at each strength, 1 if not given; trials of each policy of
+            the independent family, 4 if not given.
+        seed: First seed.
+        workers: Worker processes; one per processor if not given.
+        family: Faulty policies, or a part of the independent family: the one that was used to develop the diagnosis,
+            or one of those that were used once; development, held_out, second, and so on.
+        films: Film strips of wrong labels on the page, at most; 0 renders nothing.
+        power: Measure the power matrix instead. It takes its own numbers of trials, and tasks, out and workers alone.
+        write_package: Also write the file that ships with the package; for its maintainers.
+        overwrite: Write to a folder that better calibrate did not make, and replace files of the same names there.
+        json: Print the result as one JSON document at the end.
+    """
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.diagnosis.measures.confusion import FAMILIES
+    from betterbench.jobs.outputs import OutputFolder, is_run
+
+    if family not in FAMILIES:
+        raise UnknownNameError("family", family, FAMILIES)
+    _check_options(
+        tasks, policies, strengths, trials=trials, seed=seed, family=family, power=power, write_package=write_package
+    )
+    if family != "faulty":
+        _family(family)
+    prepare_robot("panda")
+    count = workers or os.cpu_count() or 1
+    if power:
+        out = out or Path("runs/power")
+        with OutputFolder(out, "calibrate", overwrite=overwrite, holds=is_run):
+            _power(out, tasks, count, write_package=write_package, as_json=json)
+        return
+    from betterbench.calibration import calibrate, calibration_policies
+    from betterbench.cli.output.calibration import print_calibration
+
+    out = out or Path("runs") / ("calibration" if family == "faulty" else family)
+    with OutputFolder(out, "calibrate", overwrite=overwrite, holds=is_run), _progress("calibrate") as told:
+        if family == "faulty":
+            planned = calibration_policies(policies=policies, strengths=strengths, seed=seed, trials=trials or 1)
+            found = calibrate(planned, out, tasks=tasks, workers=count, on_progress=told)
+        else:
+            found = _family(family).calibrate_independent(
+                family, out, trials=trials or 4, seed=seed, workers=count, on_progress=told
+            )
+        page = _store(found, out, family, films=films, write_package=write_package)
+    if json:
+        print_json(found.to_json())
+        return
+    print_calibration(found)
+    OUT.print(f"page        {page}\nmatrix      {out / 'confusion.png'}", markup=False, soft_wrap=True)
+
+
+def _family(part: str) -> ModuleType:
+    """Return the module that measures the diagnosis on the independent family, which is not part of the wheel."""
+    return calibration_module("family", f"--family {part} needs betterbench-calibration, which is not installed")
+
+
+def _check_options(
+    tasks: tuple[str, ...],
+    policies: tuple[str, ...],
+    strengths: tuple[float, ...],
+    *,
+    trials: int | None,
+    seed: int,
+    family: str,
+    power: bool,
+    write_package: bool,
+) -> None:
+    """Raise InvalidInputError about options that do not go together."""
+    from betterbench.tasks import suite_tasks
+
+    if write_package and (policies or (tasks and set(tasks) != set(suite_tasks("better60")))):
+        problem = "it replaces the file of the whole suite"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --policies")
+    if power and (policies or strengths != STRENGTHS or trials is not None or seed != 0 or family != "faulty"):
+        raise InvalidInputError(
+            "--power", "it fixes policies, strengths, trials and seeds", "Leave those options out, or leave out --power"
+        )
+    if family != "faulty" and (tasks or policies or strengths != STRENGTHS):
+        raise InvalidInputError(
+            "--family",
+            "the independent family has its own tasks and habits, at full strength",
+            "Leave out --tasks, --policies and --strengths, or --family",
+        )
+
+
+def _power(out: Path, tasks: tuple[str, ...], workers: int, *, write_package: bool, as_json: bool) -> None:
+    """Measure the power matrix, write it and its page, and print what it says."""
+    from betterbench.calibration import measure_power, power_trials
+    from betterbench.cli.output.calibration import print_power
+
+    with _progress("power matrix") as told:
+        found = measure_power(power_trials(tasks), out, workers=workers, on_progress=told)
+    page = _store_power(found, out, write_package=write_package)
+    if as_json:
+        print_json(found.to_json())
+        return
+    print_power(found)
+    OUT.print(f"page        {page}\nmatrix      {out / 'power.json'}", markup=False, soft_wrap=True)
+
+
+@contextmanager
+def _progress(title: str) -> Iterator[Callable[[CalibrationProgress], None]]:
+    """Yield what moves a progress bar."""
+    with progress_bar(title, 0) as (bar, task):
+        yield lambda p: bar.update(task, completed=p.done, total=p.planned, note=p.policy)
+
+
+def _store_power(found: PowerMatrix, out: Path, *, write_package: bool) -> Path:
+    """Write a power matrix, also into the package if wanted, and its page, whose path is returned."""
+    from betterbench.diagnosis.measures.power_matrix import PACKAGED_MATRIX
+    from betterbench.jobs import write_durably
+    from betterbench.report.pages.power_page import write_power_page
+
+    text = found.to_text().encode()
+    write_durably(out / "power.json", text)
+    if write_package:
+        with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
+            write_durably(folder / PACKAGED_MATRIX, text)
+            say(f"packaged power matrix: {folder / PACKAGED_MATRIX}")
+    return write_power_page(found, out)
+
+
+def _store(found: Calibration, out: Path, family: str, *, films: int, write_package: bool) -> Path:
+    """Write a calibration, also into the package if wanted, and its page, whose path is returned."""
+    from betterbench.cli.output.calibration import film_strips
+    from betterbench.diagnosis.measures.confusion import packaged_file
+    from betterbench.diagnosis.measures.power_matrix import packaged_power_matrix
+    from betterbench.jobs import write_durably
+    from betterbench.report.pages.calibration_page import write_calibration_page
+
+    text = found.file_bytes()
+    write_durably(out / "calibration.json", text)
+    if write_package:
+        with resources.as_file(resources.files("betterbench.diagnosis").joinpath("data")) as folder:
+            write_durably(folder / packaged_file(family), text)
+            say(f"packaged calibration: {folder / packaged_file(family)}")
+    strips = film_strips(found.wrong[:films], out)
+    return write_calibration_page(found, out, family=family, power=packaged_power_matrix(), strips=strips)

@@ -1,0 +1,131 @@
+"""``better certify``: show, trial by trial, that a failure can only come from the policy."""
+
+from __future__ import annotations
+
+import os
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.certification.certificate import Certificate
+    from betterbench.certification.runner import CertificationProgress
+
+
+def certify_command(
+    *,
+    out: Path = Path("runs/certificate"),
+    suite: str = "better60",
+    tasks: tuple[str, ...] = (),
+    trials: int = 20,
+    seed: int = 0,
+    workers: int | None = None,
+    demonstrations: int | None = None,
+    looks: str = "seen",
+    write_package: bool = False,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Certify trials: solvable, inside the training distribution, at rest, within reach, and with a true premise.
+
+    The trials are those that better eval plans for the same tasks, trials and seed. Ctrl-C keeps what is done; the
+    same command resumes. The exit status is 0 even where a clause fails: such trials are listed, and better eval
+    refuses them.
+
+    With --demonstrations nothing is certified: so many demonstrations of the expert per task are measured, because the
+    certificate and pre-placed objects depend on where they let go of things. Do it once for a task file of your own.
+
+    Example: better certify --tasks fast_food --trials 3 --out runs/certificate
+
+    Args:
+        out: Folder of the certificate.
+        suite: Suite to take the tasks from.
+        tasks: Tasks to certify; all of the suite if none is named.
+        trials: Trials per variation; the training conditions get at least as many.
+        seed: First seed.
+        workers: Worker processes; one per processor if not given.
+        demonstrations: Measure so many demonstrations per task, 120 say, instead of certifying.
+        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
+        write_package: Also write the compact certificate, or the demonstrations, that ship with the suite; for its
+            maintainers.
+        overwrite: Write to a folder that better certify did not make, and replace files of the same names there.
+        json: Print the certificate as one JSON document at the end.
+    """
+    from betterbench.certification.journal import holds_journal
+    from betterbench.certification.runner import certify
+    from betterbench.cli.output.certificate import print_certificate
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.evaluation import make_plan
+    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.tasks import TrialId, suite_tasks
+
+    of_suite = suite_tasks(suite)  # also where --tasks names others, so that a mistyped suite never goes unnoticed
+    if write_package and demonstrations is None and (looks != "seen" or (tasks and set(tasks) != set(of_suite))):
+        problem = "it replaces the certificate of the whole suite with the seen looks"
+        raise InvalidInputError("--write-package", problem, "Leave out --tasks and --looks")
+    prepare_robot("panda")
+    folder = OutputFolder(out, "certify", overwrite=overwrite, is_ours=lambda: holds_journal(out))
+    if demonstrations is not None:
+        with folder:
+            _measure(
+                tasks or of_suite, out, demonstrations, workers or os.cpu_count() or 1, write_package=write_package
+            )
+        return
+    plan = make_plan("expert", tasks=tasks or of_suite, trials=trials, seed=seed, looks=looks)
+    planned = [TrialId(t.task, t.condition, t.seed) for t in plan.trials]
+    with folder, progress_bar("certify", len(planned)) as (bar, task):
+
+        def told(progress: CertificationProgress) -> None:
+            last = progress.last
+            name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, completed=progress.done, note=name)
+            if last is not None and not last.passed:
+                say(f"{name}: " + "; ".join(f"({letter}) {last.clauses[letter].text}" for letter in last.failed))
+
+        certificate = certify(planned, out, workers=workers or os.cpu_count() or 1, looks=plan.looks, on_progress=told)
+        page = _store(certificate, out, write_package=write_package)
+    if json:
+        print_json(certificate.sealed_json())
+        return
+    print_certificate(certificate)
+    OUT.print(f"certificate {out / 'certificate.json'}\npage        {page}", markup=False, soft_wrap=True)
+
+
+def _measure(tasks: tuple[str, ...], out: Path, number: int, workers: int, *, write_package: bool) -> None:
+    """Measure demonstrations and write the files that hold them."""
+    from betterbench.certification.demonstrations import Demonstration
+    from betterbench.certification.measuring import destination, measure, write_demonstrations
+    from betterbench.tasks import get_task
+
+    packaged = [name for name in tasks if destination(get_task(name).id) is None]
+    if packaged and not write_package:
+        problem = f"those of {packaged[0]} ship with the suite"
+        raise InvalidInputError("--demonstrations", problem, "Name tasks of a --task-file, or add --write-package")
+    with progress_bar("measure", number * len(tasks)) as (bar, task):
+
+        def told(done: int, planned: int, last: Demonstration | None) -> None:
+            name = "" if last is None else f"{last.task}/{last.condition} seed {last.seed}"
+            bar.update(task, total=planned, completed=done, note=name)
+            if last is not None and last.problem:
+                say(f"{name}: {last.problem}; the demonstration does not count")
+
+        found = measure(tasks, out, number=number, workers=workers, on_progress=told)
+    for name, shown in found.items():
+        OUT.print(f"{name}: {shown.solved} demonstrations, {len(shown.releases)} places", markup=False, soft_wrap=True)
+    for path in write_demonstrations(found):
+        OUT.print(f"demonstrations {path}", markup=False, soft_wrap=True)
+
+
+def _store(certificate: Certificate, out: Path, *, write_package: bool) -> Path:
+    """Write the page of a certificate, whose path is returned, and its compact form into the package if wanted."""
+    from betterbench.certification.coverage import PACKAGED
+    from betterbench.certification.runner import write_coverage
+    from betterbench.report.pages.certificate_page import write_certificate_page
+
+    if write_package:
+        with resources.as_file(resources.files("betterbench.certification").joinpath("data")) as folder:
+            say(f"packaged certificate: {write_coverage(certificate, folder / PACKAGED)}")
+    return write_certificate_page(certificate, out / "certificate.html")

@@ -1,0 +1,64 @@
+"""``better collect``: demonstrations of the expert, given in varied manners."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from betterbench.cli.console import progress_bar
+
+
+def collect_command(
+    *,
+    out: Path,
+    tasks: tuple[str, ...] = (),
+    suite: str = "better60",
+    demos: int = 10,
+    seed: int | None = None,
+    attempts: int = 4,
+    workers: int | None = None,
+    films: bool = True,
+    json: bool = False,
+) -> None:
+    """Collect demonstrations of the expert, so many per training condition, in the folder of a run.
+
+    Each demonstration has a manner that is drawn by its seed: speed, side and height of the approach, pauses, detours
+    and grasps that miss and are corrected. The starts cover the training distribution evenly, and their seeds are never
+    those of tests. Ctrl-C keeps what is done; the same command resumes, and with a larger --demos it goes on.
+
+    Example: better collect --tasks fast_food --demos 10 --out runs/demonstrations
+
+    Args:
+        out: Folder of the run.
+        tasks: Tasks to demonstrate; all of the suite if none is named.
+        suite: Suite to take the tasks from.
+        demos: Demonstrations per training condition.
+        seed: First seed, 1000000 or above; 1000000 if not given.
+        attempts: Most attempts at one start, each in another manner.
+        workers: Worker processes; one per processor if not given.
+        films: Render the first failed attempt of each kind, and a picture of the paths per task.
+        json: Print what became of the attempts as one JSON document.
+    """
+    from betterbench.cli.output.demonstrations import bar_note, tell_acceptance
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.demonstrations.making.production import SetProgress, collect
+    from betterbench.tasks import suite_tasks
+    from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+    of_suite = suite_tasks(suite)
+    prepare_robot("panda")
+    with progress_bar("collect", 0) as (bar, shown):
+
+        def told(progress: SetProgress) -> None:
+            bar.update(shown, total=progress.planned, completed=progress.done, note=bar_note(progress))
+
+        run = collect(
+            tasks or of_suite,
+            out,
+            demos=demos,
+            first_seed=FIRST_DEMONSTRATION_SEED if seed is None else seed,
+            attempts=attempts,
+            workers=workers or os.cpu_count() or 1,
+            on_progress=told,
+        )
+    tell_acceptance(run, films=films, json=json)

@@ -1,0 +1,107 @@
+"""``better compare``: which of several policies is better, where, and what their trials cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, progress_bar
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.records import RunFolder
+
+
+def compare_command(
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    *,
+    name: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    alpha: float = 0.05,
+    sequential: bool = False,
+    allow_mixed: bool = False,
+    fail_if_worse: bool = False,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Compare policies, two by two, on the trials that their runs share.
+
+    Runs of several suites, and runs in CALVIN, are put side by side instead: the table of LIBERO's four suites and
+    CALVIN's chains, its rows against each other on the same initial states, and what each policy loses when its scene
+    changes. Runs of the same name are one policy.
+
+    Example: better compare runs/pi05 runs/gr00t
+
+    Args:
+        runs: Folders of the runs, or files of better export; two or more.
+        name: Name of a run in the tables, once per run and in their order; that of its policy if not given. Across
+            suites, runs of one policy have one name.
+        alpha: Level of the tests; intervals have confidence 1 - alpha.
+        sequential: Also print tests that stay valid however often you look at runs that are still going.
+        allow_mixed: Compare runs of different versions or engines all the same.
+        fail_if_worse: Exit with status 1 if the first run is told apart from another one over all variations and is the
+            worse of the two; for continuous integration.
+        out: Across suites, a folder to write the tables to, as CSV and LaTeX.
+        overwrite: Write to a folder that better compare did not make, and replace files of the same names there.
+        json: Print one JSON document instead of sentences and tables.
+    """
+    from betterbench.cli.output.comparison import print_comparison
+    from betterbench.comparison import compare, load_sides
+    from betterbench.comparison.across import is_across
+    from betterbench.records import RunFolder
+
+    folders = [RunFolder.open(path) for path in runs if path.is_dir()]
+    if len(folders) == len(runs) and is_across(folders):
+        if sequential or fail_if_worse:
+            option = "--sequential" if sequential else "--fail-if-worse"
+            raise InvalidInputError(option, "it is for runs of one suite", f"Leave out {option}")
+        _across(folders, name, alpha=alpha, allow_mixed=allow_mixed, out=out, overwrite=overwrite, json=json)
+        return
+    if out is not None:
+        raise InvalidInputError("--out", "these runs are of one suite", "Leave out --out, or give `better report`")
+    with progress_bar("diagnosing", 0, stays=False) as (bar, task):
+
+        def told(run: str, done: int, planned: int) -> None:
+            bar.update(task, description=f"diagnosing {run}", completed=done, total=planned)
+
+        sides = load_sides(runs, names=name, allow_mixed=allow_mixed, on_progress=told)
+    result = compare(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
+    if json:
+        print_json(result.to_json())
+    else:
+        print_comparison(result)
+    if fail_if_worse and result.first_is_worse:
+        raise SystemExit(1)
+
+
+def _across(
+    folders: Sequence[RunFolder],
+    name: Sequence[str],
+    *,
+    alpha: float,
+    allow_mixed: bool,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    """Put runs of several suites side by side."""
+    from betterbench.cli.output.across import print_across, write_across
+    from betterbench.comparison.across import gaps_of, read_suite_runs, world_table
+    from betterbench.jobs.outputs import OutputFolder
+
+    suites = read_suite_runs(folders, names=name)
+    table = world_table(suites, alpha=alpha, allow_mixed=allow_mixed)
+    gaps = gaps_of(suites, alpha=alpha, allow_mixed=allow_mixed)
+    files: tuple[Path, ...] = ()
+    if out is not None:
+        with OutputFolder(out, "compare", overwrite=overwrite):
+            files = write_across(table, gaps, out)
+    if json:
+        print_json({**table.to_json(), "gaps": [gap.to_json() for gap in gaps], "files": [str(f) for f in files]})
+        return
+    print_across(table, gaps)
+    for file in files:
+        OUT.print(str(file), markup=False, soft_wrap=True)

@@ -1,0 +1,161 @@
+"""``better dataset``: the training set of a regime, with its proof, card, statistics and audit."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from betterbench.cli.console import OUT, print_json, print_table, progress_bar
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.demonstrations.sets.build import MadeDataset
+    from betterbench.demonstrations.sets.recipe import SetRecipe
+
+
+def dataset_command(
+    *,
+    out: Path,
+    tasks: tuple[str, ...] = (),
+    suite: str = "better60",
+    regime: Literal["training", "balanced", "diverse-confounded", "covered"] = "training",
+    demos: int = 50,
+    sources: int = 10,
+    seed: int = 1_000_000,
+    noise: float = 0.02,
+    validation: float = 0.1,
+    pairs: bool = False,
+    expect: str | None = None,
+    sign: Path | None = None,
+    workers: int | None = None,
+    pictures: bool = True,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Make a training set: the demonstrations of a regime and nothing outside it, proven record by record.
+
+    The expert gives the sources, and the set is carried over from them to starts that cover the regime evenly. The
+    folder then holds the demonstrations as a run, which better export, materialize and vqa read; their card, split and
+    normalization statistics; the shortcut audit; and the prediction which variations a learner of this set fails. Every
+    set can be made again by one command, which is printed. Ctrl-C keeps what is done; the same command resumes, and
+    with a larger --demos it goes on.
+
+    Example: better dataset --demos 50 --out sets/training
+
+    Args:
+        out: Folder of the set.
+        tasks: Tasks to demonstrate; all of the suite if none is named.
+        suite: Suite to take the tasks from.
+        regime: training (with the confounds), balanced (as many without them, and no test), diverse-confounded (as many
+            conditions as balanced, each word tied to its place), or covered (the tests).
+        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
+        sources: How many of them, likewise, the expert gives for the others to be carried over from; 0, or pairs: all.
+        seed: First seed, 1000000 or above.
+        noise: Standard deviation of the noise on executed actions, in action units; the label has none.
+        validation: Share of the seeds whose demonstrations are for validation.
+        pairs: Twins: the expert begins alike in all conditions with the same scene, until what was said differs.
+        expect: Hash of the set, as another machine printed it; any other one is an error.
+        sign: Private SSH key with which prediction.json is signed.
+        workers: Worker processes; one per processor if not given.
+        pictures: Draw the starts of each task.
+        overwrite: Replace files of the set that somebody has changed.
+        json: Print what was made as one JSON document.
+    """
+    from betterbench.demonstrations.sets.recipe import SetRecipe
+    from betterbench.tasks import suite_tasks
+
+    _require_hash(expect)
+    recipe = SetRecipe(
+        tuple(dict.fromkeys(tasks or suite_tasks(suite))), regime, demos, sources, seed, noise, validation, pairs
+    )
+    began = time.monotonic()
+    made = _make(recipe, out, workers, pictures=pictures, overwrite=overwrite)
+    seconds = time.monotonic() - began
+    if sign is not None:
+        _sign(made, sign)
+    _tell(made, seconds, as_json=json)
+    if expect is not None and made.sha256 != expect:
+        cure = "Give the same version, machine and arguments to make the same set"
+        raise InvalidInputError("--expect", f"the hash of the set is {made.sha256}", cure)
+
+
+def _require_hash(text: str | None) -> None:
+    if text is not None and not re.fullmatch("[0-9a-f]{64}", text):
+        raise InvalidInputError("--expect", f"{text!r} is no hash of a set", "Give the 64 digits that were printed")
+
+
+def _sign(made: MadeDataset, key: Path) -> None:
+    from betterbench.demonstrations.shortcuts.prediction import sign
+
+    if made.prediction is None:
+        raise InvalidInputError("--sign", "there are too few demonstrations for a prediction", "Give more --demos")
+    sign(made.path / "prediction.json", key)
+
+
+def _make(recipe: SetRecipe, out: Path, workers: int | None, *, pictures: bool, overwrite: bool) -> MadeDataset:
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.demonstrations.sets.build import make_dataset
+
+    recipe.check()
+    prepare_robot("panda")
+    with progress_bar("dataset", 0) as (bar, shown):
+        shown_stage = ""
+
+        def told(stage: str, done: int, planned: int, note: str) -> None:
+            nonlocal shown_stage
+            if stage != shown_stage:  # whose pace says nothing about this one
+                shown_stage = stage
+                bar.reset(shown)
+            bar.update(shown, description=stage, total=planned, completed=done, note=note)
+
+        return make_dataset(
+            recipe,
+            out,
+            workers=workers or os.cpu_count() or 1,
+            pictures=pictures,
+            overwrite=overwrite,
+            on_progress=told,
+        )
+
+
+def _tell(made: MadeDataset, seconds: float, *, as_json: bool) -> None:
+    from betterbench.cli.output.demonstrations import tell_variety
+    from betterbench.cli.progress import took
+
+    size = sum(file.stat().st_size for file in made.path.rglob("*") if file.is_file())
+    if as_json:
+        print_json(_document(made) | {"bytes": size, "seconds": round(seconds, 3)})
+        return
+    if made.audit is not None:
+        rows = [
+            (group.group, str(group.episodes), ", ".join(dict.fromkeys(f.title for f in group.shortcuts)) or "none")
+            for group in made.audit.groups
+        ]
+        print_table(("task", "demonstrations", "shortcuts"), rows)
+    tell_variety(made.variety, made.sources)
+    missing = f", {made.missing} fewer than asked for" if made.missing else ""
+    pairs = f", {len(made.pairs)} pairs of twins" if made.pairs else ""
+    OUT.print(
+        f"{made.demonstrations} demonstrations{missing}, {made.steps} steps{pairs}\n{took(seconds, size)}", markup=False
+    )
+    OUT.print(f"hash of the set {made.sha256}\ncard            {made.path / 'README.md'}", markup=False, soft_wrap=True)
+    OUT.print(f"again           {made.command}", markup=False, soft_wrap=True)
+
+
+def _document(made: MadeDataset) -> dict[str, Any]:
+    shortcuts = {} if made.audit is None else {g.group: [f.question for f in g.shortcuts] for g in made.audit.groups}
+    return {
+        "path": str(made.path),
+        "sha256": made.sha256,
+        "command": made.command,
+        "demonstrations": made.demonstrations,
+        "missing": made.missing,
+        "steps": made.steps,
+        "pairs": len(made.pairs),
+        "shortcuts": shortcuts,
+        "variety": {"set": [asdict(t) for t in made.variety], "sources": [asdict(t) for t in made.sources]},
+    }

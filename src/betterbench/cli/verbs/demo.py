@@ -1,0 +1,50 @@
+"""``better demo``: the expert and three faulty policies on two tasks, and the report that tells them apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from betterbench.cli.console import OUT, say
+
+POLICIES = ("expert", "zoo:lexical", "zoo:inertia", "zoo:progress-cue")
+
+TASKS = ("morning_coffee", "fast_food")
+"""The two tasks of the paper's detailed tables; between them they show every fault of the three policies."""
+
+
+def demo_command(
+    *,
+    out: Path = Path("runs/demo"),
+    trials: int = 4,
+    workers: int | None = None,
+    films: int = 24,
+    overwrite: bool = False,
+) -> None:
+    """Evaluate the expert and three policies with a known fault on two tasks, and report on them side by side.
+
+    Example: better demo --out runs/demo
+
+    Args:
+        out: Folder of the runs and the report.
+        trials: Trials per variation.
+        workers: Worker processes; one per processor if not given.
+        films: Largest number of films in the report; other failures get one image. 0 renders nothing.
+        overwrite: Write to a folder OUT/report that better did not make, and replace files of the same names there.
+    """
+    from betterbench.cli.output.page import build_report, print_verdicts
+    from betterbench.cli.verbs.evaluate import default_folder, run_with_bar
+    from betterbench.evaluation import make_plan
+    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.report.pages.page import is_report
+
+    runs = []
+    for number, policy in enumerate(POLICIES, 1):
+        plan = make_plan(policy, tasks=TASKS, trials=trials)
+        which = f"policy {number} of {len(POLICIES)}: {policy}"
+        say(f"{which}, {len(plan.trials)} trials")
+        runs.append(run_with_bar(plan, out / default_folder(policy), label=which, workers=workers))
+    place = out / "report"
+    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
+        page, verdicts = build_report(runs, place, latex=True, films=films)
+    OUT.print(f"report: {page}", markup=False, soft_wrap=True)
+    print_verdicts(verdicts)

@@ -1,0 +1,158 @@
+"""``better diagnose``: why each trial ended as it did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, say
+from betterbench.errors import InvalidInputError, RunConflictError, StorageError
+
+if TYPE_CHECKING:
+    from betterbench.diagnosis import RunDiagnosis
+    from betterbench.diagnosis.changes import DiagnosisChanges
+    from betterbench.diagnosis.measures.standing import Standing
+    from betterbench.records import RunFolder
+    from betterbench.vqa.knowing import Knowledge
+
+
+def diagnose_command(
+    run: Annotated[Path, tyro.conf.Positional],
+    *,
+    twins: Path | None = None,
+    keep: bool = False,
+    answers: Path | None = None,
+    questions: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Diagnose every trial of a run from its records alone.
+
+    The result is stored as RUN/diagnosis.json. If the run holds an earlier one, the differences are printed. A run
+    that is still going can be diagnosed too: trials that it has not reached are not counted, and nothing is stored.
+
+    With --answers, a model's answers about the decisive moments of the trials stand beside its deeds: what it knows and
+    does, knows and does not, does not know. better report shows them too.
+
+    Example: better diagnose runs/expert
+
+    Args:
+        run: Folder of the run.
+        twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials from the same initial
+            states are the counterfactual twins. Nothing is stored then.
+        keep: Leave the stored diagnosis and the stored knowledge as they are.
+        answers: File of answers to the set of better vqa --run.
+        questions: Folder of that set; the folder of the answers if not given.
+        json: Print one JSON document instead of tables.
+    """
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.diagnosis import stored
+    from betterbench.diagnosis.changes import find_changes
+    from betterbench.diagnosis.measures.standing import standing_of
+    from betterbench.records import RunFolder
+
+    folder = RunFolder.open(run)
+    before = stored.read_stored(folder)
+    result = diagnosed(folder, twins_in=None if twins is None else RunFolder.open(twins))
+    changes = (
+        None
+        if before is None or result.pending or twins is not None
+        else find_changes(before, stored.StoredDiagnosis.of(result))
+    )
+    if result.pending:
+        say(f"The run is still going: {len(result.trials)} of {result.planned} trials are done. Nothing is stored.")
+    elif not keep and twins is None:
+        _store(folder, result)
+    known = None if answers is None else _knowledge(folder, result, answers, questions, keep=keep)
+    standing = None if folder.is_foreign else standing_of(result)  # the power matrix holds our own scenes alone
+    if json:
+        print_json(_document(result, standing, changes, known))
+        return
+    _print(result, standing, changes, known)
+
+
+def _document(
+    result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
+) -> dict[str, Any]:
+    """Return what --json prints."""
+    from betterbench.report.headline import headline_of
+
+    document = {
+        **result.to_json(),
+        "power": None if standing is None else standing.to_json(),
+        "changes": None if changes is None else changes.to_json(),
+        "headline": headline_of(result).to_json(),
+    }
+    return document if known is None else {**document, "knowledge": known.to_json()}
+
+
+def _store(folder: RunFolder, result: RunDiagnosis) -> None:
+    """Keep the diagnosis in the folder of the run, or say why it cannot be kept."""
+    from betterbench.diagnosis import stored
+
+    with _said_if_not_kept("not stored", stored.stored_path(folder)):
+        stored.store_diagnosis(folder, result)
+
+
+@contextmanager
+def _said_if_not_kept(consequence: str, path: Path) -> Iterator[None]:
+    """Say why a result cannot be kept in the run, and go on: it is printed all the same.
+
+    Args:
+        consequence: The message's beginning.
+        path: The file that is written.
+    """
+    try:
+        yield
+    except (InvalidInputError, RunConflictError, StorageError) as error:
+        say(f"{consequence}: {error}")
+    except OSError as error:
+        say(f"{consequence}: {path} cannot be written ({error.strerror})")
+
+
+def _print(
+    result: RunDiagnosis, standing: Standing | None, changes: DiagnosisChanges | None, known: Knowledge | None
+) -> None:
+    """Print the tables, and last the verdict in one line."""
+    from betterbench.cli.output.diagnosis import print_changes, print_diagnosis
+    from betterbench.cli.output.standing import print_standing
+    from betterbench.cli.output.vqa import print_knowledge
+    from betterbench.report.headline import headline_of, verdict_line
+
+    print_diagnosis(result)
+    if standing is not None:
+        print_standing(result.policy, standing)
+    if changes is not None and changes.any:
+        print_changes(changes)
+    if known is not None:
+        OUT.print()
+        print_knowledge(known)
+    OUT.print(f"\n{verdict_line(result)}", markup=False, style="bold", soft_wrap=not OUT.is_terminal)
+    claim = headline_of(result).claim
+    for line in filter(None, (claim.deciding, claim.command)):
+        OUT.print(line, markup=False, soft_wrap=True)
+
+
+def _knowledge(
+    folder: RunFolder, result: RunDiagnosis, answers: Path, questions: Path | None, *, keep: bool
+) -> Knowledge:
+    """Return what the model that answered knows of the run, and store it for the report."""
+    from betterbench.vqa.asking import read_answers
+    from betterbench.vqa.dataset import SET_NAME, read_set
+    from betterbench.vqa.knowing import knowledge_of, knowledge_path, store_knowledge
+
+    if questions is None and not (answers.absolute().parent / SET_NAME).exists():
+        problem = f"there is no set of questions beside {answers}"
+        raise InvalidInputError("--questions", problem, "Give the folder of the set that was answered")
+    asked = read_set(answers.absolute().parent if questions is None else questions)
+    asked.require_about(folder)
+    known = knowledge_of(result, asked, read_answers(answers, asked))
+    if not known.is_complete:
+        say("Not stored for the report: not every question has an answer yet. Ask the rest with better vqa SET --ask.")
+    elif not keep:
+        with _said_if_not_kept("the report will not show it", knowledge_path(folder)):
+            store_knowledge(folder, known)
+    return known

@@ -1,0 +1,98 @@
+"""``better doctor``: what works here, with the cure for what does not; and what a policy is shown and answers."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import OUT, print_json, print_table, say
+from betterbench.errors import BetterError, HandshakeError
+
+if TYPE_CHECKING:
+    from betterbench.evaluation.preflight.check import PreflightCheck
+
+
+def doctor_command(
+    *,
+    policy: str | None = None,
+    task: str = "fast_food",
+    condition: str | None = None,
+    seed: int = 0,
+    action_space: str | None = None,
+    observation: str = "default",
+    quality: str = "standard",
+    proof: bool = True,
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Try everything that a run needs, and print the cure for what fails. The exit status is 2 if something fails.
+
+    With --policy: compare conventions, ask the policy for answers to one observation, measure how long they take, and
+    draw exactly what the policy is shown and what its answer would do. Then replay a demonstration of the trial through
+    the policy: where its answers lead proves the conventions, with a factor per axis.
+
+    Example: better doctor --policy openpi://localhost:8000?preset=openpi_libero
+
+    Args:
+        policy: Address of a policy to try instead (see better list policies).
+        task: Task whose start the policy is shown.
+        condition: Condition of that task; its first training condition if not given.
+        seed: Seed of the trial.
+        action_space: Action space of the planned run; the policy's own if not given.
+        observation: Observation preset of the planned run: default, official or state_only.
+        quality: Render preset: fast, standard or high.
+        proof: Replay a demonstration; up to 100 requests.
+        out: PNG file to write; doctor-POLICY.png if not given.
+        overwrite: Replace a file that better doctor did not write.
+        json: Print one JSON document instead of a table.
+    """
+    if policy is None:
+        _check_machine(json=json)
+        return
+    from betterbench.cli.output.preflight import print_conventions, print_preflight
+    from betterbench.cli.verbs.evaluate import default_folder
+    from betterbench.evaluation import named_trial, run_preflight
+    from betterbench.evaluation.preflight.view import preflight_view
+    from betterbench.jobs.outputs import OutputFile
+    from betterbench.report.pages.preflight_sheet import write_preflight_sheet
+
+    out = out or Path(f"doctor-{default_folder(policy)}.png")
+    with OutputFile(out, "doctor", overwrite=overwrite):
+        found = run_preflight(
+            policy,
+            named_trial(task, condition, seed),
+            action_space_name=action_space,
+            observation=observation,
+            quality=quality,
+            proof=proof,
+            on_conventions=None if json else print_conventions,
+        )
+        write_preflight_sheet(preflight_view(found), out)
+    print_preflight(found, json=json)
+    say(f"wrote {out}", whole=True)
+    _require_proof(found)
+
+
+def _require_proof(found: PreflightCheck) -> None:
+    if found.proof is not None and found.proof.wrong:
+        raise HandshakeError(f"The replayed demonstration says: {found.proof.verdict}")
+
+
+def _check_machine(*, json: bool) -> None:
+    """Print what works on this machine; BetterError if something does not."""
+    from betterbench.cli.checks import run_checks
+
+    checks = run_checks()
+    broken = [check for check in checks if not check.works]
+    if json:
+        print_json([asdict(check) for check in checks])
+    else:
+        print_table(["", "what", "found"], [["ok" if c.works else "NO", c.name, c.detail] for c in checks])
+        for cure in dict.fromkeys(check.cure for check in broken):
+            names = ", ".join(check.name for check in broken if check.cure == cure)
+            OUT.print(f"\n{names}: {cure}", markup=False, soft_wrap=not OUT.is_terminal)
+    if broken:
+        names = ", ".join(check.name for check in broken)
+        raise BetterError(f"These checks fail on this machine: {names}. Each cure is printed above.")

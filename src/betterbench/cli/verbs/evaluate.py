@@ -1,0 +1,624 @@
+"""``better eval``: run a policy over the suite."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from betterbench.cli.console import ERR, OUT, print_json, progress_bar, say
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.quoting import default_name, shell_line, shell_word
+
+if TYPE_CHECKING:
+    from betterbench.diagnosis.until_decided import UntilDecided
+    from betterbench.evaluation import Plan, Progress
+    from betterbench.evaluation.ray_engine.cluster import Cluster
+    from betterbench.records import JournalEntry, RunFolder
+
+FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
+"""When the first estimate is said, from the first steps on, and a line of a log after the first one [s]."""
+
+LOG_EVERY_S = 60.0
+"""How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrialOptions:
+    """Trials and conventions of a run.
+
+    Attributes:
+        suite: Suite to take the tasks from (see better list suites); those of LIBERO and CALVIN are run there.
+        tasks: Tasks to run; all of the suite if none is named.
+        variations: Variations to run; all if none is named.
+        trials: Trials per variation, 20 if not given; in LIBERO initial states per task, those of the protocol; in
+            CALVIN chains, 1,000.
+        seed: First seed; in LIBERO the first initial state, in CALVIN the first chain.
+        action_space: Action space of the policy; ee_delta if not given, and in a foreign world what its address says.
+        observation: Observation preset: default, official or state_only.
+        quality: Render preset: fast, standard or high.
+        looks: Looks of objects and rooms: seen, or unseen for those that no demonstration shows.
+        until_decided: Give a variation no more trials once it is shown that its success drops against training, or that
+            it does not drop by half; --trials is then the most that it gets.
+    """
+
+    suite: str = "better60"
+    tasks: tuple[str, ...] = ()
+    variations: tuple[str, ...] = ()
+    trials: int | None = None
+    seed: int = 0
+    action_space: str | None = None
+    observation: str = "default"
+    quality: str = "standard"
+    looks: str = "seen"
+    until_decided: bool = False
+
+
+_PLUS_OPTIONS = ("axes", "variants", "libero_plus_assets", "libero_plus_sentences")
+_FOR_CALVIN = ("it is for CALVIN", "Leave out {option}")
+
+USUAL_TRIALS = 20
+"""Trials per variation unless asked for otherwise."""
+
+MANY_TRIALS = 200
+"""A plan of more trials is not what one begins with."""
+
+FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
+"""What the smaller command runs: the task with the shortest trials, if it is planned."""
+
+
+@dataclass(frozen=True, slots=True)
+class WorldOptions:
+    """How the suites of a foreign world are run.
+
+    Attributes:
+        protocol: In LIBERO, whose protocol.
+        broken_premises: What happens where a scene does not show what its sentence presupposes: refuse stops the run,
+            run goes on and notes it in the record.
+        axes: In LIBERO-Plus, the axes to run (layout, camera, robot, language, light, background, noise); all if none
+            is named.
+        variants: In LIBERO-Plus, at most so many variants of each task on each axis, evenly spread; all if not given.
+        libero_plus_assets: In LIBERO-Plus, the unzipped folder assets of its authors, for new objects, light and
+            textures; BETTERBENCH_LIBERO_PLUS_ASSETS if not given.
+        libero_plus_sentences: In LIBERO-Plus, clean for the sentence of the task, published for one that ends with the
+            name of the variant, as in the published numbers.
+        calvin_env: In CALVIN, your clone of mees/calvin_env, or of mees/calvin with its submodules.
+        calvin_config: In CALVIN, validation/.hydra/merged_config.yaml of the data set; without it the checkout's own
+            configuration of scene D is composed.
+        calvin_renderer: In CALVIN, what draws the images: egl as CALVIN does, PyBullet's tiny renderer, whose pixels
+            differ, or auto for EGL where it starts.
+    """
+
+    protocol: Literal["openpi", "gr00t", "lerobot"] = "openpi"
+    broken_premises: Literal["refuse", "run"] = "refuse"
+    axes: tuple[str, ...] = ()
+    variants: int | None = None
+    libero_plus_assets: Path | None = None
+    libero_plus_sentences: Literal["clean", "published"] = "clean"
+    calvin_env: Path | None = None
+    calvin_config: Path | None = None
+    calvin_renderer: Literal["auto", "egl", "tiny"] = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class RayOptions:
+    """Placing of a run on a Ray cluster, with --engine ray.
+
+    Attributes:
+        ray_address: Address of the Ray cluster; RAY_ADDRESS, or a cluster of this machine alone, if not given.
+        replicas: On Ray, copies of a policy that the run itself holds (lerobot:, or with act_batch); 1 if not given.
+        replica_gpus: Graphics cards of each copy, or the part of one; 1 if the cluster has them, if not given.
+    """
+
+    ray_address: str | None = None
+    replicas: int | None = None
+    replica_gpus: float | None = None
+
+    def cluster(self) -> Cluster:
+        """Return where the run is placed."""
+        from betterbench.evaluation.ray_engine.cluster import Cluster
+
+        return Cluster(self.ray_address, 1 if self.replicas is None else self.replicas, self.replica_gpus)
+
+
+def evaluate_command(
+    *,
+    policy: str | None = None,
+    out: Path | None = None,
+    from_run: Annotated[Path | None, tyro.conf.arg(name="from")] = None,
+    chosen: Annotated[TrialOptions, tyro.conf.arg(name="")] = TrialOptions(),
+    world: Annotated[WorldOptions, tyro.conf.arg(name="")] = WorldOptions(),
+    workers: int | None = None,
+    envs: int | None = None,
+    engine: Literal["local", "ray"] = "local",
+    ray: Annotated[RayOptions, tyro.conf.arg(name="")] = RayOptions(),
+    policy_timeout: float = 300.0,
+    certificate: Path | None = None,
+    uncertified: bool = False,
+    allow_other_versions: bool = False,
+    allow_changed_policy: bool = False,
+    trust: bool = False,
+    explain_power: bool = False,
+    json: bool = False,
+) -> None:
+    """Evaluate a policy. The same command resumes an unfinished run.
+
+    Every variation runs with the same seeds, and the training conditions with as many trials in all, of which the first
+    are the counterfactual twins. Trials that no certificate covers are refused (see better certify).
+
+    Example: better eval --policy expert --tasks fast_food --trials 3 --out runs/expert
+
+    Args:
+        policy: Address of the policy (see better list policies); with --from, one other than that of the run.
+        out: Folder of the run; runs/POLICY if not given.
+        from_run: run.json of another run, or its folder, whose trials, seeds, conventions and policy are repeated.
+        chosen: The trials and the conventions.
+        world: Settings of a foreign world.
+        workers: Worker processes; one per processor if not given.
+        envs: Environments of each worker, which hide the policy's latency; a warm-up chooses if not given.
+        engine: local runs the workers on this machine, ray on a Ray cluster (extra ray).
+        ray: Where a run on a Ray cluster is placed.
+        policy_timeout: Deadline of an answer of a python: or lerobot: policy [s]; addresses of servers have their own.
+        certificate: Certificate of better certify, or its folder; the one that ships with the suite if not given.
+        uncertified: Also run trials that no certificate covers.
+        allow_other_versions: With --from, repeat the run although versions differ that results depend on.
+        trust: With --from or --run-file, let what the file names run code, or send the key that its address names.
+        allow_changed_policy: Resume although the policy declares something else than when the run began.
+        explain_power: Say at length which drops the trials can show, and which not.
+        json: Print one JSON document at the end.
+    """
+    if engine == "local":
+        _refuse_changed(
+            ray, "it is for a Ray cluster, and the engine is local", "Add --engine ray, or leave out {option}"
+        )
+    if is_foreign(chosen.suite):
+        plan = _world_plan(policy, from_run, chosen, world)
+    else:
+        _refuse_changed(world, "it is for a foreign world", "Leave out {option}, or give --suite calvin")
+        plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
+        if not uncertified:
+            require_certified(plan, certificate)
+        out = out or Path("runs") / default_folder(plan.policy)
+        certified = ([] if certificate is None else ["--certificate", str(certificate)]) + [
+            "--uncertified"
+        ] * uncertified
+        _say_plan(plan, out, chosen, certified if from_run is None else None, at_length=explain_power)
+    run = run_with_bar(
+        plan,
+        out or Path("runs") / default_folder(plan.policy),
+        workers=workers,
+        envs=envs,
+        engine=engine,
+        cluster=ray.cluster(),
+        policy_timeout_s=policy_timeout,
+        allow_changed_policy=allow_changed_policy,
+        repeats=from_run if policy is None else None,
+    )
+    _print_counts(run, plan, json=json)
+
+
+def _say_plan(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] | None, *, at_length: bool) -> None:
+    """Say how many trials there are and what they can show, and for a large plan a smaller command to begin with.
+
+    ``certified`` are the options about certificates; None where the plan is that of another run.
+    """
+    from betterbench.evaluation.planning.power import smallest_drop_line, what_trials_show
+
+    if plan.until_decided is not None or at_length:
+        most = "" if plan.until_decided is None else "At most "
+        say(f"{most}{len(plan.trials):,} trials. {what_trials_show(plan)}")
+    else:
+        say(f"{len(plan.trials):,} trials. {smallest_drop_line(plan)}")
+    if certified is not None and len(plan.trials) > MANY_TRIALS:
+        smaller = smaller_command(plan, out, chosen, certified)
+        if smaller:
+            say(f"To begin with, {smaller}", whole=True)
+
+
+def smaller_command(plan: Plan, out: Path, chosen: TrialOptions, certified: Sequence[str] = ()) -> str:
+    """Return the command that runs a small part of a plan first, after its trials; empty if the plan is that small."""
+    from betterbench.evaluation.planning.plan import make_plan
+    from betterbench.tasks.user_files import options_for
+
+    task = min({t.task for t in plan.trials}, key=lambda name: (name != FIRST_TASK, name))
+    words = ["--policy", plan.policy]
+    for name in ("action_space", "observation", "quality", "looks", "seed"):
+        if getattr(chosen, name) != getattr(TrialOptions(), name):
+            words += [f"--{name.replace('_', '-')}", str(getattr(chosen, name))]
+    words += [*certified, "--tasks", task, "--trials", str(FIRST_TRIALS), "--out", f"{out}-first"]
+    smaller = make_plan(plan.policy, tasks=(task,), trials=FIRST_TRIALS, seed=chosen.seed)
+    if len(smaller.trials) >= len(plan.trials):
+        return ""
+    return f"{len(smaller.trials)} trials: better eval{options_for([task])} {shell_line(words)}"
+
+
+def _plan(
+    policy: str | None, from_run: Path | None, chosen: TrialOptions, *, allow_other_versions: bool, trust: bool
+) -> Plan:
+    """Return the plan of the options, or that of the run to repeat."""
+    from betterbench.evaluation import make_plan
+    from betterbench.evaluation.planning.repeat import repeated_plan
+    from betterbench.tasks import suite_tasks
+
+    if allow_other_versions and from_run is None:
+        raise InvalidInputError(
+            "--allow-other-versions", "it needs a run to repeat", "Give --from too, or leave it out"
+        )
+    of_suite = suite_tasks(chosen.suite)  # also where --tasks names others, so that a mistyped suite is reported
+    if from_run is not None:
+        _refuse_changed(chosen, "--from repeats a run as it was", "Leave out {option}, or --from")
+        plan = repeated_plan(from_run, policy=policy, allow_other_versions=allow_other_versions, trust=trust)
+        if policy is None:
+            say(f"The policy that {from_run} names: {plan.policy}")
+        return plan
+    if policy is None:
+        raise InvalidInputError("--policy", "no policy is named", "Give its address, or --from RUN to repeat a run")
+    options = asdict(chosen)
+    del options["suite"]
+    options["action_space"] = chosen.action_space or "ee_delta"
+    options["trials"] = USUAL_TRIALS if chosen.trials is None else chosen.trials
+    return make_plan(policy, **{**options, "tasks": chosen.tasks or of_suite})
+
+
+def is_foreign(suite: str) -> bool:
+    """Return whether a suite is run in a foreign world."""
+    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
+    from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+
+    return any(suite in known for known in (SUITES, PLUS_SUITES, CHAIN_SUITES))
+
+
+def _world_plan(policy: str | None, from_run: Path | None, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of a foreign world, after saying how it is run."""
+    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
+    from betterbench.tasks.worlds.libero import PLUS_SUITES
+
+    if from_run is not None:
+        raise InvalidInputError("--from", "a run in a foreign world is not repeated", "Give its --suite and --policy")
+    if policy is None:
+        raise InvalidInputError("--policy", "no policy is named", "Give its address")
+    _refuse_changed(
+        replace(chosen, suite="better60", tasks=(), trials=None, seed=0, action_space=None, observation="default"),
+        f"{chosen.suite} has no such choice",
+        "Leave out {option}",
+    )
+    if chosen.suite in PLUS_SUITES:
+        return _plus_plan(policy, chosen, world)
+    plus = WorldOptions(**{name: getattr(world, name) for name in _PLUS_OPTIONS})
+    _refuse_changed(plus, "it is for LIBERO-Plus", "Leave out {option}, or give --suite libero_plus_object")
+    return (_chain_plan if chosen.suite in CHAIN_SUITES else _libero_plan)(policy, chosen, world)
+
+
+def _chain_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of CALVIN, after saying how it is run."""
+    from betterbench.evaluation.planning.world_plan import make_chain_plan
+    from betterbench.sim.worlds import calvin_command
+    from betterbench.statistics.wording import plural
+    from betterbench.tasks.worlds.calvin import STEPS_PER_SUBTASK
+
+    _refuse_changed(
+        replace(world, broken_premises="refuse", calvin_env=None, calvin_config=None, calvin_renderer="auto"),
+        "it is for LIBERO",
+        "Leave out {option}",
+    )
+    if chosen.tasks:
+        raise InvalidInputError("--tasks", "CALVIN has chains and no tasks", "Give --seed and --trials")
+    plan = make_chain_plan(
+        policy,
+        suite=chosen.suite,
+        command=calvin_command(
+            world.calvin_env,
+            world.calvin_config,
+            egl=None if world.calvin_renderer == "auto" else world.calvin_renderer == "egl",
+        ),
+        trials=chosen.trials,
+        seed=chosen.seed,
+        action_space=chosen.action_space,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+    )
+    made_of = "" if plan.world is None else "; ".join(f"{k}: {v}" for k, v in plan.world.versions.items())
+    say(
+        f"{plural(len(plan.trials), 'chain')} of {chosen.suite}, at most {STEPS_PER_SUBTASK} steps for each of five "
+        f"instructions. {made_of}."
+    )
+    return plan
+
+
+def _libero_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of LIBERO, after saying how it is run."""
+    from betterbench.evaluation.planning.world_plan import make_world_plan
+    from betterbench.statistics.wording import plural
+    from betterbench.tasks.worlds.libero import OURS, protocol_named, suite_named
+
+    _refuse_changed(replace(world, protocol="openpi", broken_premises="refuse"), *_FOR_CALVIN)
+    plan = make_world_plan(
+        policy,
+        suite=chosen.suite,
+        protocol=world.protocol,
+        tasks=chosen.tasks,
+        trials=chosen.trials,
+        seed=chosen.seed,
+        action_space=chosen.action_space,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+    )
+    by = protocol_named(world.protocol)
+    steps = by.steps[suite_named(chosen.suite).base]
+    say(
+        f"{plural(len(plan.trials), 'trial')} of {chosen.suite}, protocol {by.name}: "
+        f"{by.settling_steps} settling steps, then at "
+        f"most {steps} steps; seed {by.seed}. Against openpi: {by.differences or 'the same'}. Against all: {OURS}."
+    )
+    return plan
+
+
+def _plus_plan(policy: str, chosen: TrialOptions, world: WorldOptions) -> Plan:
+    """Return the plan of a suite of LIBERO-Plus, after saying how it is run and what is left out."""
+    from betterbench.evaluation.planning.plus_plan import VariantChoice, make_plus_plan
+    from betterbench.sim.worlds import PlusSettings, plus_command
+    from betterbench.statistics.wording import plural
+    from betterbench.tasks.worlds.libero import protocol_named, suite_named
+
+    known = {name: getattr(world, name) for name in ("protocol", "broken_premises", *_PLUS_OPTIONS)}
+    _refuse_changed(replace(world, **{name: getattr(WorldOptions(), name) for name in known}), *_FOR_CALVIN)
+    plan = make_plus_plan(
+        policy,
+        suite=chosen.suite,
+        choice=VariantChoice(world.axes, world.variants, world.libero_plus_sentences),
+        protocol=world.protocol,
+        tasks=chosen.tasks,
+        trials=chosen.trials,
+        seed=chosen.seed,
+        action_space=chosen.action_space,
+        observation=chosen.observation,
+        refuse_broken=world.broken_premises != "run",
+        command=plus_command(world.libero_plus_assets),
+    )
+    by = protocol_named(world.protocol)
+    steps = by.steps[suite_named(chosen.suite).base]
+    counts = Counter(trial.axis for trial in plan.trials)
+    say(
+        f"{plural(len(plan.trials), 'trial')} of {chosen.suite} "
+        f"({', '.join(f'{axis} {n}' for axis, n in counts.items())}): "
+        f"{by.settling_steps} settling steps, then at most {steps} steps; seed {by.seed}; "
+        f"{world.libero_plus_sentences} sentences."
+    )
+    if isinstance(plan.world, PlusSettings) and plan.world.left_out:
+        missing = ", ".join(f"{axis} {n}" for axis, n in plan.world.left_out.items())
+        say(f"Not run, because they want the authors' assets: {missing}. Download them and give --libero-plus-assets.")
+    return plan
+
+
+def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: str, cure: str) -> None:
+    """Refuse the first option that is not at its default."""
+    for field in fields(given):
+        if getattr(given, field.name) != field.default:
+            option = f"--{field.name.replace('_', '-')}"
+            raise InvalidInputError(option, problem, cure.format(option=option))
+
+
+def require_certified(plan: Plan, certificate: Path | None) -> None:
+    """Check that a certificate covers every trial of a plan, and name those that the expert did not solve.
+
+    Without a path, it is the certificate that ships with the suite. It covers the seen looks: unseen ones without a
+    certificate of their own are run, and a line says that they are not certified.
+    """
+    from betterbench.certification import load_coverage, packaged_coverage
+    from betterbench.certification.refusal import require_coverage
+    from betterbench.evaluation.planning.plan import plan_extent
+
+    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    if certificate is None and plan.looks != coverage.versions.looks:
+        say(f"These trials are not certified: the packaged certificate covers the {coverage.versions.looks} looks.")
+        return
+    seed, trials = plan_extent(plan)
+    planned = [t.id for t in plan.trials]
+    unsolved = require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
+    if unsolved:
+        say(unsolved)
+
+
+def default_folder(policy: str) -> str:
+    """Return the name of the folder that the runs of a policy go to unless another one is named."""
+    return default_name(policy, otherwise="policy")
+
+
+def prepare_robot(name: str) -> None:
+    """Decimate the meshes of a robot into the cache, with a bar; later runs find them there and show nothing."""
+    from betterbench.sim.robots import build_robot_spec
+
+    with ExitStack() as stack:
+        shown: list[Callable[..., None]] = []
+
+        def on_progress(what: str, done: int, planned: int) -> None:
+            if not shown:
+                bar, task = stack.enter_context(progress_bar(what, planned, stays=False))
+                shown.append(lambda **changes: bar.update(task, **changes))
+            shown[0](description=what, completed=done, total=planned)
+
+        build_robot_spec(name, progress=on_progress)
+
+
+def _say_what_is_done(plan: Plan, out: Path) -> None:
+    """Say at once how much of a run that is resumed is done; faults of the folder are said when it is opened."""
+    from betterbench.records import RunFolder
+
+    if not (out / "journal.jsonl").is_file():
+        return
+    try:
+        entries = RunFolder.open(out).entries()
+    except BetterError:
+        return
+    planned = {t.id for t in plan.trials}
+    done = sum(e.status == "done" and e.key in planned for e in entries)
+    if done:
+        say(f"{done:,} of {len(planned):,} trials are done already; {len(planned) - done:,} are left.")
+
+
+class _RunLine:
+    """The line that shows how far a run is, after each trial and between two of them."""
+
+    def __init__(self, plan: Plan, out: Path, label: str | None, draw: Callable[[int, str], None]) -> None:
+        from betterbench.cli.outlook import Outlook, step_limits
+        from betterbench.cli.tally import RunTally
+        from betterbench.records import RunFolder
+
+        self.ended: list[JournalEntry] = []  # in this session
+        self.elapsed_s = 0.0
+        self._draw = draw
+        self._folder, self._start = RunFolder(out, {}, {}), "" if label is None else f"{label}: "
+        self._tally, self._outlook = RunTally(), Outlook(step_limits(plan))
+        self._progress: Progress | None = None
+        self._began_s = time.monotonic()
+        self._next_line_s, self._estimated = 0.0, False
+
+    def progress(self, progress: Progress) -> None:
+        """Show the run after a trial has ended, or as it begins."""
+        if progress.last is None:
+            self._tally.resume(self._folder)
+            done = {e.key for e in self._folder.entries() if e.status == "done"} if progress.done else set()
+            self._outlook.begin(done)
+        else:
+            self._tally.add(self._folder, progress.last)
+            self.ended.append(progress.last)
+            if progress.last.status == "done":
+                self._outlook.end(progress.last.key)
+        self.elapsed_s = progress.elapsed_s
+        self._progress = progress
+        self._show(progress)
+
+    def step(self, steps: int) -> None:
+        """Show the run after its workers have reported steps."""
+        self._outlook.see(steps)
+        if self._progress is None:
+            return
+        if not self._estimated and self._outlook.seen_s >= FIRST_ESTIMATE_S:
+            self._estimated = True
+            estimate = self._outlook.first_estimate()
+            if estimate:
+                say(f"{self._start}{estimate}")
+        self._show(self._progress)
+
+    def _show(self, progress: Progress) -> None:
+        note = self._tally.note(progress, left=self._outlook.note(progress))
+        self._draw(progress.done, note)
+        now_s = time.monotonic() - self._began_s
+        if not ERR.is_terminal and now_s >= self._next_line_s:
+            self._next_line_s = now_s + (LOG_EVERY_S if self._outlook.steps else min(FIRST_LOG_S, LOG_EVERY_S))
+            say(f"{self._start}{progress.done}/{progress.planned} trials{f' · {note}' if note else ''}")
+
+
+def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: Any) -> RunFolder:  # noqa: ANN401 - those of evaluate
+    """Run a plan with a progress bar on standard error, after the meshes of its robot are ready.
+
+    The bar is called by the policy, or by the ``label``.
+
+    The options are those of :func:`betterbench.evaluation.evaluate`, with one worker per processor if not given.
+    """
+    from betterbench.cli.tally import service_text, times_text
+    from betterbench.evaluation import evaluate
+    from betterbench.evaluation.running.summary import policy_service, run_times
+    from betterbench.policies.kinds.factory import needs_no_thread
+
+    _say_what_is_done(plan, out)
+    if plan.world is None:
+        prepare_robot(plan.robot)
+    with progress_bar(label or plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
+        shown = _RunLine(plan, out, label, lambda done, note: bar.update(task, completed=done, note=note))
+        on_progress, on_steps = shown.progress, shown.step
+        run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress, on_steps=on_steps)
+    ended, elapsed_s = shown.ended, shown.elapsed_s
+    answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
+    if answers:
+        say(f"policy: {answers}")
+    times = run_times(run.entries())
+    if times is not None:
+        chosen = options.get("envs") is None
+        say(f"time: {times_text(times, foreign=plan.world is not None, chosen=chosen)}")
+    return run
+
+
+def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
+    """Print how many trials succeeded and how many broke down, and the verdicts of a run until decided."""
+    from betterbench.evaluation.running.summary import run_counts, run_times
+    from betterbench.statistics import Rate, percent
+    from betterbench.tasks.user_files import options_for
+
+    decided = _decided(run, plan)
+    counts = run_counts(run, seeds=None if decided is None else decided.first_seeds)
+    if json:
+        times = run_times(run.entries())
+        told = {"times": None if times is None else times.to_json()}
+        print_json({**counts, **told, **({} if decided is None else {"until_decided": decided.to_json()})})
+        _require_a_trial(run)
+        return
+    if decided is not None:
+        trials = sum(e.status == "done" for e in run.entries())
+        OUT.print(f"{decided.summary} It took {trials} trials.", markup=False)
+        OUT.print(f"Success with the first {len(decided.first_seeds)} seeds, which every variation got:", markup=False)
+    for name in ("training", "variations"):
+        k, n = counts[name]["k"], counts[name]["n"]
+        rate = Rate(k, n)
+        interval = f"95 % interval {100 * rate.low:.0f} to {100 * rate.high:.0f}"
+        shown = "no trials" if rate.value is None else f"{percent(k, n)} % success ({k}/{n}, {interval})"
+        OUT.print(f"{name:<11} {shown}", markup=False)
+    broken = counts["errors"]["k"]
+    if broken:
+        OUT.print(f"broken      {broken} trials broke down; the same command runs them again", markup=False)
+    failed = [e.message for e in run.entries() if e.status == "done" and e.message is not None]
+    if failed:
+        text = f"errors      {len(failed)} trials ended with an error of the policy, the first with {failed[0]}"
+        OUT.print(text, markup=False, soft_wrap=not OUT.is_terminal)
+    if plan.policy == "expert" and plan.world is None:
+        _print_expert(run)
+    following = f"better report {shell_word(run.path)}{options_for({t.task for t in plan.trials})}"
+    OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
+    if plan.world is None:
+        OUT.print(f"next        {following}", markup=False, soft_wrap=True)
+    _require_a_trial(run)
+
+
+def _print_expert(run: RunFolder) -> None:
+    """Print what stopped the expert in the first trial that it did not solve, and how to look at it."""
+    from betterbench.tasks.user_files import options_for
+
+    failed = [e for e in run.entries() if e.status == "done" and not run.outcome(e).success]
+    if not failed:
+        return
+    first = next((e for e in failed if e.ground_truth.get("mishap")), failed[0])
+    why = first.ground_truth.get("mishap") or "it met no obstacle; look at what moves or falls"
+    text = f"{first.task}/{first.condition} seed {first.seed}: {why} (docs/adding-a-task.md, If the expert fails)"
+    OUT.print(f"expert      {text}", markup=False, soft_wrap=not OUT.is_terminal)
+    record = shell_word(run.record_path(first.task, first.condition, first.seed))
+    shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
+    OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
+
+
+def _require_a_trial(run: RunFolder) -> None:
+    """Raise PolicyError, with what broke first, if every trial broke: in the policy, its server or outside of both."""
+    from betterbench.errors import PolicyError
+    from betterbench.evaluation.running.summary import broken_trials
+
+    broken = broken_trials(run)
+    if broken and len(broken) == len(run.entries()):
+        first = broken[0]
+        counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
+        raise PolicyError(f"{counted} broke, so nothing was measured. {first.key}: {first.message or 'no message'}")
+
+
+def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:
+    """Return what a run until decided has decided, from its records; None for a run of all trials."""
+    from betterbench.diagnosis.until_decided import decided_of
+
+    if plan.until_decided is None:
+        return None
+    done = {e.key for e in run.entries() if e.status == "done"}
+    trials = [t.id for t in plan.trials]
+    return decided_of(plan.until_decided, trials, lambda trial: run.succeeded(trial) if trial in done else None)

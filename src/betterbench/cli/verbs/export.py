@@ -1,0 +1,255 @@
+"""``better export``: a run for others: one file of outcomes, an experiment tracker, or a data set to train on."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, passing_bar, print_json, progress_bar, say
+from betterbench.errors import InvalidInputError
+from betterbench.quoting import default_name
+
+
+def export_command(
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    *,
+    to: Literal["submission", "tensorboard", "wandb", "lerobot", "lerobot-v2.1", "robomimic"] = "submission",
+    out: Path | None = None,
+    name: str | None = None,
+    project: str = "betterbench",
+    check: Path | None = None,
+    preset: str | None = None,
+    tasks: tuple[str, ...] = (),
+    variations: bool = False,
+    images: Literal["video", "png"] = "video",
+    observation: str | None = None,
+    quality: str | None = None,
+    validation: float = 0.0,
+    language: bool = False,
+    vqa: Path | None = None,
+    workers: int | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Write the outcomes of a run for others, or demonstrations of runs as a data set to train policies on.
+
+    A submission holds the outcome of every planned trial, all versions, and the hash of every record; better compare
+    reads it. A data set (lerobot, lerobot-v2.1, robomimic) holds what a policy of the preset is shown and has to answer
+    in the successful trials of training conditions: a policy trained on it is evaluated with the same preset. Ctrl-C
+    keeps finished episodes; the same command resumes.
+
+    Example: better export runs/demos --to lerobot --preset lerobot --out sets/demos
+
+    Args:
+        runs: Folder of the run; of several runs for a data set.
+        to: submission; tensorboard or wandb (extras of these names; what wandb sends and where is up to its own
+            settings, such as WANDB_MODE=offline); lerobot (version 3.0), lerobot-v2.1 (for openpi, and with
+            modality.json for GR00T and Being-H) or robomimic (HDF5, extra robomimic).
+        out: File of the submission, NAME.json if not given; folder of the tracker, RUN/TRACKER; folder of the data set,
+            or its file for robomimic.
+        name: What the policy is called; the name that it declared if not given.
+        project: Project of the tracker wandb.
+        check: Submission, or data set, to compare with the records of the runs instead; nothing is written.
+        preset: Layout of the data set, as in a policy's address (?preset=NAME); lerobot if not given, for lerobot-v2.1
+            gr00t_new_embodiment and for robomimic native.
+        tasks: Tasks of the data set; all of the runs if none is named.
+        variations: Also export successful trials of test variations, which then no longer test a policy.
+        images: How images are stored: video (H.264) or png (without loss, six times larger). robomimic's have no loss.
+        observation: Observation preset of the evaluation; the first one with the cameras of the layout if not given.
+        quality: Render preset of the images; that of the run if not given.
+        validation: Share of the seeds whose episodes are for validation; they come last.
+        language: Also write the language columns, which LeRobot 0.6 and newer read and older ones refuse.
+        vqa: Set of better vqa about the same run, whose questions stand in these columns.
+        workers: Episodes that are drawn at once; one per processor if not given.
+        overwrite: Replace a file that better export did not write, or another data set of better export.
+        json: Print one JSON document about what was written or checked.
+    """
+    if not runs:
+        named = "Give the folder of the run, that which --out named when it was made"
+        compared = f"Give the folders of the runs with whose records {check} is to be compared"
+        raise InvalidInputError("runs", "no run is named", named if check is None else compared)
+    if check is not None and _is_dataset(check):
+        _check_dataset(runs, check, as_json=json)
+        return
+    if to in _PRESETS:
+        options = _DatasetOptions(_PRESETS[to] if preset is None else preset, tasks, variations, observation, workers)
+        written = {
+            "form": images,
+            "quality": quality,
+            "validation": validation,
+            "language": language,
+            "questions": vqa,
+            "overwrite": overwrite,
+        }
+        _export_dataset(runs, to, out, options, written, as_json=json)
+        return
+    given = {
+        "--preset": preset, "--tasks": tasks, "--variations": variations, "--images": images != "video",
+        "--observation": observation, "--quality": quality, "--validation": validation, "--language": language,
+        "--vqa": vqa,
+    }  # fmt: skip
+    _refuse(given, to)
+    _export_outcomes(runs, to, out, name=name, project=project, check=check, overwrite=overwrite, as_json=json)
+
+
+def _refuse(given: Mapping[str, object], to: str) -> None:
+    """Raise InvalidInputError about an option of data sets that was given."""
+    for option, value in given.items():
+        if value:
+            cure = f"Add --to {', --to '.join(_PRESETS)}, or leave it out"
+            raise InvalidInputError(option, f"belongs to data sets, and {to} is none", cure)
+
+
+def _is_dataset(path: Path) -> bool:
+    """Return whether a data set is meant, and no submission."""
+    from betterbench.demonstrations.export.robomimic import is_hdf5
+
+    return path.is_dir() or path.suffix in (".hdf5", ".h5") or is_hdf5(path)
+
+
+_PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robomimic": "native"}
+"""The layout of each format, if no other is asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class _DatasetOptions:
+    """What decides which frames a data set has, and who makes them."""
+
+    preset: str
+    tasks: tuple[str, ...]
+    variations: bool
+    observation: str | None
+    workers: int | None
+
+
+def _export_dataset(
+    runs: tuple[Path, ...],
+    to: Any,  # noqa: ANN401 - the name of a format
+    out: Path | None,
+    options: _DatasetOptions,
+    written: dict[str, Any],
+    *,
+    as_json: bool,
+) -> None:
+    from betterbench.cli.progress import took
+    from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
+    from betterbench.demonstrations.export.job import validation_seeds
+    from betterbench.records import RunFolder
+
+    if out is None:
+        what = "file, such as demos.hdf5" if to == "robomimic" else "folder of the data set"
+        raise InvalidInputError("--out", "is missing", f"Name the {what}")
+    layout = layout_of(options.preset, options.observation)
+    folders = [RunFolder.open(run) for run in runs]
+    selection = select_demonstrations(folders, tasks=options.tasks, variations=options.variations)
+    plan = ExportPlan(folders, selection, layout, to, out, **written)
+    began = time.monotonic()
+    with progress_bar("export", len(selection.demonstrations)) as (bar, task):
+        done = export_dataset(
+            plan,
+            workers=options.workers or os.cpu_count() or 1,
+            on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
+        )
+        bar.update(task, completed=len(selection.demonstrations))
+    seconds = time.monotonic() - began
+    left_out = [f"{count} {reason}" for reason, count in done.left_out.items()]
+    seeds = {chosen.trial.seed for chosen in selection.demonstrations}
+    if plan.validation and not validation_seeds(seeds, plan.validation):
+        say(f"no seed is held out: {plan.validation:g} of {len(seeds)} seeds is less than one")
+    if left_out:
+        say(f"left out: {', '.join(left_out)}")
+    if options.variations:
+        say("with test variations: a policy that is trained on these episodes is not tested by the same variations")
+    document = asdict(done) | {"path": str(done.path), "seconds": round(seconds, 3)}
+    sentence = (
+        f"{done.episodes} episodes, {done.frames} frames\n{took(seconds, done.bytes)}\n"
+        f"written to  {done.path}\nevaluate    {done.evaluate}"
+    )
+    _tell(document, sentence, as_json=as_json)
+
+
+def _check_dataset(runs: tuple[Path, ...], path: Path, *, as_json: bool) -> None:
+    from betterbench.demonstrations.export import check_export
+    from betterbench.records import RunFolder
+
+    with progress_bar("check", 0) as (bar, task):
+        found = check_export(
+            [RunFolder.open(run) for run in runs],
+            path,
+            on_progress=lambda count, planned: bar.update(task, completed=count, total=planned),
+        )
+    sentence = (
+        f"{path}: holds what the records say: {found.episodes} episodes, {found.frames} frames, "
+        f"{found.pictures} pictures drawn again (largest mean error {found.worst_error:.2f} of 255 levels)"
+    )
+    _tell(asdict(found), sentence, as_json=as_json)
+
+
+def _export_outcomes(
+    runs: tuple[Path, ...],
+    to: Any,  # noqa: ANN401 - submission or the name of a tracker
+    out: Path | None,
+    *,
+    name: str | None,
+    project: str,
+    check: Path | None,
+    overwrite: bool,
+    as_json: bool,
+) -> None:
+    """Write a submission, compare one with the run, or hand the run's metrics to a tracker."""
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.cli.trackers import write_metrics
+    from betterbench.comparison import read_submission, require_same, submission_of
+    from betterbench.comparison.submission import is_submission, submission_lines
+    from betterbench.jobs import write_durably
+    from betterbench.jobs.lock import FileLock
+    from betterbench.jobs.outputs import OutputFile, require_replaceable
+    from betterbench.records import RunFolder
+
+    if len(runs) > 1:
+        raise InvalidInputError("runs", f"{len(runs)} are named", "Give one run, or --to lerobot and the like")
+    folder = RunFolder.open(runs[0])
+    if check is not None:
+        submission = read_submission(check)
+        with passing_bar(f"diagnosing {folder.path.name}") as told:
+            require_same(folder, submission, on_progress=told)
+        _tell(
+            {"identical": True, "sha256": submission.sha256},
+            f"{check}: identical with what the run proves",
+            as_json=as_json,
+        )
+        return
+    if to != "submission":
+        place = out or folder.inside(to)
+        with FileLock(place):  # beside it, for a tracker reads what is in the folder
+            write_metrics(diagnosed(folder), to, place, name=name, project=project, overwrite=overwrite)
+        _tell({"written": str(place)}, f"written to {place}", as_json=as_json)
+        return
+    if out is not None:  # before the records are read
+        require_replaceable(out, "export", overwrite=overwrite, is_ours=is_submission)
+    with passing_bar(f"diagnosing {folder.path.name}") as told:
+        submission = submission_of(folder, name=name, on_progress=told)
+    file = out or Path(f"{default_name(submission.name, otherwise='submission')}.json")
+    try:
+        with OutputFile(file, "export", overwrite=overwrite, is_ours=is_submission):
+            write_durably(file, submission.file_bytes())
+    except OSError as error:
+        raise InvalidInputError(
+            "--out", f"{file} cannot be written ({error.strerror})", "Name another place"
+        ) from error
+    for line in submission_lines(submission):
+        say(line)
+    _tell({"written": str(file), "sha256": submission.sha256}, f"written to {file}", as_json=as_json)
+
+
+def _tell(document: dict[str, object], sentence: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json(document)
+    else:
+        OUT.print(sentence, markup=False, soft_wrap=True)

@@ -1,0 +1,102 @@
+"""``better list``: what exists."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_listing, print_table
+
+What = Literal["suites", "tasks", "variations", "policies", "assets", "templates"]
+
+
+def list_command(
+    what: Annotated[What, tyro.conf.Positional, tyro.conf.arg(metavar="WHAT")], *, json: bool = False
+) -> None:
+    """List suites, tasks, variations, policies, assets or templates.
+
+    Example: better list variations
+
+    Args:
+        what: suites, tasks, variations, policies, assets or templates.
+        json: Print one JSON document instead of a table.
+    """
+    columns, rows = _table(what)
+    if json:
+        print_json([dict(zip(columns, row, strict=True)) for row in rows])
+        return
+    if what == "tasks":
+        shown = [[name, title, n, varied, f"{template}: {said}"] for name, title, template, n, varied, said in rows]
+        print_listing(["task", "title", "training", "variations", ""], shown)
+    elif what == "suites":
+        print_table([*columns[:2], *columns[3:]], [[suite, world, *rest] for suite, world, _, *rest in rows])
+        absent = list(dict.fromkeys(world for _, world, installed, *_ in rows if installed == "no"))
+        if absent:
+            OUT.print(f"\nnot installed here: {', '.join(absent)}. To install one:", markup=False)
+            OUT.print(f"better worlds install {absent[0]}", markup=False)
+    elif what == "templates":
+        print_listing(
+            [*columns[:2], ""], [[name, title, f"{said} Tasks: {tasks}."] for name, title, tasks, said in rows]
+        )
+    elif what == "variations":
+        print_table(["variation", *columns[2:]], [[name, *rest] for name, _, *rest in rows])
+        axes = {name.split("/")[1][0]: axis.replace("_", " ") for name, axis, *_ in rows}
+        letters = [row[0].split("/")[1][0] for row in rows]
+        counts = ", ".join(f"{letters.count(letter)} {letter}" for letter in "LROT")
+        OUT.print(f"\n{len(rows)} variations: {counts}", markup=False)
+        OUT.print(", ".join(f"{letter}: {axes[letter]}" for letter in "LROT" if letter in axes), markup=False)
+    else:
+        print_table(columns, rows)
+    if what == "variations":
+        OUT.print("support: whether every pose that it needs was seen in training", markup=False)
+    elif what == "policies":
+        OUT.print("\nzoo: faulty on purpose, with one fault that the diagnosis has to find", markup=False)
+
+
+def _table(what: What) -> tuple[list[str], list[list[str]]]:
+    """Return the columns and rows of a list."""
+    if what == "suites":
+        return ["suite", "world", "installed", "tasks", "what it is"], _suites()
+    if what == "policies":
+        from betterbench.policies.kinds.known_policies import known_policies
+
+        policies = [[p.address, "state" if p.privileged else "observations", p.summary] for p in known_policies()]
+        return ["policy", "sees", "what it does"], policies
+    if what == "assets":
+        from betterbench.sim.assets import categories, colors, looks
+
+        assets = [[name, str(len(looks(name))), ", ".join(colors(name))] for name in categories()]
+        return ["asset", "looks", "colors"], assets
+    from betterbench.tasks import TEMPLATES, all_tasks
+
+    tasks = all_tasks()
+    if what == "tasks":
+        return ["task", "title", "template", "training", "variations", "description"], [
+            [t.id, t.title, t.template.title, str(len(t.training)), str(len(t.variations)), t.description]
+            for t in tasks
+        ]
+    if what == "templates":
+        return ["template", "title", "tasks", "challenge"], [
+            [t.name, t.title, ", ".join(task.id for task in tasks if task.template is t), t.challenge]
+            for t in TEMPLATES.values()
+        ]
+    return ["variation", "axis", "from", "expected", "support", "what changes"], [
+        [f"{t.id}/{v.name}", v.axis.value, v.base, v.expected.value, v.support.value, v.title]
+        for t in tasks
+        for v in t.variations
+    ]
+
+
+def _suites() -> list[list[str]]:
+    """Return our suite and those of the foreign worlds, and whether each can be run here."""
+    from betterbench.sim.worlds import WORLDS
+    from betterbench.tasks import suite_tasks
+    from betterbench.tasks.worlds.calvin import CHAIN_SUITES
+    from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+
+    listed = [["better60", "betterbench", "yes", str(len(suite_tasks("better60"))), "tasks with six variations each"]]
+    for world, suites in (("libero", SUITES), ("libero_plus", PLUS_SUITES), ("calvin", CHAIN_SUITES)):
+        installed = "yes" if WORLDS[world].is_installed else "no"
+        listed += [[suite.name, world, installed, str(suite.tasks), suite.summary] for suite in suites.values()]
+    return listed

@@ -1,0 +1,94 @@
+"""``better premise``: whether the scenes of a foreign world show what their sentences presuppose."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.sim.worlds.premises import PremiseEntry
+
+
+def premise_command(
+    world: Annotated[Literal["libero", "libero_plus"], tyro.conf.Positional],
+    *,
+    suites: tuple[str, ...] = (),
+    out: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Check every initial state of LIBERO against its sentence, on the engine at hand.
+
+    Each state settles as in a run, and every relation of the task's file between a thing that the sentence is about and
+    another object is asked of LIBERO itself. An update of the engine breaks scenes. A task takes about half a minute;
+    the same command goes on where it was interrupted. Of LIBERO-Plus, the new layouts and the rest poses of the robot
+    are checked in the one state that they are run from, as far as the assets are there (a few seconds each).
+
+    Example: better premise libero --suites libero_spatial
+
+    Args:
+        world: libero, or libero_plus.
+        suites: The suites to check; spatial, object, goal and 10 of the world if none is named.
+        out: File of JSON lines that keeps the entries; premises-libero.jsonl, or premises-libero_plus.jsonl, if not
+            given.
+        overwrite: Replace a file of --out that holds anything else than entries.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.jobs.durable import write_durably
+    from betterbench.jobs.outputs import OutputFile
+    from betterbench.sim.worlds import WorldProcess, world_command
+    from betterbench.sim.worlds.premises import check_premises, entries_bytes, is_premise_file, read_entries
+    from betterbench.tasks.worlds.libero import PLUS_SUITES, suite_named
+
+    chosen = suites or tuple(f"{world}_{name}" for name in ("spatial", "object", "goal", "10"))
+    for name in chosen:
+        if (suite_named(name).name in PLUS_SUITES) != (world == "libero_plus"):
+            raise InvalidInputError(
+                "--suites", f"{name} is not a suite of {world}", "Name the other world, or suites of this one"
+            )
+    path = out or Path(f"premises-{world}.jsonl")
+    found: list[PremiseEntry] = []
+    with OutputFile(path, "premise", overwrite=overwrite, is_ours=is_premise_file), ExitStack() as stack:
+        known = read_entries(path) if not overwrite or is_premise_file(path) else ()
+        kept: list[PremiseEntry] = list(known)
+        process = stack.enter_context(WorldProcess(world_command(world)))
+        for name in chosen:
+            for entry in check_premises(process, name, known=known):
+                found.append(entry)
+                if entry not in known:
+                    kept.append(entry)
+                    write_durably(path, entries_bytes(kept))
+                say(f"{entry.suite} {_task(entry)}: {len(entry.broken_states)} of {entry.states} states broken")
+    if json:
+        print_json([entry.to_json() for entry in found])
+        return
+    shown = found if world == "libero" else [e for e in found if e.broken or e.jumps]
+    rows = [
+        [e.suite, _task(e).removeprefix("task "), f"{len(e.broken_states)}/{e.states}", _said(e), e.instruction]
+        for e in shown
+    ]
+    print_table(["suite", "task", "broken", "what does not hold, or jumps", "sentence"], rows)
+    OUT.print(f"engine: {found[0].engine if found else 'none'}", markup=False, soft_wrap=True)
+
+
+def _task(entry: PremiseEntry) -> str:
+    from betterbench.tasks.worlds.libero_plus import read_variant
+
+    return f"task {entry.task}" + (f" {read_variant(entry.variant).condition}" if entry.variant else "")
+
+
+def _said(entry: PremiseEntry) -> str:
+    said = [f"{name} in {_states(states)}" for name, states in entry.broken.items()]
+    said += [f"{name} moves while settling in {_states(states)}" for name, states in entry.jumps.items()]
+    return "; ".join(said)
+
+
+def _states(states: list[int]) -> str:
+    shown = ", ".join(map(str, states[:5]))
+    return shown + (f" and {len(states) - 5} more" if len(states) > 5 else "")

@@ -1,0 +1,83 @@
+"""``better recipe``: one recipe as the ready configuration and commands of a framework that trains policies."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, print_table, say
+
+if TYPE_CHECKING:
+    from betterbench.demonstrations.recipes import Recipe
+
+
+def recipe_command(
+    framework: Annotated[Literal["openpi", "gr00t", "being-h", "lerobot"], tyro.conf.Positional],
+    *,
+    recipe: str = "better",
+    data: tuple[str, ...] = (),
+    out: Path | None = None,
+    gpus: int = 4,
+    weights: str | None = None,
+    policy: str = "pi05",
+    sample_tokens: int = 220,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Write the configuration and commands that train pi0.5, GR00T, Being-H or a LeRobot policy by a recipe.
+
+    The recipe is one of the paper's (better, libero, calvin) or a file of your own. The folder holds what the
+    framework reads, each command in order with the evaluation at the end, and the source of each field. If the data
+    set of better export is here already, it is checked.
+
+    Example: better recipe openpi --data sets/pi --out recipes/pi
+
+    Args:
+        framework: Who trains.
+        recipe: Name of a recipe of the paper, or a YAML file.
+        data: Folder of the data set, here or where it will be; several for Being-H.
+        out: Folder that is written; without it, the fields are shown.
+        gpus: Number of GPUs.
+        weights: Where training starts from; the framework's published weights if not given.
+        policy: Type of policy for LeRobot: act, diffusion, multi_task_dit, smolvla, pi0 or pi05.
+        sample_tokens: Tokens of one sample, by which Being-H fills its sequences.
+        overwrite: Write to a folder that better recipe did not make, and replace files of the same names there.
+        json: Print one JSON document instead of a table.
+    """
+    from betterbench.demonstrations.recipes import setup_files, trainer_setup, write_setup
+
+    chosen = _recipe(recipe)
+    # The commands are given in the folder of the framework.
+    places = [str(Path(place).absolute()) if Path(place).exists() else place for place in data]
+    setup = trainer_setup(
+        framework, chosen, places, gpus=gpus, weights=weights, policy=policy, sample_tokens=sample_tokens
+    )
+    files = setup_files(setup, chosen)
+    if out is not None:
+        write_setup(files, out, overwrite=overwrite)
+    if json:
+        fields = [asdict(setting) for setting in setup.settings]
+        print_json({"framework": framework, "fields": fields, "files": sorted(files), "evaluate": setup.evaluation})
+        return
+    if out is None:
+        print_table(
+            ["field", "value", "decided by", "where"],
+            [[s.name, str(s.value), s.origin, s.where] for s in setup.settings],
+        )
+    for text in setup.checks:
+        say(f"- {text}")
+    if out is not None:
+        OUT.print(f"written to  {out}: {', '.join(sorted(files))}", markup=False, soft_wrap=True)
+    OUT.print(f"evaluate    {setup.evaluation}", markup=False, soft_wrap=True)
+
+
+def _recipe(text: str) -> Recipe:
+    from betterbench.cli.yaml_file import read_yaml
+    from betterbench.demonstrations.recipes import recipe_of
+
+    if not text.endswith((".yaml", ".yml")):
+        return recipe_of(text)
+    return recipe_of(read_yaml(Path(text), cure="Correct the recipe; docs/recipes.md shows one"), where=text)

@@ -1,0 +1,51 @@
+"""``better report``: one page that says what a policy does and why."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT
+from betterbench.errors import InvalidInputError
+
+
+def report_command(
+    run: Annotated[tuple[Path, ...], tyro.conf.Positional],
+    *,
+    name: tyro.conf.UseAppendAction[tuple[str, ...]] = (),
+    twins: tyro.conf.UseAppendAction[tuple[Path, ...]] = (),
+    out: Path | None = None,
+    latex: bool = True,
+    films: int = 40,
+    overwrite: bool = False,
+) -> None:
+    """Write one self-contained HTML page, with its tables as CSV and LaTeX beside it.
+
+    A run that is still going can be reported too: the page says how many trials are done and counts only those.
+
+    Example: better report runs/expert
+
+    Args:
+        run: Folder of a run; several are put side by side.
+        name: Name of a run on the page, once per run and in their order; that of its policy if not given.
+        twins: For runs in LIBERO-PRO: run of the base suite by the same policy, once per run and in their order.
+        out: Folder of the report; RUN/report if not given.
+        latex: Write LaTeX tables too.
+        films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
+        overwrite: Write to a folder that better report did not make, and replace files of the same names there.
+    """
+    from betterbench.cli.output.page import build_report, print_verdicts
+    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.records import RunFolder
+    from betterbench.report.pages.page import is_report
+
+    if not run:
+        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
+    runs = [RunFolder.open(path) for path in run]
+    place = runs[0].report_path if out is None else out
+    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
+        page, verdicts = build_report(runs, place, names=name, twins=twins, latex=latex, films=films)
+    OUT.print(str(page), markup=False, soft_wrap=True)
+    print_verdicts(verdicts)

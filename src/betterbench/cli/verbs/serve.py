@@ -1,0 +1,175 @@
+"""``better serve``: any policy behind the openpi protocol."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from betterbench.cli.console import OUT, say
+from betterbench.errors import InvalidInputError
+from betterbench.quoting import shell_word
+
+if TYPE_CHECKING:
+    from betterbench.interface import BatchPolicy
+    from betterbench.tasks import TrialId
+
+
+def serve_command(
+    policy: Annotated[str, tyro.conf.Positional],
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8000,
+    chunk: int | None = None,
+    layout: str | None = None,
+    batch: int | None = None,
+    clients: int | None = None,
+    task: str | None = None,
+    condition: str | None = None,
+    seed: int | None = None,
+    api_key_env: str | None = None,
+) -> None:
+    """Serve a policy behind the openpi protocol, for other clients and harnesses, until Ctrl-C or SIGTERM.
+
+    An expert needs the privileged state, so the server runs a shadow simulation of its client's scene. betterbench's
+    own clients name their trial. Any other client plays the trial of --task, --condition and --seed or, if no task is
+    named, the first training condition whose instruction is its prompt.
+
+    Example: better serve expert --port 8000
+
+    Args:
+        policy: Address of the policy (see better list policies).
+        host: Interface to listen on; 0.0.0.0 lets other machines in.
+        port: Port to listen on; 0 for any free one.
+        chunk: Actions in one answer of an expert; 8 if not given.
+        layout: Preset in which an expert reads requests and answers, to try a client or an adapter; the layouts native
+            and openpi_libero if not given.
+        batch: Observations that a policy with act_batch gets at once, at most; 16 if not given.
+        clients: Clients that are served at once, at most; 128 if not given. Further ones are told to come back later.
+        task: Task of clients that name none.
+        condition: Condition of that task; its first training condition if not given.
+        seed: Seed of that trial; 0 if not given.
+        api_key_env: Environment variable with a key that clients have to send.
+    """
+    from betterbench.evaluation import open_server
+    from betterbench.evaluation.serving.server import DEFAULT_CHUNK
+    from betterbench.policies.batching import MAX_BATCH
+    from betterbench.policies.serving.server import MAX_CLIENTS
+
+    trial = chosen_trial(task, condition, seed)
+    key = _key(api_key_env)
+    if chunk is not None:
+        _require_expert(policy)
+    server = open_server(
+        policy,
+        host=host,
+        port=port,
+        chunk=DEFAULT_CHUNK if chunk is None else chunk,
+        batch=MAX_BATCH if batch is None else batch,
+        clients=MAX_CLIENTS if clients is None else clients,
+        trial=trial,
+        layout=layout,
+        api_key=key,
+        made=None if batch is None else _batch_policy(policy),
+    )
+    if api_key_env is None and host not in ("127.0.0.1", "localhost", "::1"):
+        say(f"Anyone who can reach {host} can use this policy; --api-key-env NAME asks for a key.")
+    with _connections_logged(), stopped_by_signal() as stopped, server:
+        OUT.print(
+            f"serving {policy} at {server.address}\n"
+            f"evaluate    better eval --policy {shell_word(server.address)} --trials 3\n"
+            f"or call     openpi_client's WebsocketClientPolicy(host={server.client_host!r}, port={server.port})\n"
+            "Ctrl-C stops.",
+            markup=False,
+            soft_wrap=True,
+        )
+        stopped.wait()
+    say("stopped")
+
+
+def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> TrialId | None:
+    """Return the trial that the options name, or None; a condition or seed without a task is an InvalidInputError."""
+    if task is None:
+        for option, value in (("--condition", condition), ("--seed", seed)):
+            if value is not None:
+                raise InvalidInputError(option, "it belongs to the trial of a task", "Give --task too")
+        return None
+    from betterbench.evaluation import named_trial
+
+    return named_trial(task, condition, 0 if seed is None else seed)
+
+
+def _require_expert(policy: str) -> None:
+    """Raise InvalidInputError if a policy chooses the length of its chunks itself; an unknown one is refused later."""
+    from betterbench.policies.kinds import factory as known
+
+    observes = known.needs_no_thread(policy) or known.is_remote(policy) or known.is_in_process_model(policy)
+    if (observes or policy.startswith("python:")) and not known.is_privileged(policy):
+        raise InvalidInputError(
+            "--chunk", f"{policy} is no expert and chooses the length of its chunks itself", "Leave out --chunk"
+        )
+
+
+def _batch_policy(policy: str) -> BatchPolicy:
+    """Make a policy that answers several observations at once; InvalidInputError if it takes no batches."""
+    from betterbench.interface import BatchPolicy
+    from betterbench.policies.kinds.factory import close_policy, make_policy, needs_no_thread
+
+    made = None if needs_no_thread(policy) else make_policy(policy)
+    if isinstance(made, BatchPolicy):
+        return made
+    close_policy(made)
+    raise InvalidInputError(
+        "--batch", f"{policy} takes no batches", "Leave out --batch, or give the policy an act_batch"
+    )
+
+
+def _key(name: str | None) -> str | None:
+    if name is None:
+        return None
+    key = os.environ.get(name, "")
+    if not key:
+        raise InvalidInputError("--api-key-env", f"the variable {name} is empty", "Set it to the key, then start again")
+    return key
+
+
+@contextmanager
+def _connections_logged() -> Iterator[None]:
+    """Log connections of clients meanwhile, unless only errors are to be logged."""
+    ours = logging.getLogger("betterbench.policies.serving.server")
+    before = ours.level
+    if ours.getEffectiveLevel() <= logging.WARNING:
+        ours.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        ours.setLevel(before)
+
+
+@contextmanager
+def stopped_by_signal() -> Iterator[threading.Event]:
+    """Give an event that SIGTERM and Ctrl-C set, until the context ends.
+
+    A second signal ends the process at once, in case the policy hangs.
+    """
+    stopped = threading.Event()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del frame
+        if stopped.is_set():
+            os._exit(128 + number)
+        stopped.set()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

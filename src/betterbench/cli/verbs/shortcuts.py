@@ -1,0 +1,229 @@
+"""``better shortcuts``: what a learner of a dataset could go by, and which variations it would fail."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, passing_bar, print_item, print_json, print_table, progress_bar, say
+from betterbench.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from betterbench.demonstrations.making.variety import TaskVariety
+    from betterbench.demonstrations.shortcuts.examine import GroupAudit, ShortcutAudit
+    from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
+    from betterbench.demonstrations.shortcuts.prediction import Prediction
+    from betterbench.demonstrations.shortcuts.reading import DataReading
+
+
+def shortcuts_command(
+    data: Annotated[Path, tyro.conf.Positional],
+    *,
+    instruction: str | None = None,
+    gripper: tuple[str, ...] = (),
+    place: tuple[str, ...] = (),
+    closed: Literal["auto", "low", "high"] = "auto",
+    seed: int = 0,
+    out: Path | None = None,
+    sign: Path | None = None,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Find what goes together in demonstrations beyond chance: words and things with places, steps and targets.
+
+    Of a run, each record is told by its states: what stood where, what was taken, where it was put, and how far its
+    demonstrations are apart. Of a LeRobot dataset (2.0 to 3.0) instruction, actions and proprioception are read. Words,
+    pairs of words and whole instructions are tested against where the gripper first closes, where it last opens, how it
+    sets out, and in which order it goes. The audit begins with how the data were read; what names do not tell is not
+    guessed, but asked for by --instruction, --gripper, --place and --closed (COLUMN:NAME, COLUMN[3], COLUMN[0,1,2], or
+    COLUMN for all of it).
+
+    For runs, each rule is held against the variations: those that break it tell a policy that understands from one
+    that goes by the rule. From that follows a prediction, which ranks the variations by how likely a learner of this
+    dataset fails them, and by which label.
+
+    Example: better shortcuts runs/demonstrations --out audit
+
+    Args:
+        data: Folder of a run, or of a LeRobot dataset.
+        instruction: Column with the instructions of a LeRobot dataset: of the frames (texts, or numbers of tasks), or
+            of meta/tasks.
+        gripper: Number that tells how far the gripper is closed, such as action:gripper; one per arm.
+        place: Numbers of the position of the gripper, x first, such as observation.state[0,1,2]; as many for each
+            --gripper, in the same order. A + before them adds up steps.
+        closed: End of the gripper's numbers at which it is closed; auto reads it off names and numbers, or asks for it.
+        seed: Seed of the sample that is drawn of more than 5,000 episodes.
+        out: Folder for shortcuts.json, shortcuts.md and, for runs, prediction.json.
+        sign: Private SSH key with which prediction.json is signed.
+        overwrite: Write to a folder that better shortcuts did not make, and replace files of the same names there.
+        json: Print the audit as one JSON document.
+    """
+    from betterbench.jobs.outputs import OutputFolder
+
+    if sign is not None and out is None:
+        raise InvalidInputError("--sign", "there is no file to sign", "Give --out FOLDER too")
+    choices = {
+        "instruction": instruction,
+        "grippers": gripper,
+        "places": place,
+        "closed": None if closed == "auto" else closed,
+        "seed": seed,
+    }
+    with nullcontext() if out is None else OutputFolder(out, "shortcuts", overwrite=overwrite):
+        facts, audit, prediction = _audited(data, choices)
+        if out is not None:
+            _write(out, audit, prediction, sign)
+    if json:
+        print_json(audit.to_json() | {"variety": [asdict(task) for task in _variety_of(data)]})
+        return
+    _print(facts, audit, prediction, out)
+    _tell_variety(data)
+
+
+def _print(
+    facts: tuple[EpisodeFacts, ...], audit: ShortcutAudit, prediction: Prediction | None, out: Path | None
+) -> None:
+    """Print how the data were read, and what was found."""
+    if audit.reading is not None:
+        print_item(audit.reading.paragraph)
+    for group in audit.groups:
+        if len({fact.instruction for fact in facts if fact.group == group.group}) < 2:
+            say(f"{group.group} has one instruction: whether words are followed cannot be told from it")
+        for note in group.notes:
+            say(f"{group.group}: {note}")
+    _tell(audit, prediction)
+    if out is not None:
+        OUT.print(f"written to {out}", markup=False, soft_wrap=True)
+
+
+def _audited(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], ShortcutAudit, Prediction | None]:
+    """Return what the demonstrations show, what goes together in them, and what follows for the variations."""
+    from betterbench.demonstrations.shortcuts.examine import audit_dataset
+    from betterbench.demonstrations.shortcuts.prediction import predict
+    from betterbench.tasks import task_names
+
+    facts, hashed, reading = _facts_of(data, choices)
+    audit = audit_dataset(str(data), facts, reading)
+    known = {group.group for group in audit.groups} & set(task_names())
+    return facts, audit, predict(audit, dataset_sha256=hashed) if known else None
+
+
+def _facts_of(data: Path, choices: dict[str, Any]) -> tuple[tuple[EpisodeFacts, ...], str, DataReading]:
+    """Return what the demonstrations show, the hash of the set if it is ours, and how they were read."""
+    from betterbench.demonstrations.making.production import set_hash
+    from betterbench.demonstrations.shortcuts.lerobot import Choices, is_lerobot_dataset, read_lerobot
+    from betterbench.demonstrations.shortcuts.shown import facts_of_run, reading_of_run
+    from betterbench.records import RunFolder
+
+    if is_lerobot_dataset(data):
+        found = read_lerobot(data, Choices(**choices))
+        return found.facts, "", found.reading
+    folder = _run_in(data)
+    if not (folder / "run.json").exists():
+        problem = "it is neither a run nor a LeRobot dataset"
+        raise InvalidInputError(str(data), problem, "Give a folder with run.json, or with meta/info.json")
+    for option in ("instruction", "grippers", "places", "closed"):
+        if choices[option]:
+            problem = f"belongs to LeRobot datasets, and {data} is a run, whose records tell this themselves"
+            raise InvalidInputError(f"--{option.removesuffix('s')}", problem, "Leave it out")
+    run = RunFolder.open(folder)
+    entries = list(run.entries())
+    trials = [e.key for e in entries if e.status == "done" and run.succeeded(e.key, e)]
+    facts = []
+    with progress_bar("read", len(trials), stays=False) as (bar, shown):
+        for _, fact in facts_of_run(run, trials):
+            facts.append(fact)
+            bar.update(shown, completed=len(facts))
+    return tuple(facts), set_hash(run), reading_of_run(facts, len(entries))
+
+
+def _run_in(data: Path) -> Path:
+    """Return the folder of the run in a folder of better dataset, or the folder itself."""
+    return data / "demonstrations" if (data / "recipe.json").exists() else data
+
+
+def _variety_of(data: Path) -> tuple[TaskVariety, ...]:
+    """Return how far the demonstrations of a run are apart; none of a LeRobot dataset, whose objects are not known."""
+    from betterbench.demonstrations.making.variety import variety_of_run
+    from betterbench.records import RunFolder
+
+    if not (_run_in(data) / "run.json").exists():
+        return ()
+    with passing_bar("comparing the demonstrations") as told:
+        return variety_of_run(RunFolder.open(_run_in(data)), on_progress=told)
+
+
+def _tell_variety(data: Path) -> None:
+    from betterbench.cli.output.demonstrations import tell_variety
+
+    tell_variety(_variety_of(data))
+
+
+def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: Path | None) -> None:
+    import json as json_module
+
+    from betterbench.demonstrations.shortcuts.page import audit_lines, doubt, prediction_lines
+    from betterbench.demonstrations.shortcuts.prediction import sign, write_prediction
+    from betterbench.jobs import write_durably
+
+    text = json_module.dumps(audit.to_json(), indent=1, ensure_ascii=False) + "\n"
+    lines = ["# Shortcuts", "", *audit_lines(audit)]
+    write_durably(out / "shortcuts.json", text.encode())
+    if prediction is not None:
+        doubts = [f"{said}.", ""] if (said := doubt(audit, prediction)) else []
+        lines += ["## Prediction", "", *doubts, *prediction_lines(prediction)]
+        write_prediction(out / "prediction.json", prediction)
+        if key is not None:
+            sign(out / "prediction.json", key)
+    write_durably(out / "shortcuts.md", ("\n".join(lines).rstrip() + "\n").encode())
+
+
+def _tell_asked(group: GroupAudit) -> None:
+    """Print which questions were tested, which were not, and which rules are the meaning of words."""
+    from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
+
+    print_item(f"tested in {group.group}: {tested_text(group.asked)}")
+    if untested := untested_text(group.asked):
+        print_item(f"not tested in {group.group}: {untested}")
+    for f in group.findings:
+        if f.meaning:
+            print_item(f"no shortcut, because {f.meaning}: {'; '.join(f.rules)}")
+
+
+def _tell(audit: ShortcutAudit, prediction: Prediction | None) -> None:
+    from betterbench.demonstrations.shortcuts.page import doubt
+    from betterbench.demonstrations.shortcuts.smallest import shares_line
+    from betterbench.statistics.wording import plural
+
+    rows = []
+    for group in audit.groups:
+        for f in group.shortcuts:
+            p = "–" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
+            broken = ", ".join(name for name, _ in f.separating) or "–"
+            rows.append((group.group, f.title, f"{f.strength:.2f}", p, broken))
+    if rows:
+        print_table(("group", "what goes together", "strength", "p", "broken by"), rows)
+        OUT.print("rules:", markup=False)
+    for group in audit.groups:
+        for f in group.shortcuts:
+            print_item(f"{group.group}, {f.title}: {'; '.join(f.rules[:2])}", indent=2)
+    count = sum(group.episodes for group in audit.groups)
+    groups = plural(len(audit.groups), "group")
+    OUT.print(f"{plural(len(rows), 'shortcut')} in {plural(count, 'demonstration')} of {groups}", markup=False)
+    for group in audit.groups:
+        _tell_asked(group)
+    print_item("smallest rule that so many demonstrations would have shown, as the share of them that it decides:")
+    for group in audit.groups:
+        shown = shares_line(group.smallest) or "no question could be tested, because nothing differs"
+        print_item(f"{group.group} ({plural(group.episodes, 'demonstration')}): {shown}", indent=2)
+    if prediction is not None:
+        at_risk = [f for f in prediction.variations if f.risk > 0.0]
+        likeliest = ", ".join(f"{f.task}/{f.variation} ({f.label}, {f.risk:.2f})" for f in at_risk[:5]) or "none"
+        said = f"variations at risk: {len(at_risk)} of {len(prediction.variations)}, the likeliest: {likeliest}"
+        print_item(said)
+        if unsure := doubt(audit, prediction):
+            print_item(unsure)

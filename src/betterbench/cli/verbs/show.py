@@ -1,0 +1,44 @@
+"""``better show``: a training scene beside a test scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from betterbench.cli.console import say
+from betterbench.errors import InvalidInputError
+
+
+def show_command(
+    what: Annotated[str, tyro.conf.Positional],
+    *,
+    out: Path = Path("scene.png"),
+    seed: int = 0,
+    size: int = 512,
+    overwrite: bool = False,
+) -> None:
+    """Draw a training scene beside the test scene of the same seed, with what changed outlined.
+
+    Example: better show fast_food/T1 --out t1.png
+
+    Args:
+        what: TASK for its training conditions, or TASK/VARIATION.
+        out: PNG or JPEG file to write.
+        seed: Seed of both scenes.
+        size: Side of each image in pixels.
+        overwrite: Replace a file that better show did not write.
+    """
+    from betterbench.evaluation import show_comparison, show_training
+    from betterbench.evaluation.figures.show import image_file
+    from betterbench.jobs import write_durably
+    from betterbench.jobs.outputs import OutputFile, mark_of
+
+    if out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
+        raise InvalidInputError("--out", f"{out} ends with {out.suffix!r}", "Name a file that ends with .png or .jpg")
+    task, _, name = what.partition("/")
+    with OutputFile(out, "show", overwrite=overwrite):
+        image = show_comparison(task, name, seed=seed, size=size) if name else show_training(task, seed=seed, size=size)
+        write_durably(out, image_file(image, out.suffix, remark=mark_of("show")))
+    say(f"wrote {out}", whole=True)

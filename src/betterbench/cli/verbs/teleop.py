@@ -1,0 +1,157 @@
+"""``better teleop``: a person demonstrates in the browser."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from betterbench.cli.console import OUT, say
+from betterbench.errors import InvalidInputError, one_line
+
+if TYPE_CHECKING:
+    from betterbench.demonstrations.teleop.controls import Controls
+    from betterbench.demonstrations.teleop.page import Page
+    from betterbench.demonstrations.teleop.store import DemonstrationStore
+
+
+def teleop_command(
+    *,
+    out: Path,
+    tasks: tuple[str, ...],
+    condition: str | None = None,
+    demos: int = 1,
+    seed: int | None = None,
+    name: str | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    cameras: tuple[str, ...] = ("front", "wrist"),
+    devices: str = "auto",
+    leader: str | None = None,
+    leader_port: str = "",
+    leader_id: str = "leader",
+) -> None:
+    """Demonstrate in the browser: drag the gripper, undo to the last subgoal, and save into the folder of a run.
+
+    The page shows the scene, the camera images, the instruction and the subgoals. The tool follows the gizmo,
+    keys, a gamepad or a SpaceMouse in the browser or on this machine, or a LeRobot leader arm. Nothing but what is
+    saved is written; what is saved is an ordinary record with its segments and who demonstrated. It runs without a
+    display and listens on this machine alone: from elsewhere, forward the port (ssh -L 8080:127.0.0.1:8080 MACHINE).
+    The printed address holds a token, without which nobody is answered.
+    Ctrl-C keeps what is saved, the same command goes on, and with a larger --demos there are more starts.
+
+    Example: better teleop --tasks fruit_lunch --demos 3 --out runs/by_hand
+
+    Args:
+        out: Folder of the run.
+        tasks: Tasks to demonstrate.
+        condition: The one training condition to demonstrate; all if not given.
+        demos: Demonstrations per training condition.
+        seed: First seed, 1000000 or above; 500000000 if not given.
+        name: Who demonstrates, as the records say it; the user's name if not given.
+        host: Interface to listen on; on 0.0.0.0 the token of the address travels in the clear.
+        port: Port to listen on; 0 for any free one.
+        cameras: Cameras whose images are shown; none with --cameras none.
+        devices: Gamepads and SpaceMice of this machine: auto, none, or the file of one (/dev/input/event5).
+        leader: Type of a LeRobot leader arm (so101_leader, so100_leader).
+        leader_port: Serial port of the leader arm.
+        leader_id: Id of the leader arm's calibration.
+    """
+    from betterbench.cli.verbs.evaluate import prepare_robot
+    from betterbench.demonstrations.teleop.controls import Controls
+    from betterbench.demonstrations.teleop.page import Page, load_viser
+    from betterbench.demonstrations.teleop.store import FIRST_TELEOPERATED_SEED, DemonstrationStore, TeleopPlan
+
+    load_viser()
+    who, shown = _who(name), _cameras(cameras)
+    plan = TeleopPlan(tasks, demos, condition, FIRST_TELEOPERATED_SEED if seed is None else seed)
+    plan.starts()
+    prepare_robot("panda")
+    controls = Controls()
+    with ExitStack() as stack:
+        stack.enter_context(_inputs(controls, devices, leader, leader_port, leader_id))
+        page = Page(controls, host=host, port=port, cameras=shown)
+        stack.callback(page.close)
+        store = stack.enter_context(DemonstrationStore(out, plan))
+        if host not in ("127.0.0.1", "localhost", "::1"):
+            say(f"On {host} the token of the page travels in the clear; forward the port by ssh instead.")
+        is_busy = _run(store, controls, page, who, shown)
+    if is_busy or page.is_busy:
+        _end_process()
+
+
+def _end_process() -> None:
+    """End the process although threads are at work.
+
+    A scene that is being compiled, an image that is being drawn and a page that does not answer cannot be interrupted.
+    All that was saved is on disk, and the folder is given back.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)
+
+
+def _run(store: DemonstrationStore, controls: Controls, page: Page, who: str, cameras: tuple[str, ...]) -> bool:
+    """Let the page drive until Ctrl-C; tell whether a thread is still at work, which nothing depends on."""
+    from betterbench.cli.verbs.serve import stopped_by_signal
+    from betterbench.demonstrations.teleop.cameras import CameraThread
+    from betterbench.demonstrations.teleop.station import Station
+
+    with stopped_by_signal() as stopped, closing(CameraThread(cameras, page.show_image, controls.complain)) as images:
+        station = Station(store, controls, page, name=who, cameras=images, loads_apart=True)
+        OUT.print(f"open {page.url}", markup=False, soft_wrap=True)
+        station.run(stopped)
+        say(f"stopped; {store.saved} of {store.planned} demonstrations are saved in {store.run.path}")
+    return station.is_busy or images.is_busy
+
+
+def _who(name: str | None) -> str:
+    """Return who demonstrates; InvalidInputError if that is no short line."""
+    try:
+        who = getpass.getuser() if name is None else name
+    except (KeyError, OSError):  # no user has the number that this process runs under
+        who = "unknown"
+    if not who.strip() or one_line(who, most=80) != who:
+        raise InvalidInputError("--name", f"{one_line(who, most=40)!r} is no name", "Give 1 to 80 printable characters")
+    return who
+
+
+def _cameras(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the cameras to show; UnknownNameError if one does not exist."""
+    from betterbench.errors import UnknownNameError
+
+    known = ("front", "front_official", "left_shoulder", "right_shoulder", "wrist")
+    shown = tuple(n for n in dict.fromkeys(names) if n != "none")
+    for name in shown:
+        if name not in known:
+            raise UnknownNameError("camera", name, known)
+    return shown
+
+
+@contextmanager
+def _inputs(controls: Controls, devices: str, leader: str | None, port: str, identity: str) -> Iterator[None]:
+    """Read the devices of this machine meanwhile; InvalidInputError if one that is named cannot be read."""
+    from betterbench.demonstrations.teleop.devices import Device, DeviceThread, find_devices
+    from betterbench.demonstrations.teleop.leader import LeaderThread, connect_leader
+
+    found = () if devices == "none" else find_devices()
+    if devices not in ("auto", "none"):
+        found = tuple(d for d in found if str(d.path) == devices) or (Device(Path(devices), devices, "gamepad"),)
+    with ExitStack() as stack:
+        for device in found:
+            try:
+                stack.callback(DeviceThread(device, controls).close)
+            except InvalidInputError as problem:
+                if devices != "auto":
+                    raise
+                say(f"not used: {problem}")
+            else:
+                say(f"reading the {device.kind} {device.name} ({device.path})")
+        if leader is not None:
+            stack.callback(LeaderThread(connect_leader(leader, port, identity), controls).close)
+            say(f"following the leader arm at {port}")
+        yield

@@ -1,0 +1,296 @@
+"""``better vqa``: questions about recorded frames, what can be answered blind, and what a model answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from betterbench.cli.console import OUT, print_json, progress_bar, say
+from betterbench.errors import InvalidInputError
+from betterbench.quoting import default_name
+
+if TYPE_CHECKING:
+    from betterbench.vqa.asking import Score
+    from betterbench.vqa.dataset import QuestionSet, SetOptions
+    from betterbench.vqa.decisive import DecisiveOptions
+
+QuestionTypes = Literal["grounding", "counting", "relation", "containment", "stacking", "state", "execution", "premise"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOptions:
+    """What is asked about.
+
+    Attributes:
+        questions: About how many questions; 0 for as many as can be balanced.
+        frames: Frames per trial, one from each equal part of it; 0 for every frame.
+        cameras: Cameras whose images are asked about.
+        size: Side of the images in pixels.
+        quality: Quality of the images: shadows, and smooth edges.
+        types: Types of question; all if not given.
+        tasks: Tasks whose trials are asked about; all if not given.
+        seed: Seed of the choice of frames, questions and words.
+        failures_only: With --run, leave out the trials that succeeded.
+    """
+
+    questions: int = 10_000
+    frames: int = 8
+    cameras: tuple[str, ...] = ("front", "wrist", "left_shoulder", "right_shoulder")
+    size: int = 256
+    quality: Literal["fast", "standard", "high"] = "standard"
+    types: tuple[QuestionTypes, ...] = ()
+    tasks: tuple[str, ...] = ()
+    seed: int = 0
+    failures_only: bool = False
+
+    def balanced(self) -> SetOptions:
+        """Return the options of a balanced set."""
+        from betterbench.vqa.dataset import SetOptions
+        from betterbench.vqa.question import QuestionType
+
+        types = tuple(QuestionType(t) for t in self.types) or tuple(QuestionType)
+        frames = self.questions, self.frames, self.cameras, self.size
+        return SetOptions(*frames, quality=self.quality, seed=self.seed, types=types, tasks=self.tasks)
+
+    def decisive(self) -> DecisiveOptions:
+        """Return the options of a set about decisive moments."""
+        from betterbench.vqa.decisive import DecisiveOptions
+
+        return DecisiveOptions(self.cameras, self.size, self.quality, self.seed, self.tasks, self.failures_only)
+
+
+@dataclass(frozen=True, slots=True)
+class ModelOptions:
+    """A model that is asked.
+
+    Attributes:
+        ask: Base address of a chat endpoint in OpenAI's protocol to ask the whole set, such as
+            http://localhost:8000/v1.
+        describe: Likewise, to write descriptions and questions of its own about images of the set; what the state does
+            not prove is dropped.
+        images: Number of images to be described.
+        model: Name of the model at that address.
+        coordinates: What the numbers of the model's boxes and points mean.
+        at_once: Requests at the same time.
+        answers: File of answers: written with --ask (SET/answers-MODEL.jsonl if not given), else read and scored.
+        learner: With --run, the co-trained learner that played the run (learned:CHECKPOINT), which is asked where the
+            object is that the instruction names.
+        key_variable: Environment variable with the key of the endpoint.
+    """
+
+    ask: str | None = None
+    describe: str | None = None
+    images: int = 100
+    model: str = "default"
+    coordinates: Literal["pixels", "thousandths", "fractions"] = "pixels"
+    at_once: int = 4
+    answers: Path | None = None
+    learner: str | None = None
+    key_variable: str = "OPENAI_API_KEY"
+
+
+_Frames = Annotated[FrameOptions, tyro.conf.arg(name="")]
+_Model = Annotated[ModelOptions, tyro.conf.arg(name="")]
+
+
+def vqa_command(
+    source: Annotated[Path | None, tyro.conf.Positional] = None,
+    *,
+    run: Path | None = None,
+    out: Path | None = None,
+    asked: _Frames = FrameOptions(),
+    chat: _Model = ModelOptions(),
+    workers: int = 1,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
+    """Ask about the frames of a run what its records can answer, in a set that cannot be answered blind.
+
+    Boxes, counts, relations, containment, stacks, states, progress and what is there at all, as JSON lines in the
+    conversation form of LLaVA and as Parquet, with images. With --run, the questions are about the moments at which the
+    run's trials were decided, for better diagnose --answers. The same command goes on with a set that was interrupted.
+
+    Example: better vqa runs/expert --out sets/expert --questions 10000
+
+    Args:
+        source: Folder of a run to ask about, or of a set to ask a model.
+        run: Folder of a run whose decisive moments are asked about.
+        out: Folder of the set.
+        asked: What is asked about.
+        chat: A model that is asked.
+        workers: Trials that are looked at at the same time.
+        overwrite: Replace a file of answers or descriptions that better vqa did not write.
+        json: Print one JSON document instead of tables.
+    """
+    from betterbench.cli.output.vqa import print_scores, print_set
+
+    if chat.learner is not None:
+        _ask_learner(chat.learner, source, run, out, asked, json=json)
+        return
+    made, folder = _made(source, run, out, asked, workers)
+    document: dict[str, object] = {"set": str(made.path), **made.to_json()}
+    if chat.describe is not None:
+        document["descriptions"] = _described(folder, made, chat, asked, overwrite=overwrite)
+    scores = _scores(made, chat, overwrite=overwrite)
+    if json:
+        print_json({**document, "scores": None if scores is None else [s.to_json() for s in scores]})
+        return
+    print_set(made)
+    if scores is not None:
+        print_scores(scores)
+    OUT.print(str(made.path), markup=False, soft_wrap=True)
+
+
+def _made(
+    source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, workers: int
+) -> tuple[QuestionSet, Path | None]:
+    """Return the set that is meant, made if it has to be, and the folder of its run if that is known."""
+    from betterbench.sim.scenes.stage import require_cameras
+    from betterbench.vqa.dataset import read_set
+
+    if source is not None and run is not None:
+        raise InvalidInputError("better vqa", "names two folders", "Give a run or a set, or --run RUN")
+    folder = run if source is None else source
+    if folder is None:
+        raise InvalidInputError("better vqa", "names no folder", "Give a run or a set, or --run RUN")
+    if not folder.is_dir():
+        raise InvalidInputError("better vqa", f"{folder} is not a folder", "Name the folder of a run or of a set")
+    if run is None and (folder / "set.json").exists():
+        return read_set(folder), None
+    if out is None:
+        raise InvalidInputError("--out", "is missing", "Name the folder of the set")
+    require_cameras(asked.cameras)
+    return (_balanced(folder, out, asked.balanced(), workers) if run is None else _decisive(run, out, asked)), folder
+
+
+def _scores(made: QuestionSet, chat: ModelOptions, *, overwrite: bool) -> list[Score] | None:
+    """Ask a model, or read what one has answered, and return its scores; None if there are no answers."""
+    from betterbench.vqa.asking import ask_set, read_answers, scores_of
+    from betterbench.vqa.llm import ChatEndpoint
+
+    if chat.ask is None:
+        return None if chat.answers is None else scores_of(made, read_answers(chat.answers, made))
+    name = default_name(chat.model, otherwise="model")
+    file = chat.answers or made.path / f"answers-{name}.jsonl"
+    with progress_bar(f"asking {chat.model}", len(made.questions)) as (bar, task):
+        said = ask_set(
+            made,
+            ChatEndpoint(chat.ask, chat.model, key_variable=chat.key_variable),
+            file,
+            coordinates=chat.coordinates,
+            at_once=chat.at_once,
+            overwrite=overwrite,
+            on_progress=lambda done, _: bar.update(task, completed=done),
+        )
+    say(f"answers: {file}")
+    return scores_of(made, said)
+
+
+def _ask_learner(
+    address: str, source: Path | None, run: Path | None, out: Path | None, asked: FrameOptions, *, json: bool
+) -> None:
+    """Ask the learner that played a run where the named objects are, and print what it answered."""
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.cli.output.vqa import print_own_answers
+    from betterbench.evaluation.figures.views import ViewRenderer
+    from betterbench.policies.learned.address import PREFIX, is_learned, load_learner
+    from betterbench.records import RunFolder
+
+    if run is None or source is not None:
+        raise InvalidInputError("--learner", "needs the run that it played", "Give --run RUN and no other folder")
+    if out is not None:
+        raise InvalidInputError(
+            "--out", "its answers are printed, and no set is written", "Leave it out, or give --json"
+        )
+    if not is_learned(address):
+        raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {PREFIX}CHECKPOINT")
+    learner = load_learner(address)
+    from betterbench.learning.training.own_answers import answers_form, ask_about_run, summaries_of
+
+    folder = RunFolder.open(run)
+    diagnosis = diagnosed(folder)
+    with progress_bar(f"asking {address}", len(folder.entries())) as (bar, task):
+        answers = ask_about_run(
+            learner,
+            folder,
+            diagnosis,
+            open_photos=lambda: ViewRenderer(folder, size=asked.size, quality="fast"),
+            camera=asked.cameras[0],
+            tasks=asked.tasks,
+            failures_only=asked.failures_only,
+            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    if json:
+        summaries = [summary.to_json() for summary in summaries_of(answers)]
+        print_json({"learner": address, "run": str(run), "summaries": summaries, "answers": answers_form(answers)})
+        return
+    print_own_answers(list(summaries_of(answers)))
+
+
+def _balanced(run: Path, out: Path, options: SetOptions, workers: int) -> QuestionSet:
+    """Make or go on with a balanced set."""
+    from betterbench.evaluation.figures.views import ViewRenderer
+    from betterbench.records import RunFolder
+    from betterbench.vqa.dataset import make_set
+
+    folder = RunFolder.open(run)
+    with progress_bar(f"questions about {run.name}", len(folder.entries())) as (bar, task):
+        return make_set(
+            folder,
+            out,
+            options,
+            open_photos=lambda: ViewRenderer(folder, size=options.size, quality=options.quality),
+            workers=workers,
+            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+
+
+def _decisive(run: Path, out: Path, asked: FrameOptions) -> QuestionSet:
+    """Make or go on with a set about the decisive moments of a run."""
+    from betterbench.cli.output.diagnosis import diagnosed
+    from betterbench.evaluation.figures.views import ViewRenderer
+    from betterbench.records import RunFolder
+    from betterbench.vqa.decisive import make_decisive_set
+
+    folder, options = RunFolder.open(run), asked.decisive()
+    diagnosis = diagnosed(folder)
+    with progress_bar(f"decisive moments of {run.name}", len(folder.entries())) as (bar, task):
+        return make_decisive_set(
+            folder,
+            diagnosis,
+            out,
+            options,
+            open_photos=lambda: ViewRenderer(folder, size=options.size, quality=options.quality),
+            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+
+
+def _described(
+    run: Path | None, made: QuestionSet, model: ModelOptions, asked: FrameOptions, *, overwrite: bool
+) -> dict[str, object]:
+    """Let a model describe images of a set, keep what the state proves, and say how much that was."""
+    from betterbench.evaluation.figures.views import ViewRenderer
+    from betterbench.records import RunFolder
+    from betterbench.vqa.freeform import describe_images
+    from betterbench.vqa.llm import ChatEndpoint
+
+    if run is None or model.describe is None:
+        raise InvalidInputError("--describe", "needs the records of the run", "Give better vqa RUN --out SET too")
+    folder = RunFolder.open(run)
+    chat = ChatEndpoint(model.describe, model.model, key_variable=model.key_variable)
+    photos = ViewRenderer(folder, size=asked.size, quality=asked.quality)
+    with progress_bar(f"descriptions by {model.model}", model.images) as (bar, task), photos:
+        told = describe_images(
+            folder,
+            made,
+            chat,
+            photos,
+            count=model.images,
+            overwrite=overwrite,
+            on_progress=lambda done, _: bar.update(task, completed=done),
+        )
+    say(told.sentence)
+    return told.to_json()

@@ -1,0 +1,160 @@
+"""Illusion gaps across worlds: what a policy loses when its scene changes, on the same trials or chains.
+
+A trial in LIBERO-PRO and that of the base suite share the number of the initial state: the states are not the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from betterbench.comparison.across.suite_runs import OURS, InitialState, SuiteRun
+from betterbench.diagnosis import diagnose_run
+from betterbench.statistics import Difference, PairedTable, Rate, exchange_p, holm, mcnemar_p, wider_paired_difference
+from betterbench.tasks import stream
+from betterbench.tasks.worlds.calvin import contrast, summarize
+from betterbench.tasks.worlds.calvin.sequences import CHAIN_LENGTH
+from betterbench.tasks.worlds.libero import PLUS_SUITES
+from betterbench.tasks.worlds.libero_plus import AXES, axis_of
+
+
+@dataclass(frozen=True, slots=True)
+class WorldGap:
+    """One policy in one world, before and after the scene changed.
+
+    Attributes:
+        world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
+        change: What changed ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in our own suite.
+        base: Success without the change, or the share of subtasks done in a row.
+        changed: The same with it.
+        pairs: Trials that both have played.
+        difference: ``base - changed`` as a fraction, with its interval.
+        p_value: Of the paired test, after Holm's correction over the gaps of the policy; None where only an interval
+            was made (CALVIN's average length).
+    """
+
+    policy: str
+    world: str
+    suite: str
+    change: str
+    base: float
+    changed: float
+    pairs: int
+    difference: Difference
+    p_value: float | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "difference": self.difference.to_json()}
+
+
+def gaps_of(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> tuple[WorldGap, ...]:
+    """Return every gap that the runs of each policy show, in the order of the runs.
+
+    A gap of LIBERO-PRO needs a run of the base suite and one of the changed suite; one of CALVIN the official and the
+    resampled chains. That of our own suite is the metric of its diagnosis.
+
+    Raises:
+        RecordError: If a run of our own suite cannot be read.
+        RunConflictError: If such a run mixes versions and that is not allowed.
+    """
+    by = {(run.policy, run.suite): run for run in runs}
+    found: list[WorldGap] = []
+    for run in runs:
+        base = by.get((run.policy, run.base))
+        if run.suite == OURS:
+            found += _of_ours(run, allow_mixed=allow_mixed)
+        elif run.change is not None and base is not None:
+            gaps = _of_chains if run.chains else _of_plus if run.suite in PLUS_SUITES else _of_libero
+            found += gaps(base, run, alpha)
+    return tuple(_corrected(found))
+
+
+def _of_libero(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
+    keys = sorted(base.successes.keys() & run.successes.keys())
+    if not keys:
+        return []
+    outcomes = [(base.successes[key], run.successes[key]) for key in keys]
+    difference = wider_paired_difference(
+        outcomes,
+        generator=stream("across", 0, f"bootstrap:gap:{run.suite}"),
+        strata=[task for task, _ in keys],
+        clusters=[str(key) for key in keys],
+        confidence=1.0 - alpha,
+    )
+    n = len(keys)
+    before, after = Rate(sum(a for a, _ in outcomes), n), Rate(sum(b for _, b in outcomes), n)
+    p = mcnemar_p(PairedTable.from_outcomes(outcomes))
+    return [
+        WorldGap(
+            run.policy, "LIBERO-PRO", run.base, str(run.change), before.value or 0.0, after.value or 0.0, n,
+            difference, p,
+        )
+    ]  # fmt: skip
+
+
+def _of_plus(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
+    """Return the gap of every axis of LIBERO-Plus; the variants of a task share the base suite's trial."""
+    pairs: dict[str, list[tuple[InitialState, bool]]] = {}
+    for (name, seed), success in sorted(run.successes.items()):
+        task, _, condition = name.partition("/")
+        if (task, seed) in base.successes:
+            pairs.setdefault(str(axis_of(condition)), []).append(((task, seed), success))
+    gaps = []
+    for axis in (axis for axis in AXES if axis in pairs):
+        outcomes = [(base.successes[key], success) for key, success in pairs[axis]]
+        shared = [str(key) for key, _ in pairs[axis]]
+        difference = wider_paired_difference(
+            outcomes,
+            generator=stream("across", 0, f"bootstrap:gap:{run.suite}:{axis}"),
+            strata=[""] * len(outcomes),
+            clusters=shared,
+            confidence=1.0 - alpha,
+        )
+        n = len(outcomes)
+        before, after = Rate(sum(a for a, _ in outcomes), n), Rate(sum(b for _, b in outcomes), n)
+        gaps.append(
+            WorldGap(
+                run.policy, "LIBERO-Plus", run.base, axis, before.value or 0.0, after.value or 0.0, n, difference,
+                exchange_p(outcomes, shared),
+            )
+        )  # fmt: skip
+    return gaps
+
+
+def _of_chains(base: SuiteRun, run: SuiteRun, alpha: float) -> list[WorldGap]:
+    del alpha  # chains are compared at 95 %
+    shared = {c.number for c in base.chains} & {c.number for c in run.chains}
+    if not shared:
+        return []
+    first = [c for c in base.chains if c.number in shared]
+    second = [c for c in run.chains if c.number in shared]
+    told = contrast(first, second)
+    before, after = (summarize(chains).length.value / CHAIN_LENGTH for chains in (first, second))
+    return [
+        WorldGap(run.policy, "CALVIN", run.base, str(run.change), before, after, len(shared), told.difference, None)
+    ]
+
+
+def _of_ours(run: SuiteRun, *, allow_mixed: bool) -> list[WorldGap]:
+    diagnosis = diagnose_run(run.path, allow_mixed=allow_mixed, whole=True)
+    metrics = {(m.name, m.scope): m for m in diagnosis.metrics}
+    gap, twins, changed = (
+        metrics.get((name, "overall")) for name in ("illusion_gap", "twin_success_rate", "paired_success_rate")
+    )
+    if gap is None or twins is None or changed is None or None in (gap.value, twins.value, changed.value):
+        return []
+    difference = Difference(gap.value or 0.0, gap.low or 0.0, gap.high or 0.0, gap.method, 0.95)
+    rates = (twins.value or 0.0, changed.value or 0.0)
+    return [WorldGap(run.policy, OURS, OURS, "all variations", *rates, gap.n, difference, gap.p_value)]
+
+
+def _corrected(gaps: Sequence[WorldGap]) -> list[WorldGap]:
+    """Return the gaps with Holm's correction over those of each policy that have a test."""
+    result = list(gaps)
+    for policy in dict.fromkeys(gap.policy for gap in gaps):
+        tested = [(i, g.p_value) for i, g in enumerate(result) if g.policy == policy and g.p_value is not None]
+        for (i, _), p in zip(tested, holm([p for _, p in tested]), strict=True):
+            result[i] = replace(result[i], p_value=p)
+    return result

@@ -1,0 +1,173 @@
+"""Runs as their outcomes in one suite of one world. Every planned trial counts; what did not end well is a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.records import Record, RunFolder
+from betterbench.records.run_names import run_names
+from betterbench.tasks import TrialId
+from betterbench.tasks.worlds.calvin import CHAIN_SUITES, Chain, ChainResult, SubtaskResult, calvin_chains
+from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
+
+OURS = "better60"
+"""What stands for the suite of a run in our own scenes."""
+
+InitialState = tuple[str, int]
+"""Task and seed: the number of an initial state, which twins and policies share.
+
+In LIBERO-Plus the task is that of a variant ("libero_object-03/camera_0_0_100_2_4").
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteRun:
+    """One policy in one suite.
+
+    Attributes:
+        policy: What the policy is called; runs of the same name are one policy.
+        base: The suite that this one changes, or its own name.
+        change: What it changes ("swap", "resampled"), or None.
+        protocol: The protocol of the field by which it was run; empty for our own suite.
+        versions: Versions of what the world is made of; numbers under different ones are not compared.
+        successes: Whether each planned trial succeeded.
+        chains: The planned chains of CALVIN.
+        unfinished: Planned trials that have not ended yet.
+        broken: Trials that broke down without a record.
+    """
+
+    policy: str
+    path: Path
+    suite: str
+    base: str
+    change: str | None
+    protocol: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    successes: Mapping[InitialState, bool] = field(default_factory=dict)
+    chains: tuple[ChainResult, ...] = ()
+    unfinished: int = 0
+    broken: int = 0
+
+    @property
+    def planned(self) -> int:
+        """Number of planned trials."""
+        return len(self.chains) or len(self.successes)
+
+
+def is_across(runs: Sequence[RunFolder]) -> bool:
+    """Tell whether runs are of several suites, or of chains: then they share no trials that labels could compare."""
+    suites = {_suite_of(run) for run in runs}
+    return len(suites) > 1 or bool(suites & CHAIN_SUITES.keys())
+
+
+def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> tuple[SuiteRun, ...]:
+    """Read the outcomes of runs.
+
+    Args:
+        runs: Folders of the runs.
+        names: What the policy of each run is called; runs of the same name are rows of one policy. The declared name of
+            the policy if not given.
+
+    Raises:
+        InvalidInputError: If there is not one name for each run, or a policy has two runs in the same suite.
+        RecordError: If a run or a record cannot be read.
+    """
+    called = tuple(names) if names else tuple(run_names([run])[0] for run in runs)
+    if len(called) != len(runs):
+        raise InvalidInputError(
+            "--name", f"there are {len(called)} names for {len(runs)} runs", "Give it once per run, in the same order"
+        )
+    found: dict[tuple[str, str], SuiteRun] = {}
+    for run, name in zip(runs, called, strict=True):
+        read = _read(run, name)
+        other = found.setdefault((name, read.suite), read)
+        if other is not read:
+            raise InvalidInputError(
+                "runs",
+                f"{other.path} and {read.path} are both runs of {name} in {read.suite}",
+                "Name one of them, or give each its own --name",
+            )
+    return tuple(found.values())
+
+
+def _suite_of(run: RunFolder) -> str:
+    """Return the suite of a run; RecordError if its plan names none that is known."""
+    world = run.plan.get("world")
+    if world is None:
+        return OURS
+    suites = {str(t.get("suite")) for t in _mapping(_mapping(world).get("tasks")).values() if isinstance(t, dict)}
+    if len(suites) != 1 or not suites <= SUITES.keys() | PLUS_SUITES.keys() | CHAIN_SUITES.keys():
+        listed = ", ".join(sorted(suites))[:80] or "none"
+        raise RecordError(f"{run.path / 'run.json'}: plan.world.tasks names the suites {listed}. Restore the file.")
+    return suites.pop()
+
+
+def _read(run: RunFolder, name: str) -> SuiteRun:
+    suite = _suite_of(run)
+    if suite == OURS:
+        return SuiteRun(name, run.path, OURS, OURS, None)
+    world = _mapping(run.plan["world"])
+    known = {**SUITES, **PLUS_SUITES, **CHAIN_SUITES}[suite]
+    entries = {TrialId(e.task, e.variation or e.condition, e.seed): e for e in run.entries()}
+    planned = [TrialId(str(t["task"]), str(t["condition"]), int(t["seed"])) for t in run.plan["trials"]]
+    lost = {trial for trial in planned if trial in entries and entries[trial].status != "done"}
+    left = {trial for trial in planned if trial not in entries}
+    successes: dict[InitialState, bool] = {}
+    chains: list[ChainResult] = []
+    for trial in planned:
+        missing = trial in lost or trial in left
+        if suite in CHAIN_SUITES:
+            chain = calvin_chains()[trial.seed]
+            record = None if missing else run.read_record(trial.task, trial.condition, trial.seed)
+            chains.append(chain_result(chain, record))
+        else:
+            task = f"{trial.task}/{trial.condition}" if suite in PLUS_SUITES else trial.task
+            successes[task, trial.seed] = not missing and run.succeeded(trial, entries[trial])
+    return SuiteRun(
+        name,
+        run.path,
+        suite,
+        known.base,
+        known.change,
+        str(_mapping(world.get("protocol")).get("name", "")),
+        {str(k): str(v) for k, v in _mapping(world.get("versions")).items()},
+        successes,
+        tuple(chains),
+        len(left),
+        len(lost),
+    )
+
+
+def chain_result(chain: Chain, record: Record | None) -> ChainResult:
+    """Return what a chain came to by its record; without one, it was not played.
+
+    Raises:
+        RecordError: If the record is of other subtasks.
+    """
+    if record is None:
+        return ChainResult(chain.number, ())
+    if record.metadata.subgoal_names != chain.names:
+        raise RecordError(
+            f"the record of chain {chain.number} has the subtasks {', '.join(record.metadata.subgoal_names)} and not "
+            f"{', '.join(chain.names)}. Run the chain again."
+        )
+    played = []
+    began = 0
+    for i, name in enumerate(chain.names):
+        ended = np.flatnonzero(record.subgoals[:, i])
+        success = bool(len(ended))
+        at = int(ended[0]) if success else record.n_steps
+        played.append(SubtaskResult(name, success, at - began))
+        if not success:
+            break
+        began = at
+    return ChainResult(chain.number, tuple(played))
+
+
+def _mapping(value: object) -> Mapping[str, object]:
+    return value if isinstance(value, dict) else {}

@@ -1,0 +1,221 @@
+"""Table 4 of the paper from runs: four suites of LIBERO and their average, five rates and average length of CALVIN."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.comparison.across.suite_runs import OURS, SuiteRun
+from betterbench.errors import RunConflictError
+from betterbench.statistics import (
+    Difference,
+    PairedTable,
+    Rate,
+    holm,
+    mcnemar_p,
+    mean_of_rates,
+    wider_paired_difference,
+)
+from betterbench.tasks import stream
+from betterbench.tasks.worlds.calvin import ChainContrast, ChainSummary, contrast, summarize
+
+LIBERO_COLUMNS = {
+    "libero_spatial": "Spatial",
+    "libero_object": "Object",
+    "libero_goal": "Goal",
+    "libero_10": "Long",
+}
+"""The suites of the paper's table, with its names."""
+
+AVERAGE = "average"
+CALVIN = "calvin"
+
+
+@dataclass(frozen=True, slots=True)
+class WorldRow:
+    """One policy.
+
+    Attributes:
+        policy: What it is called.
+        suites: Rate in each suite of LIBERO's four that was run, by name.
+        average: The mean of the four, each with the same weight, with its interval; None unless all four were run.
+        chains: Its chains in CALVIN, or None.
+    """
+
+    policy: str
+    suites: Mapping[str, Rate]
+    average: Difference | None
+    chains: ChainSummary | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "policy": self.policy,
+            "suites": {name: rate.to_json() for name, rate in self.suites.items()},
+            AVERAGE: None if self.average is None else self.average.to_json(),
+            CALVIN: None if self.chains is None else self.chains.to_json(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class WorldContrast:
+    """Two policies in one suite of LIBERO, on the same initial states.
+
+    Attributes:
+        suite: Name of the suite; "average" for all four together.
+        pairs: Initial states that both played.
+        p_value: Exact McNemar test, after Holm's correction over the suites of the pair of policies.
+    """
+
+    first: str
+    second: str
+    suite: str
+    pairs: int
+    difference: Difference
+    p_value: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {**asdict(self), "difference": self.difference.to_json()}
+
+
+@dataclass(frozen=True, slots=True)
+class WorldTable:
+    """The table, and what its rows say about each other.
+
+    Attributes:
+        contrasts: Pairs of policies in LIBERO.
+        chain_contrasts: Pairs of policies in CALVIN, with their names.
+        notes: What limits the numbers.
+    """
+
+    rows: tuple[WorldRow, ...]
+    contrasts: tuple[WorldContrast, ...]
+    chain_contrasts: tuple[tuple[str, str, ChainContrast], ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "rows": [row.to_json() for row in self.rows],
+            "contrasts": [c.to_json() for c in self.contrasts],
+            "chain_contrasts": [
+                {"first": a, "second": b, **asdict(c), "difference": c.difference.to_json()}
+                for a, b, c in self.chain_contrasts
+            ],
+            "notes": list(self.notes),
+        }
+
+
+def world_table(runs: Sequence[SuiteRun], *, alpha: float = 0.05, allow_mixed: bool = False) -> WorldTable:
+    """Return the table of all policies, in the order of their runs.
+
+    Raises:
+        RunConflictError: If two runs of the same suite were made by different protocols or in different versions of
+            their world, and that is not allowed.
+    """
+    notes = [*_clashes(runs, allow_mixed=allow_mixed), *_limits(runs)]
+    policies = list(dict.fromkeys(run.policy for run in runs))
+    by = {(run.policy, run.suite): run for run in runs if run.change is None and run.suite != OURS}
+    rows = [_row(policy, by) for policy in policies]
+    contrasts: list[WorldContrast] = []
+    chains: list[tuple[str, str, ChainContrast]] = []
+    for a, b in itertools.combinations(policies, 2):
+        contrasts += _contrasts(a, b, by, alpha)
+        if (a, CALVIN) in by and (b, CALVIN) in by:
+            first, second = by[a, CALVIN].chains, by[b, CALVIN].chains
+            if {c.number for c in first} & {c.number for c in second}:
+                chains.append((a, b, contrast(first, second)))
+            else:
+                notes.append(f"{a} and {b} share no chain of CALVIN: they are not compared there.")
+    return WorldTable(tuple(rows), tuple(contrasts), tuple(chains), tuple(notes))
+
+
+def _row(policy: str, by: Mapping[tuple[str, str], SuiteRun]) -> WorldRow:
+    suites = {
+        name: Rate(sum(by[policy, name].successes.values()), len(by[policy, name].successes))
+        for name in LIBERO_COLUMNS
+        if (policy, name) in by
+    }
+    whole = len(suites) == len(LIBERO_COLUMNS)
+    chains = by.get((policy, CALVIN))
+    return WorldRow(
+        policy,
+        suites,
+        mean_of_rates(list(suites.values())) if whole else None,
+        None if chains is None else summarize(chains.chains),
+    )
+
+
+def _contrasts(a: str, b: str, by: Mapping[tuple[str, str], SuiteRun], alpha: float) -> list[WorldContrast]:
+    """Return two policies in each suite that both played, corrected together, and in all four together."""
+    pairs: dict[str, list[tuple[tuple[str, int], bool, bool]]] = {}
+    for suite in LIBERO_COLUMNS:
+        if (a, suite) in by and (b, suite) in by:
+            first, second = by[a, suite].successes, by[b, suite].successes
+            pairs[suite] = [(key, first[key], second[key]) for key in sorted(first.keys() & second.keys())]
+    pairs = {suite: found for suite, found in pairs.items() if found}
+    adjusted = list(holm([mcnemar_p(_table(found)) for found in pairs.values()]))
+    if len(pairs) == len(LIBERO_COLUMNS):
+        every = [pair for found in pairs.values() for pair in found]
+        pairs[AVERAGE] = every
+        adjusted.append(mcnemar_p(_table(every)))
+    contrasts = []
+    for (suite, found), p in zip(pairs.items(), adjusted, strict=True):
+        difference = wider_paired_difference(
+            [(x, y) for _, x, y in found],
+            generator=stream("across", 0, f"bootstrap:{suite}"),
+            strata=[task for (task, _), _, _ in found],
+            clusters=[str(key) for key, _, _ in found],
+            confidence=1.0 - alpha,
+        )
+        contrasts.append(WorldContrast(a, b, suite, len(found), difference, p))
+    return contrasts
+
+
+def _table(pairs: Sequence[tuple[tuple[str, int], bool, bool]]) -> PairedTable:
+    return PairedTable.from_outcomes((x, y) for _, x, y in pairs)
+
+
+def _clashes(runs: Sequence[SuiteRun], *, allow_mixed: bool) -> list[str]:
+    """Return a note for every difference of protocols and versions within a base suite.
+
+    Raises:
+        RunConflictError: If there is one and mixing is not allowed.
+    """
+    notes = []
+    for base in dict.fromkeys(run.base for run in runs):
+        same = [run for run in runs if run.base == base]
+        for what in ("protocol", "versions"):
+            values = {run.path.name: _said(getattr(run, what)) for run in same}
+            if len(set(values.values())) > 1:
+                listed = "; ".join(f"{value} in {name}" for name, value in values.items())
+                problem = f"{base}: the {what} differ: {listed}."
+                if not allow_mixed:
+                    raise RunConflictError(
+                        f"{problem} Run one of them again by the same protocol in the same installation, or give "
+                        "--allow-mixed and read the numbers with care."
+                    )
+                notes.append(problem)
+    return notes
+
+
+def _said(value: object) -> str:
+    return ", ".join(f"{k} {v}" for k, v in sorted(value.items())) if isinstance(value, Mapping) else str(value)
+
+
+def _limits(runs: Sequence[SuiteRun]) -> list[str]:
+    notes = []
+    for run in runs:
+        where = f"{run.policy} in {run.suite}"
+        if run.unfinished:
+            notes.append(f"{run.unfinished}/{run.planned} trials of {where} are not finished and count as failures.")
+        if run.broken:
+            notes.append(f"{run.broken}/{run.planned} trials of {where} broke down and count as failures.")
+        if run.suite == CALVIN and len(run.chains) != 1000:
+            notes.append(f"{where}: {len(run.chains)} of 1,000 chains; CALVIN's number is that of all.")
+        if run.suite in LIBERO_COLUMNS and run.protocol == "openpi" and run.planned != 500:
+            notes.append(f"{where}: {run.planned} of 500 trials of the protocol.")
+    return notes

@@ -1,0 +1,128 @@
+"""The labels of a record in an action space: the actions that were meant, or those that command the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Quaternion, from_axis_angle, multiply, normalize, to_axis_angle, turn_between
+from betterbench.interface.actions import (
+    EE_DELTA,
+    EE_DELTA_MEASURED,
+    EE_POSE,
+    JOINT_DELTA,
+    JOINT_POSITION,
+    JOINT_STEP_PER_UNIT_RAD,
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    ActionSpace,
+    action_space,
+)
+from betterbench.records import Record
+
+JOINTS = 7
+
+
+def actions_in(record: Record, space: ActionSpace) -> np.ndarray:
+    """Return the actions of a record in an action space, (n_steps, dim) float64.
+
+    In the space in which it was recorded these are the actions that were meant, bit for bit: the applied ones, and
+    without the noise where a demonstrator added some. In another one they are computed from what the controller was
+    commanded, which every record holds: the joint references at the end of each control step, or the pose that they
+    stand for. A delta is the step from what the deltas before it add up to, so that what one step loses to the bounds
+    of the space, the next one catches up. Noise is taken out of poses; joint references hold it, because what the
+    controller would have made of another pose is not recorded.
+
+    Raises:
+        InvalidInputError: If the record lacks the seven joint references, or the space is none of ours.
+    """
+    meant = _meant(record)
+    if record.metadata.action_space == space.name:
+        return meant
+    gripper = commands(meant[:, -1])[:, None]
+    positions, quaternions = _goals(record, meant)
+    if space.name in (JOINT_POSITION.name, JOINT_DELTA.name) and record.act.shape[1] != JOINTS:
+        problem = f"it has {record.act.shape[1]} joint references, and {JOINTS} are needed for {space.name}"
+        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+    if space.name == JOINT_POSITION.name:
+        motion = np.array(record.act[1:])
+    elif space.name == JOINT_DELTA.name:
+        motion = _joint_steps(record.act)
+    elif space.name == EE_POSE.name:
+        motion = np.concatenate([positions, quaternions], axis=1)
+    elif space.name in (EE_DELTA.name, EE_DELTA_MEASURED.name):
+        motion = _pose_steps(record, positions, quaternions, measured=space.name == EE_DELTA_MEASURED.name)
+    else:
+        raise InvalidInputError("action space", f"{space.name!r} is unknown", "Choose another preset")
+    actions = np.concatenate([motion, gripper], axis=1)
+    return np.array([space.clip(action) for action in actions]).reshape(-1, space.dim)
+
+
+def _noise(record: Record) -> float:
+    """Return the standard deviation of the noise on the executed actions of a record, in action units."""
+    demonstrator = record.metadata.demonstrator
+    return 0.0 if demonstrator is None else demonstrator.action_noise
+
+
+def _meant(record: Record) -> np.ndarray:
+    """Return the actions (n_steps, dim) that were meant, within the bounds of the space of the record."""
+    if not _noise(record):
+        return np.array(record.applied[1:])
+    space = action_space(record.metadata.action_space)
+    return np.array([space.clip(action) for action in record.action[1:]]).reshape(-1, space.dim)
+
+
+def _goals(record: Record, meant: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses that were meant to be commanded: positions (n_steps, 3) [m] and quaternions (n_steps, 4).
+
+    Raises InvalidInputError about a record with noise whose actions are no steps from the commanded pose.
+    """
+    if not _noise(record):
+        return record.commanded_position[1:], record.commanded_quaternion[1:]
+    if record.metadata.action_space != EE_DELTA.name:
+        problem = f"it has noise on actions of {record.metadata.action_space}"
+        raise InvalidInputError(f"record of {record.metadata.task}", problem, "Export it in its own action space")
+    positions = record.commanded_position[:-1] + TRANSLATION_PER_UNIT_M * meant[:, :3]
+    turns = (ROTATION_PER_UNIT_RAD * meant[:, 3:6]).tolist()
+    before = [_quaternion(values) for values in record.commanded_quaternion[:-1]]
+    quaternions = [normalize(multiply(from_axis_angle(t), q)) for t, q in zip(turns, before, strict=True)]
+    return positions, np.array(quaternions).reshape(-1, 4)
+
+
+def commands(gripper: np.ndarray) -> np.ndarray:
+    """Return gripper commands (n,) without the zeros that keep the last one; before the first one it is open, -1."""
+    signs = np.sign(gripper)
+    last = np.maximum.accumulate(np.where(signs != 0.0, np.arange(len(signs)), -1))
+    return np.where(last >= 0, np.where(signs != 0.0, gripper, signs[np.maximum(last, 0)]), -1.0)
+
+
+def _joint_steps(references: np.ndarray) -> np.ndarray:
+    """Return joint deltas (n, 7) that follow joint references (n + 1, 7) within the bounds of a step."""
+    here, steps = np.array(references[0]), []
+    for goal in references[1:]:
+        step = np.clip((goal - here) / JOINT_STEP_PER_UNIT_RAD, -1.0, 1.0)
+        here = here + JOINT_STEP_PER_UNIT_RAD * step
+        steps.append(step)
+    return np.array(steps).reshape(-1, JOINTS)
+
+
+def _pose_steps(record: Record, positions: np.ndarray, quaternions: np.ndarray, *, measured: bool) -> np.ndarray:
+    """Return Cartesian deltas (n, 6) that lead to poses within the bounds of a step."""
+    position = np.array(record.commanded_position[0])
+    quaternion = _quaternion(record.commanded_quaternion[0])
+    steps = []
+    for row in range(record.n_steps):
+        if measured:
+            position, quaternion = np.array(record.ee_position[row]), _quaternion(record.ee_quaternion[row])
+        move = (positions[row] - position) / TRANSLATION_PER_UNIT_M
+        turn = turn_between(quaternion, _quaternion(quaternions[row]))
+        step = np.clip([*move, *np.divide(to_axis_angle(turn), ROTATION_PER_UNIT_RAD)], -1.0, 1.0)
+        position = position + TRANSLATION_PER_UNIT_M * step[:3]
+        quaternion = normalize(multiply(from_axis_angle((ROTATION_PER_UNIT_RAD * step[3:]).tolist()), quaternion))
+        steps.append(step)
+    return np.array(steps).reshape(-1, 6)
+
+
+def _quaternion(values: np.ndarray) -> Quaternion:
+    w, x, y, z = values.tolist()
+    return (w, x, y, z)

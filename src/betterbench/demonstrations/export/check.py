@@ -1,0 +1,214 @@
+"""Comparing a data set with the records that it claims to come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from betterbench.demonstrations.export.comparing import CURE, ReadPictures, intact, require_match
+from betterbench.demonstrations.export.expected import ExpectedDataset
+from betterbench.demonstrations.export.frames import frame_numbers, shown_images
+from betterbench.demonstrations.export.job import README, SOURCE_FILE, origin_of, pairs_of, stored_source
+from betterbench.demonstrations.export.layout import DatasetLayout, layout_of
+from betterbench.demonstrations.export.lerobot_check import LeRobotCheck, lerobot_check
+from betterbench.demonstrations.export.part import ImageForm
+from betterbench.demonstrations.export.pictures import Pictures
+from betterbench.demonstrations.export.robomimic import read_origin, require_same_content
+from betterbench.demonstrations.export.robomimic_check import RobomimicCheck
+from betterbench.errors import BetterError, InvalidInputError, RecordError
+from betterbench.json_form import SEAL, file_digest, parse_json, read_ordinary
+from betterbench.records import Record, RunFolder
+from betterbench.tasks import TrialId
+
+MOST_MEAN_ERROR = 4.0
+"""Largest mean error of a picture after the video codec, in levels of 255; see ``docs/export.md`` for what is usual."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportCheck:
+    """What was compared: everything that ``docs/export.md`` lists, and three pictures of each episode and camera.
+
+    Attributes:
+        worst_error: Largest mean error of a picture, in levels of 255; 0 for images without loss.
+    """
+
+    episodes: int
+    frames: int
+    pictures: int
+    worst_error: float
+
+
+def check_export(
+    runs: Sequence[RunFolder], path: Path, *, on_progress: Callable[[int, int], None] | None = None
+) -> ExportCheck:
+    """Compare a data set with the records of its runs.
+
+    ``on_progress`` is called with the number of episodes done and planned.
+
+    Raises:
+        InvalidInputError: If a file of the data set is missing, cannot be read or holds something else than the record.
+        RecordError: If no run has the record of an episode, or it is damaged.
+    """
+    source = _source(path)
+    layout = layout_of(source["layout"]["adapter"]["name"], source["layout"]["observation"]["name"])
+    form: ImageForm = "png" if path.is_file() else source["images"]
+    expected, episodes = ExpectedDataset(path, layout, form), source["episodes"]
+    found = [_trial(runs, about) for about in episodes]
+    told = any("pairs" in about for about in episodes)  # a run may have got its twins later
+    pairs = pairs_of(runs, found) if told else {}
+    pictures, worst = 0, 0.0
+    with _stored(path, expected, len(episodes)) as stored, Pictures(layout.cameras, source["quality"]) as drawn:
+        for number, (about, (of, trial)) in enumerate(zip(episodes, found, strict=True)):
+            run, where = runs[of], f"{path}: episode {number}"
+            record = run.read_record(trial.task, trial.condition, trial.seed)
+            numbers = frame_numbers(record, layout)
+            with intact(where):
+                part = expected.add(record, about["record"], numbers, pairs.get((of, trial), []) if told else None)
+                require_match(about, _about(expected, number), f"{_source_name(path)}: episodes[{number}]")
+                read = stored.episode(number, part)
+            shown = _shown(drawn, run, record, layout)
+            for error in _errors(read, shown, where, 0.0 if form == "png" else MOST_MEAN_ERROR):
+                worst, pictures = max(worst, error), pictures + 1
+            if on_progress is not None:
+                on_progress(number + 1, len(episodes))
+        stored.finish()
+    _compare_source(path, source, expected)
+    return ExportCheck(len(episodes), expected.dataset.frames, pictures, worst)
+
+
+@contextmanager
+def _stored(path: Path, expected: ExpectedDataset, episodes: int) -> Iterator[LeRobotCheck | RobomimicCheck]:
+    """Open what compares a file of robomimic or a folder of LeRobot's."""
+    if path.is_dir():
+        yield lerobot_check(path, expected, episodes)
+        return
+    with RobomimicCheck(path, expected) as check:
+        yield check
+
+
+def _shown(drawn: Pictures, run: RunFolder, record: Record, layout: DatasetLayout) -> dict[int, dict[str, np.ndarray]]:
+    """Draw the images of three frames of an episode again, and return them by row and column."""
+    rows = sorted({0, record.n_steps // 2, record.n_steps - 1}) if layout.images else []
+    images = shown_images(record, layout, drawn.of(run, record, rows), rows) if rows else ()
+    return dict(zip(rows, images, strict=True))
+
+
+def _errors(
+    read: ReadPictures,
+    shown: Mapping[int, Mapping[str, np.ndarray]],
+    where: str,
+    most: float,
+) -> Iterator[float]:
+    """Yield the mean error of each picture that was drawn again, in levels.
+
+    Raises InvalidInputError if one is missing or differs by more than ``most``.
+    """
+    rows = list(shown)
+    for column in shown[rows[0]] if rows else ():
+        with intact(f"{where}: its {column}"):
+            found = read(column, rows)
+        for row in rows:
+            error = _error(found.get(row), shown[row][column])
+            if error > most:
+                problem = f"its {column} differs at frame {row} by {error:.2f} of 255 levels in the mean"
+                raise InvalidInputError(where, problem, CURE)
+            yield error
+
+
+def _source_name(path: Path) -> str:
+    return str(path / SOURCE_FILE) if path.is_dir() else f"{path}: better"
+
+
+def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
+    """Return what is told about the origin of an episode."""
+    episode = expected.dataset.episodes[number]
+    return {**episode.about, "record": episode.record}
+
+
+def _compare_source(path: Path, source: Mapping[str, Any], expected: ExpectedDataset) -> None:
+    """Compare what is told about the origin, as far as records and layout say it.
+
+    What was left out, the version of the package, the command that evaluates, the digest of the options and the lengths
+    of files are as stated. The digests of files are compared after that.
+    """
+    wanted = origin_of(
+        expected.dataset.episodes,
+        expected.layout,
+        expected.form,
+        source["quality"],
+        identity=source.get("identity"),
+        left_out=source.get("left_out"),
+    )
+    stated = {
+        name: source[name]
+        for name in ("package_version", "evaluate", "version", "files", "sha256", SEAL)
+        if name in source
+    }
+    require_match(dict(source), wanted | stated, _source_name(path))
+    if path.is_dir():
+        stored_source(path)  # which compares the seal, of what is only stated too
+    _compare_digests(path, source)
+
+
+def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
+    """Compare the bytes of all files with those that were written, as far as the data set has their digests.
+
+    Pictures that are not drawn again are in them. A page that somebody has edited is left alone.
+    """
+    if path.is_file():
+        with intact(str(path)):
+            require_same_content(path, cure=CURE, raises=RecordError)
+        return
+    with intact(f"{path / SOURCE_FILE}: sha256"):
+        told = {str(name): digest for name, digest in source.get("sha256", {}).items() if name != README}
+    for name, digest in told.items():
+        with intact(str(path / name)):
+            if file_digest(path / name) != digest:
+                raise InvalidInputError(str(path / name), "has other bytes than when it was written", CURE)
+
+
+def _source(path: Path) -> dict[str, Any]:
+    """Return what a data set says about its origin."""
+    try:
+        source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
+        layout = source["layout"]
+        named = [layout["adapter"]["name"], layout["observation"]["name"], source["quality"], source["images"]]
+        named += [about[key] for about in source["episodes"] for key in ("task", "condition", "record")]
+        counted = [int(about[key]) for about in source["episodes"] for key in ("seed", "rows")]
+        if not all(isinstance(name, str) for name in named) or min(counted, default=-1) < 0:
+            raise ValueError("it names no layout, or no episodes")  # noqa: TRY301 - told below
+        if source["images"] not in get_args(ImageForm):
+            raise ValueError("it has neither videos nor PNG files")  # noqa: TRY301 - told below
+    except BetterError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        problem = f"is no data set of better export ({said})"
+        raise InvalidInputError(str(path), problem, "Name its folder or file") from error
+    form: dict[str, Any] = source
+    return form
+
+
+def _trial(runs: Sequence[RunFolder], about: Mapping[str, Any]) -> tuple[int, TrialId]:
+    """Return the number of the run that has the record that an episode was made of, and its trial."""
+    trial = TrialId(about["task"], about["condition"], about["seed"])
+    for number, run in enumerate(runs):
+        entry = run.entry(trial)
+        if entry is not None and entry.status == "done" and run.record_digest(entry) == about["record"]:
+            return number, trial
+    raise RecordError(
+        f"{trial}: no run that is named has the record of this episode (SHA-256 {about['record'][:12]}...). "
+        "Name all runs that were exported."
+    )
+
+
+def _error(there: np.ndarray | None, wanted: np.ndarray) -> float:
+    """Return the mean error of a picture in levels; infinite if it is missing or of another size."""
+    if there is None or there.shape != wanted.shape:
+        return float("inf")
+    return float(np.abs(there.astype(np.int16) - wanted.astype(np.int16)).mean())

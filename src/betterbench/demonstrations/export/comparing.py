@@ -1,0 +1,85 @@
+"""Comparing what a data set says with what it should say, and naming the first difference in one line."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+import pyarrow as pa
+
+from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.json_form import parse_json
+from betterbench.records import first_difference
+
+ReadPictures = Callable[[str, Sequence[int]], Mapping[int, np.ndarray]]
+"""Reads some pictures of an episode by the name of their column and their rows."""
+
+CURE = "Export it again into another place"
+
+LEVEL = "a number from 0 to 1"
+"""Stands in a form that is wanted for the statistics of pictures, which are not computed again."""
+
+_CLOSE = 1e-9
+"""Largest difference of a number, as a share of it: another version of NumPy may add in another order."""
+
+_ROOT = "$"
+_MOST_OF_A_FIELD = 200
+"""Characters of the name of a field in a message; names are a stranger's."""
+
+
+def require_match(there: object, wanted: object, where: str) -> None:
+    """Raise InvalidInputError unless a form that was read is the one that is wanted, which is made of JSON's types.
+
+    Numbers that are not whole may differ by rounding. ``where`` names the file, and the place in it.
+    """
+    wanted = parse_json(json.dumps(wanted))
+    require_equal(_settled(there, wanted), wanted, where)
+
+
+def require_equal(there: object, wanted: object, where: str) -> None:
+    """Raise InvalidInputError unless two forms of JSON's types are equal in every type and number."""
+    found = first_difference(there, wanted, _ROOT)
+    if found is None:
+        return
+    name, was, should = found
+    before, _, field = name.partition(_ROOT)
+    shown = one_line(before + (field.removeprefix(".") or "it"), most=_MOST_OF_A_FIELD)
+    raise InvalidInputError(where, f"{shown} is {was} and should be {should}", CURE)
+
+
+@contextmanager
+def intact(where: str) -> Iterator[None]:
+    """Turn whatever goes wrong where a part of a data set is read into an InvalidInputError."""
+    try:
+        yield
+    except BetterError:
+        raise
+    except _BROKEN as error:
+        said = one_line(error, most=_MOST_OF_A_FIELD) or type(error).__name__
+        raise InvalidInputError(where, f"is damaged ({said})", CURE) from error
+
+
+_BROKEN = (
+    OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
+    pa.ArrowException,
+)  # fmt: skip
+"""What reading a stranger's files raises."""
+
+
+def _settled(there: object, wanted: object) -> object:
+    """Return a form with numbers as they are wanted where they are close, and texts for what JSON has no type for."""
+    if isinstance(there, dict):
+        known = wanted if isinstance(wanted, dict) else {}
+        return {str(name): _settled(value, known.get(name)) for name, value in there.items()}
+    if isinstance(there, list):
+        items = wanted if isinstance(wanted, list) else []
+        return [_settled(value, items[i] if i < len(items) else None) for i, value in enumerate(there)]
+    if isinstance(there, (int, float)) and not isinstance(there, bool):
+        if wanted == LEVEL:
+            return LEVEL if 0.0 <= there <= 1.0 else there
+        if isinstance(wanted, float) and math.isclose(there, wanted, rel_tol=_CLOSE, abs_tol=_CLOSE):
+            return wanted
+    return there if there is None or isinstance(there, (str, int, float)) else str(there)

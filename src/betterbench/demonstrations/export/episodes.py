@@ -1,0 +1,93 @@
+"""What the writers of all formats share: the episodes of a data set, in their order, and what it is called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.demonstrations.export.part import ImageForm, Part, read_part
+from betterbench.errors import RecordError
+
+
+@dataclass(frozen=True, slots=True)
+class FrameQuestion:
+    """A question about one frame of an episode, with its answer."""
+
+    row: int
+    camera: str
+    question: str
+    answer: str
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetEpisode:
+    """One episode of a data set: the folder of its part, what is known about it, and the digest of its record."""
+
+    folder: Path
+    about: Mapping[str, Any]
+    record: str
+    questions: tuple[FrameQuestion, ...] = ()
+
+    def __len__(self) -> int:
+        return int(self.about["rows"])
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """The episodes of a data set in their order, and how they are written.
+
+    Attributes:
+        train: How many of them, from the first on, are for training; the others are for validation.
+        language: Whether LeRobot's language columns are written.
+        source: What is told about the origin: runs, versions, what was left out, the command to evaluate.
+    """
+
+    episodes: tuple[DatasetEpisode, ...]
+    layout: DatasetLayout
+    form: ImageForm
+    rate_hz: int
+    train: int
+    language: bool = False
+    source: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def frames(self) -> int:
+        """How many frames all episodes have."""
+        return sum(map(len, self.episodes))
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """The different instructions; a task index counts through them."""
+        return tuple(dict.fromkeys(str(episode.about["instruction"]) for episode in self.episodes))
+
+    @property
+    def subgoals(self) -> tuple[str, ...]:
+        """The different subgoals; a subtask index counts through them."""
+        return tuple(dict.fromkeys(name for episode in self.episodes for name in episode.about["subgoals"]))
+
+    def parts(self) -> Iterator[Part]:
+        """Yield the content of each episode; raise RecordError if one was damaged after it was made."""
+        for episode in self.episodes:
+            part = read_part(episode.folder, self.layout)
+            if part is None:
+                raise RecordError(f"{episode.folder}: this part was damaged while it was used. Run the command again.")
+            yield part
+
+
+def splits(dataset: Dataset) -> dict[str, str]:
+    """Return the ranges of episodes for training and, if there are any, for validation, as LeRobot writes them."""
+    total = len(dataset.episodes)
+    ranges = {"train": f"0:{dataset.train}"}
+    return ranges if dataset.train == total else ranges | {"validation": f"{dataset.train}:{total}"}
+
+
+def starts(episodes: Sequence[DatasetEpisode]) -> list[int]:
+    """Return the number of the first frame of each episode, counted through the data set."""
+    found, begun = [], 0
+    for episode in episodes:
+        found.append(begun)
+        begun += len(episode)
+    return found

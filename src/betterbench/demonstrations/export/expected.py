@@ -1,0 +1,87 @@
+"""What the writers would write of the records of a data set, which a check compares with what is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.demonstrations.export.comparing import CURE, LEVEL
+from betterbench.demonstrations.export.episodes import Dataset, DatasetEpisode
+from betterbench.demonstrations.export.frames import Numbers
+from betterbench.demonstrations.export.job import is_split
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.demonstrations.export.lerobot import Totals, counters, episode_stats
+from betterbench.demonstrations.export.numbers import Stats, sampled_rows
+from betterbench.demonstrations.export.part import ImageForm, Part, about
+from betterbench.errors import InvalidInputError
+from betterbench.records import Record
+from betterbench.tasks import TrialId
+
+
+class ExpectedDataset:
+    """Collects the episodes of a data set from its records, without pictures and questions."""
+
+    def __init__(self, path: Path, layout: DatasetLayout, form: ImageForm) -> None:
+        self.path, self.layout, self.form = path, layout, form
+        self.language = False
+        self.dataset = Dataset((), layout, form, 0, 0)
+        self._counted: dict[str, np.ndarray] = {}
+        self._totals = Totals()
+        self._first: list[int] = [0]
+
+    def add(self, record: Record, digest: str, numbers: Numbers, pairs: Sequence[str] | None) -> Part:
+        """Add the next episode, and return it with empty files for its pictures.
+
+        Raises InvalidInputError if it has another control rate than those before.
+        """
+        rate, before = round(record.metadata.control_rate_hz), self.dataset.episodes
+        if before and rate != self.dataset.rate_hz:
+            problem = f"its record has {rate} Hz, and those before have {self.dataset.rate_hz}"
+            raise InvalidInputError(f"{self.path}: episode {len(before)}", problem, CURE)
+        told = about(record, numbers.subgoals) | ({} if pairs is None else {"pairs": list(pairs)})
+        episodes = (*before, DatasetEpisode(self.path, told, digest))
+        self.dataset = Dataset(episodes, self.layout, self.form, rate, len(episodes), self.language)
+        images, rows = self.layout.all_images, record.n_steps
+        pngs = dict.fromkeys(images, (b"",) * rows) if self.form == "png" else {}
+        levels = {name: np.ones((3, 256), np.int64) for name in images}
+        part = Part(numbers.vectors, numbers.subgoals, {}, pngs, levels, len(sampled_rows(rows)), told)
+        self._counted = counters(self.dataset, len(before), part, first=self._first[-1])
+        self._totals.add(part, self._counted)
+        self._first.append(self._first[-1] + rows)
+        return part
+
+    def first(self, number: int) -> int:
+        """Return the number of the first frame of an episode."""
+        return self._first[number]
+
+    def divided(self, train: int, where: str, said: str) -> Dataset:
+        """Return the data set, with so many episodes for training.
+
+        Raises InvalidInputError with what the file ``where`` ``said`` if no share of validation divides it so.
+        """
+        trials = [TrialId(e.about["task"], e.about["condition"], e.about["seed"]) for e in self.dataset.episodes]
+        if not is_split(trials, train):
+            problem = f"{said}, and no share of validation divides these {len(trials)} episodes so"
+            raise InvalidInputError(where, problem, CURE)
+        return replace(self.dataset, train=train)
+
+    def episode_stats(self, part: Part) -> dict[str, Stats]:
+        """Return the statistics of the last episode, those of pictures left open."""
+        return self._open(episode_stats(self.dataset, part, self._counted))
+
+    def stats(self) -> dict[str, Stats]:
+        """Return the statistics of all episodes, those of pictures left open."""
+        return self._open(self._totals.stats())
+
+    def _open(self, stats: dict[str, Stats]) -> dict[str, Stats]:
+        """Return statistics without the levels of pictures, of which only form and count are known."""
+        levels: Any = [[[LEVEL]]] * 3
+        opened = {
+            name: {what: value if what == "count" else levels for what, value in stats[name].items()}
+            for name in self.layout.all_images
+        }
+        return stats | opened

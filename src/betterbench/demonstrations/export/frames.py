@@ -1,0 +1,95 @@
+"""The frames of an episode: what the policy would be shown at each step, and what it would have to answer."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from betterbench.demonstrations.export.actions import actions_in, commands
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.episodes import observation_of
+from betterbench.interface import Observation
+from betterbench.interface.actions import action_space
+from betterbench.policies.conventions.answers import get_entry
+from betterbench.records import Record, subgoal_segments
+from betterbench.tasks.interventions import resolve_condition
+
+DONE = "done"
+"""What is left to do after the last subgoal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Numbers:
+    """Everything of an episode's frames but the images.
+
+    Attributes:
+        vectors: (N, size) by column: states and action.
+        subgoals: (N,) what the demonstrator is about.
+    """
+
+    vectors: Mapping[str, np.ndarray]
+    subgoals: tuple[str, ...]
+
+
+def frame_numbers(record: Record, layout: DatasetLayout) -> Numbers:
+    """Return the numbers of all frames; the last state, after which nothing was done, is none.
+
+    Raises InvalidInputError if the record's motion cannot be said in the preset's action space.
+    """
+    adapter = layout.adapter
+    actions = actions_in(record, action_space(adapter.answer.space))
+    if adapter.answer.gripper in ("closed_fraction", "open_fraction"):
+        actions = np.concatenate([actions[:, :-1], commands(actions[:, -1])[:, None]], axis=1)
+    rules = {rule.key: rule for rule in adapter.states}
+    rows: dict[str, list[np.ndarray]] = {column.name: [] for column in (*layout.states, layout.action)}
+    for seen, action in zip(_observations(record), actions, strict=True):
+        for column in layout.states:
+            values = [np.atleast_1d(adapter.state(rules[part.key], seen)) for part in column.parts]
+            rows[column.name].append(np.concatenate(values))
+        reply = adapter.reply(action[None], seen)
+        parts = [np.asarray(get_entry(reply, part.key))[0] for part in layout.action.parts]
+        rows[layout.action.name].append(np.concatenate(parts))
+    vectors = {
+        column.name: np.array(rows[column.name], dtype=column.dtype).reshape(-1, column.size)
+        for column in (*layout.states, layout.action)
+    }
+    return Numbers(vectors, active_subgoals(record))
+
+
+def shown_images(
+    record: Record,
+    layout: DatasetLayout,
+    pictures: Iterator[Mapping[str, np.ndarray]],
+    rows: Collection[int] | None = None,
+) -> Iterator[dict[str, np.ndarray]]:
+    """Yield the images of some frames by column, of all if None, from the pictures of the cameras at each of them."""
+    observed = (o for o in _observations(record) if rows is None or o.step in rows)
+    for seen, views in zip(observed, pictures, strict=True):
+        by_key = layout.adapter.images(replace(seen, images=views))
+        images = {column.name: by_key[column.key] for column in layout.images}
+        yield images | {name: images[other] for name, other in layout.copies.items()}
+
+
+def active_subgoals(record: Record) -> tuple[str, ...]:
+    """Return for each frame the subgoal that its segment serves, as words ("pack burger"); at last :data:`DONE`.
+
+    The segments are those of the record, or derived from it as those of demonstrations are.
+
+    Raises UnknownNameError if the record has no segments, and its task or condition is unknown.
+    """
+    meta = record.metadata
+    segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
+    shown = [DONE] * record.n_steps
+    for segment in segments:
+        for row in range(segment.start, min(segment.stop, record.n_steps)):
+            shown[row] = segment.subgoal.replace("_", " ") or DONE
+    return tuple(shown)
+
+
+def _observations(record: Record) -> Iterator[Observation]:
+    """Yield what a policy sees before each action, without images."""
+    for state in record.states():
+        if state.step < record.n_steps:
+            yield observation_of(state, record.metadata.instruction, {})

@@ -1,0 +1,461 @@
+"""A whole export: every episode once, by several workers, and then the data set in one piece at its place.
+
+Everything is made in a hidden folder beside the place, ``.NAME.parts``. Episodes that are complete there are not made
+again, and the finished data set is moved to its place by one renaming, so that it is there whole or not at all. Bytes
+follow from the records and the options alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import logging
+import shutil
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import betterbench
+from betterbench.demonstrations.export.card import card
+from betterbench.demonstrations.export.episodes import Dataset, DatasetEpisode
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.demonstrations.export.lerobot import json_bytes, write_v30
+from betterbench.demonstrations.export.lerobot_v21 import write_v21
+from betterbench.demonstrations.export.part import ImageForm, read_index, write_part
+from betterbench.demonstrations.export.pictures import Pictures
+from betterbench.demonstrations.export.questions import question_set, questions_of
+from betterbench.demonstrations.export.robomimic import require_h5py, require_same_content, write_robomimic
+from betterbench.demonstrations.export.selection import ChosenTrial, Selection
+from betterbench.demonstrations.export.video import VIDEO_SETTINGS, require_even
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError
+from betterbench.jobs import RunLock, write_durably
+from betterbench.jobs.durable import on_disk, remove_parts
+from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs.lock import LOCK_NAME
+from betterbench.jobs.outputs import require_replaceable
+from betterbench.json_form import dump_json, file_digest, open_seal, read_ordinary, sealed_form
+from betterbench.policies.conventions.presets import NATIVE
+from betterbench.quoting import shell_word
+from betterbench.records import Record, RunFolder
+from betterbench.records.twins import read_pairs
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks import TrialId, suite_tasks
+
+Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
+
+logger = logging.getLogger(__name__)
+
+EXPORT_VERSION = 1
+"""Version of what an export holds; it moves when the same records give other frames."""
+
+SOURCE_FILE = "meta/betterbench.json"
+"""Where a data set says what it was made of."""
+README = "README.md"
+"""Page of a data set, which its owner may edit."""
+
+Told = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class ExportPlan:
+    """What is exported, and how.
+
+    Attributes:
+        out: Folder of the data set, or its file for robomimic.
+        form: How images are stored; robomimic's are always without loss.
+        quality: Render preset; that of the runs if None.
+        validation: Share of the seeds whose episodes are for validation.
+        language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
+        questions: Folder of a set of questions for them, or None.
+        overwrite: Whether another data set of ours, or for robomimic any other file, is replaced.
+    """
+
+    runs: Sequence[RunFolder]
+    selection: Selection
+    layout: DatasetLayout
+    to: Format
+    out: Path
+    form: ImageForm = "video"
+    quality: str | None = None
+    validation: float = 0.0
+    language: bool = False
+    questions: Path | None = None
+    overwrite: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What was written: its place, how many episodes and frames it has, and what it takes on disk."""
+
+    path: Path
+    episodes: int
+    frames: int
+    bytes: int
+    made: int
+    left_out: Mapping[str, int]
+    evaluate: str
+
+
+def export_dataset(plan: ExportPlan, *, workers: int = 1, on_progress: Told | None = None) -> Exported:
+    """Write a data set, or finish one that was begun; the same plan gives the same bytes with any number of workers.
+
+    ``on_progress`` is called with the number of episodes done and planned.
+
+    Raises:
+        RunConflictError: If there is something else at the place, or another process is exporting to it.
+        RecordError: If a record or a stored scene is missing or damaged.
+        InvalidInputError: If the options do not fit each other or the records.
+        StorageError: If the disk is full.
+        MissingDependencyError: If h5py or off-screen OpenGL is missing.
+    """
+    plan = _checked(plan)
+    out, quality = plan.out.absolute(), _quality(plan)
+    identity = _identity(plan, quality)
+    staging = out.with_name(f".{out.name}.parts")
+    if out.is_symlink() and not out.exists():
+        raise RunConflictError(f"{out}: is a link to nothing. Remove it, or choose another place.")
+    if staging.is_symlink():
+        raise RunConflictError(f"{staging}: is a link, and no link is written to. Remove it.")
+    with on_disk(out):
+        if out.exists() and not _is_replaced(plan, out, identity):
+            told = _finished(plan, out, identity, quality)
+            _remove_leftover(staging)
+            return told
+        with RunLock(staging / LOCK_NAME, output=out):
+            remove_parts(staging)
+            if out.exists() and not _is_replaced(plan, out, identity):
+                told = _finished(plan, out, identity, quality)
+                shutil.rmtree(staging, ignore_errors=True)
+                return told
+            made = _make_parts(plan, staging, quality, workers, on_progress)
+            _assemble(plan, staging, out, identity, quality)
+            shutil.rmtree(staging, ignore_errors=True)
+    return _told(plan, out, made, quality)
+
+
+def _checked(plan: ExportPlan) -> ExportPlan:
+    """Return the plan with what its format leaves no choice about; raise InvalidInputError if options do not fit."""
+    if plan.to == "robomimic":
+        require_h5py()
+        plan = replace(plan, form="png")
+    if (plan.language or plan.questions) and plan.to != "lerobot":
+        raise InvalidInputError("--language", f"{plan.to} has no such columns", "Export to lerobot, or leave it out")
+    if not 0.0 <= plan.validation < 1.0:
+        raise InvalidInputError(
+            "--validation", f"{plan.validation:g} is out of range", "Give a share from 0 to below 1"
+        )
+    if plan.form == "video":
+        for column in plan.layout.images:
+            require_even(column.width, column.height)
+    return replace(plan, language=plan.language or plan.questions is not None)
+
+
+def _quality(plan: ExportPlan) -> str:
+    """Return the name of the render preset; raise InvalidInputError if the runs differ and none is given."""
+    if plan.quality is not None:
+        return quality_preset(plan.quality).name
+    forms = [run.plan.get("quality", "standard") for run in plan.runs]
+    names = sorted({str(form.get("name") if isinstance(form, dict) else form) for form in forms})
+    if len(names) > 1:
+        raise InvalidInputError("--quality", f"the runs were rendered as {', '.join(names)}", "Name the one to export")
+    return quality_preset(names[0]).name
+
+
+def _identity(plan: ExportPlan, quality: str) -> str:
+    """Return a digest of everything that the bytes of a data set follow from."""
+    form = {
+        "version": EXPORT_VERSION,
+        "to": plan.to,
+        "shown": _shown(plan, quality),
+        "records": [[str(d.trial), d.digest] for d in plan.selection.demonstrations],
+        "left_out": dict(plan.selection.left_out),
+        "validation": plan.validation,
+        "language": plan.language,
+        **({"pairs": pairs} if (pairs := {str(t): ids for (_, t), ids in _pairs(plan).items()}) else {}),
+        "questions": question_set(plan.questions).sha256 if plan.questions else None,
+    }
+    return hashlib.sha256(dump_json(form)).hexdigest()
+
+
+def _pairs(plan: ExportPlan) -> dict[tuple[int, TrialId], list[str]]:
+    return pairs_of(plan.runs, [(d.run, d.trial) for d in plan.selection.demonstrations])
+
+
+def pairs_of(
+    runs: Sequence[RunFolder], demonstrations: Sequence[tuple[int, TrialId]]
+) -> dict[tuple[int, TrialId], list[str]]:
+    """Return the ids of the pairs of twins that each demonstration belongs to, by the number of its run and its trial.
+
+    There are none for runs without twins.
+    """
+    found: dict[tuple[int, TrialId], list[str]] = {}
+    for number, run in enumerate(runs):
+        chosen = {trial for of, trial in demonstrations if of == number}
+        for pair in read_pairs(run):
+            if chosen.issuperset(pair.trials):
+                for trial in pair.trials:
+                    found.setdefault((number, trial), []).append(pair.pair)
+    return found
+
+
+def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
+    """Return what the frames of an episode depend on beside its record."""
+    video = VIDEO_SETTINGS if plan.form == "video" else {}
+    return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
+
+
+def _part_folder(staging: Path, plan: ExportPlan, quality: str, demonstration: ChosenTrial) -> Path:
+    told = dump_json({"shown": _shown(plan, quality), "record": demonstration.digest})
+    return staging / "parts" / hashlib.sha256(told).hexdigest()[:32]
+
+
+def _remove_leftover(staging: Path) -> None:
+    """Remove what a killed process left, unless another process exports to the same place with other options."""
+    if staging.is_dir():
+        with contextlib.suppress(RunConflictError, OSError), RunLock(staging / LOCK_NAME):
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
+    """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
+    told: Exported | None = None
+    there, digests = None, dict[str, str]()
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        source = _stored_source(plan.to, out)
+        told = _told(plan, out, 0, quality)
+        there, digests = source["identity"], dict(source.get("sha256", {}))
+    if told is None or there != identity:
+        if there:
+            raise RunConflictError(
+                f"{out}: there is another data set already. Give --overwrite to replace it, or another name."
+            )
+        if out.is_dir():
+            raise RunConflictError(
+                f"{out}: there is something else already, a folder that better export did not write. "
+                "It is never replaced: give another name."
+            )
+        require_replaceable(out, "export", is_ours=lambda _: False)
+        raise RunConflictError(f"{out}: there is an empty file already. Remove it, or give another name.")
+    again = "Move the data set away and run the command again"
+    if plan.to == "robomimic":
+        require_same_content(out, cure=again)
+    elif not digests:
+        logger.warning("%s: an earlier version wrote it without digests, so a change in it would not be seen", out)
+    lost = next((name for name, digest in digests.items() if _digest(out / name) != digest), None)
+    if lost is not None:
+        raise RunConflictError(f"{out / lost}: is missing, or has other bytes than when it was written. {again}.")
+    return told
+
+
+def _digest(file: Path) -> str | None:
+    """Return the SHA-256 of a file; None if there is none."""
+    return file_digest(file) if file.is_file() else None
+
+
+def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
+    """Tell whether what is at the place is to be replaced: with ``overwrite``, but no folder that is not ours."""
+    if not plan.overwrite or out.is_symlink():
+        return False
+    there = None
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+        there = _stored_source(plan.to, out)["identity"]
+    return there != identity and (isinstance(there, str) or (plan.to == "robomimic" and out.is_file()))
+
+
+def _stored_source(to: Format, out: Path) -> dict[str, Any]:
+    """Return what a data set says about its origin."""
+    if to == "robomimic":
+        from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
+
+        return read_origin(out)
+    return stored_source(out)
+
+
+def stored_source(folder: Path) -> dict[str, Any]:
+    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
+    file = folder / SOURCE_FILE
+    cure = "Move the data set away and export it again"
+    return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
+
+
+def _make_parts(plan: ExportPlan, staging: Path, quality: str, workers: int, on_progress: Told | None) -> int:
+    """Make the parts that are missing, and return how many those were."""
+    wanted = {_part_folder(staging, plan, quality, d): d for d in plan.selection.demonstrations}
+    missing = {folder: d for folder, d in wanted.items() if read_index(folder) is None}
+    done = len(wanted) - len(missing)
+    # Neighbors share a scene, which takes longer to open than a picture to draw.
+    waiting = sorted(missing.items(), key=lambda item: (item[1].scene_hash, item[1].trial, item[1].run))
+    if on_progress is not None:
+        on_progress(done, len(wanted))
+
+    def work(pictures: Pictures, item: tuple[Path, ChosenTrial]) -> None:
+        folder, demonstration = item
+        run = plan.runs[demonstration.run]
+        record = _record(run, demonstration)
+        _check_rate(record)
+        write_part(folder, record, plan.layout, pictures.of(run, record), plan.form)
+
+    def told(_: tuple[Path, ChosenTrial]) -> None:
+        nonlocal done
+        done += 1
+        if on_progress is not None:
+            on_progress(done, len(wanted))
+
+    in_threads(
+        waiting,
+        work,
+        workers=workers,
+        open_resource=lambda: Pictures(plan.layout.cameras, quality),
+        on_done=told,
+    )
+    return len(missing)
+
+
+def _record(run: RunFolder, demonstration: ChosenTrial) -> Record:
+    trial = demonstration.trial
+    return run.read_record(trial.task, trial.condition, trial.seed, digest=demonstration.digest)
+
+
+def _check_rate(record: Record) -> None:
+    rate = record.metadata.control_rate_hz
+    if abs(rate - round(rate)) > 1e-9:
+        raise InvalidInputError("control rate", f"{rate:g} Hz is no whole number", "Record at 20 Hz")
+    if record.n_steps < 2:
+        m = record.metadata
+        raise RecordError(f"{m.task}/{m.condition}/{m.seed}: has {record.n_steps} steps, too few for an episode.")
+
+
+def _assemble(plan: ExportPlan, staging: Path, out: Path, identity: str, quality: str) -> None:
+    """Write the data set into the hidden folder, and move it to its place."""
+    dataset = _dataset(plan, staging, identity, quality)
+    whole = staging / "dataset"
+    shutil.rmtree(whole, ignore_errors=True)
+    whole.mkdir(parents=True)
+    replaced = staging / "replaced"
+    if plan.to == "robomimic":
+        write_robomimic(whole / out.name, dataset)
+        (whole / out.name).replace(out)
+        return
+    stats = (write_v30 if plan.to == "lerobot" else write_v21)(whole, dataset)
+    write_durably(whole / README, card(dataset, stats).encode())
+    written = {str(p.relative_to(whole)): p for p in sorted(whole.rglob("*")) if p.is_file()}
+    files = {name: p.stat().st_size for name, p in written.items()}
+    digests = {name: file_digest(p) for name, p in written.items()}
+    write_durably(
+        whole / SOURCE_FILE,
+        json_bytes(sealed_form({**dataset.source, "version": 2, "files": files, "sha256": digests})),
+    )
+    if out.exists():  # another one that is to be replaced; it goes with the hidden folder
+        shutil.rmtree(replaced, ignore_errors=True)
+        out.rename(replaced)
+    whole.replace(out)
+
+
+def _dataset(plan: ExportPlan, staging: Path, identity: str, quality: str) -> Dataset:
+    """Return the data set of the parts: training episodes first, and everything that is told about the origin."""
+    shown = plan.selection.demonstrations
+    asked = questions_of(question_set(plan.questions), plan.layout, shown) if plan.questions else {}
+    pairs = _pairs(plan)
+    episodes, rates = [], set()
+    for d in plan.selection.demonstrations:
+        folder = _part_folder(staging, plan, quality, d)
+        index = read_index(folder)
+        if index is None:
+            raise RecordError(f"{folder}: this part was damaged while it was used. Run the command again.")
+        rates.add(round(index.about["control_rate_hz"]))
+        about = {**index.about, "pairs": pairs.get((d.run, d.trial), [])} if pairs else index.about
+        episodes.append(DatasetEpisode(folder, about, d.digest, asked.get(d.digest, ())))
+    if len(rates) > 1:
+        raise InvalidInputError("control rate", f"the records have {sorted(rates)} Hz", "Export them one by one")
+    held_out = validation_seeds({d.trial.seed for d in plan.selection.demonstrations}, plan.validation)
+    train = [e for e in episodes if e.about["seed"] not in held_out]
+    ordered = tuple(train + [e for e in episodes if e.about["seed"] in held_out])
+    source = origin_of(
+        ordered, plan.layout, plan.form, quality, identity=identity, left_out=dict(plan.selection.left_out)
+    )
+    return Dataset(ordered, plan.layout, plan.form, rates.pop(), len(train), plan.language, source)
+
+
+def validation_seeds(seeds: set[int], share: float) -> set[int]:
+    """Return the seeds whose episodes are for validation: whole seeds, because conditions share their layouts.
+
+    One seed at least is left for training.
+    """
+    by_hash = sorted(seeds, key=lambda seed: hashlib.sha256(f"validation {seed}".encode()).digest())
+    return set(by_hash[: min(round(share * len(seeds)), len(seeds) - 1)])
+
+
+def origin_of(
+    episodes: Sequence[DatasetEpisode],
+    layout: DatasetLayout,
+    form: ImageForm,
+    quality: str,
+    *,
+    identity: object,
+    left_out: object,
+) -> dict[str, Any]:
+    """Return what a data set says about its origin, without the lengths of its files."""
+    return {
+        "export_version": EXPORT_VERSION,
+        "identity": identity,
+        "package_version": betterbench.__version__,
+        "suite_version": ", ".join(sorted({str(e.about["suite_version"]) for e in episodes})),
+        "policies": sorted({str(e.about["policy"]) for e in episodes}),
+        "looks": sorted({str(e.about["looks"]) for e in episodes}),
+        "quality": quality,
+        "images": form,
+        "video": VIDEO_SETTINGS if form == "video" else None,
+        "evaluate": evaluation_command(layout, quality, {str(e.about["task"]) for e in episodes}),
+        "left_out": left_out,
+        "layout": layout.to_json(),
+        "episodes": [{**e.about, "record": e.record} for e in episodes],
+    }
+
+
+def is_split(trials: Sequence[TrialId], train: int) -> bool:
+    """Return whether the first ``train`` of some trials are for training and the others for validation in an export.
+
+    That is so for some share of validation, which is not stored: its seeds are held out whole and come last.
+    """
+    held_out, seeds = {trial.seed for trial in trials[train:]}, {trial.seed for trial in trials}
+    first = sorted(trial for trial in trials if trial.seed not in held_out)
+    last = sorted(trial for trial in trials if trial.seed in held_out)
+    chosen = validation_seeds(seeds, len(held_out) / len(seeds)) if seeds else None
+    return len(first) == train > 0 and held_out == chosen and list(trials) == first + last
+
+
+def evaluation_command(layout: DatasetLayout, quality: str, tasks: Collection[str]) -> str:
+    """Return the command that evaluates a policy that was trained on a layout, with its address left open.
+
+    It plays the whole suite where all tasks of the suite are demonstrated, and a few trials of the tasks otherwise.
+    """
+    name = layout.adapter.name
+    words = ["better eval --policy"]
+    own = {"lerobot": "lerobot:CHECKPOINT", NATIVE.name: "python:FILE.py:CLASS"}
+    words.append(own.get(name, f'"PROTOCOL://HOST:PORT?preset={name}"'))
+    if layout.observation.name != "default":
+        words.append(f"--observation {layout.observation.name}")
+    if layout.adapter.answer.space != "ee_delta":
+        words.append(f"--action-space {layout.adapter.answer.space}")
+    if quality != "standard":
+        words.append(f"--quality {quality}")
+    if set(suite_tasks("better60")) <= set(tasks):
+        words.append("--suite better60")
+    else:
+        words.append(f"--tasks {' '.join(map(shell_word, sorted(set(tasks))))} --trials 3")
+    return " ".join([*words, "--out RUN"])
+
+
+def _told(plan: ExportPlan, out: Path, made: int, quality: str) -> Exported:
+    source = _stored_source(plan.to, out)
+    files = [out] if out.is_file() else [path for path in out.rglob("*") if path.is_file()]
+    return Exported(
+        out,
+        len(source["episodes"]),
+        sum(int(about["rows"]) for about in source["episodes"]),
+        sum(path.stat().st_size for path in files),
+        made,
+        plan.selection.left_out,
+        evaluation_command(plan.layout, quality, {str(about["task"]) for about in source["episodes"]}),
+    )

@@ -1,0 +1,54 @@
+"""LeRobot's language columns: the subgoals of an episode, and questions about its frames.
+
+Source: huggingface/lerobot 0.6, ``src/lerobot/datasets/language.py`` and ``docs/source/language_and_recipes.mdx``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from betterbench.demonstrations.export.episodes import Dataset
+from betterbench.demonstrations.export.part import Part
+
+PERSISTENT, EVENTS = "language_persistent", "language_events"
+
+
+def language_columns(dataset: Dataset, number: int, part: Part) -> dict[str, pa.Array]:
+    """Return the two columns of an episode.
+
+    ``language_persistent`` lists in every frame all subgoals with the time at which each began [s];
+    ``language_events`` lists the questions and answers about a frame in that frame, with the column of its image.
+    """
+    times = (np.arange(len(part)) / dataset.rate_hz).astype(np.float32)
+    changes = [row for row in range(len(part)) if row == 0 or part.subgoals[row] != part.subgoals[row - 1]]
+    steps = [_said("assistant", part.subgoals[row], "subtask") | {"timestamp": times[row]} for row in changes]
+    events: list[list[dict[str, Any]]] = [[] for _ in range(len(part))]
+    columns = {column.camera: name for name, column in reversed(dataset.layout.all_images.items())}
+    for asked in dataset.episodes[number].questions:
+        if asked.row < len(part):
+            for role, text in (("user", asked.question), ("assistant", asked.answer)):
+                events[asked.row].append(_said(role, text, "vqa") | {"camera": columns[asked.camera]})
+    return {
+        PERSISTENT: _column([steps] * len(part), timed=True),
+        EVENTS: _column(events, timed=False),
+    }
+
+
+def _said(role: str, text: str, style: str) -> dict[str, Any]:
+    return {"role": role, "content": text, "style": style, "camera": None, "tool_calls": None}
+
+
+def _column(rows: list[list[dict[str, Any]]], *, timed: bool) -> pa.Array:
+    # pyarrow makes no array of its JSON type from Python values, but casts texts to it.
+    return pa.array(rows, pa.list_(_entry(pa.string(), timed=timed))).cast(pa.list_(_entry(pa.json_(), timed=timed)))
+
+
+def _entry(call: pa.DataType, *, timed: bool) -> pa.DataType:
+    """Return the type of one entry of a column, whose tool calls have the type ``call``."""
+    fields = [pa.field("role", pa.string(), nullable=False)]
+    fields += [pa.field("content", pa.string()), pa.field("style", pa.string())]
+    fields += [pa.field("timestamp", pa.float32(), nullable=False)] if timed else []
+    return pa.struct([*fields, pa.field("camera", pa.string()), pa.field("tool_calls", pa.list_(call))])

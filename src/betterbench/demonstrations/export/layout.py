@@ -1,0 +1,219 @@
+"""The columns of a data set: what a preset shows a policy and reads from it, under the names that its trainer expects.
+
+Every column is made by the adapter itself, so what a policy is trained on is what ``better eval`` sends it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from betterbench.errors import InvalidInputError
+from betterbench.interface import CameraSpec, ObservationSpec, observation_spec
+from betterbench.interface.actions import action_space
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
+from betterbench.policies.conventions.modality import name_of
+from betterbench.policies.conventions.presets import own_preset
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.policies.conventions.rotation import ROTATION_SIZES
+
+NumberType = Literal["float32", "float64", "int64"]
+
+IMAGES, STATE, ACTION = "observation.images.", "observation.state", "action"
+
+_OBSERVATIONS = ("default", "droid", "official")
+"""Observation presets in the order in which one with all the cameras of a layout is looked for."""
+
+_REPEATED = {"openpi_droid": {"exterior_image_2_left": "exterior_image_1_left"}}
+"""Columns that a trainer's configuration names although the policy is not shown them; they repeat another one.
+
+openpi's ``LeRobotDROIDDataConfig`` wants a second exterior image, which its policy does not use.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ImageColumn:
+    """One image per frame: column, key in the policy's request, our camera, and size [pixel]."""
+
+    name: str
+    key: tuple[str, ...]
+    camera: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class VectorPart:
+    """The numbers ``start`` to ``end`` of a column, under the key that they have in a request or a reply."""
+
+    key: tuple[str, ...]
+    start: int
+    end: int
+
+    @property
+    def name(self) -> str:
+        """The bare name, as GR00T's modality.json lists it."""
+        return name_of(self.key).replace("/", "_")
+
+
+@dataclass(frozen=True, slots=True)
+class VectorColumn:
+    """Some numbers per frame; ``components`` are their names."""
+
+    name: str
+    parts: tuple[VectorPart, ...]
+    components: tuple[str, ...]
+    dtype: NumberType = "float32"
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has."""
+        return len(self.components)
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetLayout:
+    """The columns of a data set.
+
+    Attributes:
+        adapter: What fills them.
+        observation: What ``better eval --observation`` renders for the policy.
+        copies: Columns of images that repeat another one.
+    """
+
+    adapter: Adapter
+    observation: ObservationSpec
+    images: tuple[ImageColumn, ...]
+    states: tuple[VectorColumn, ...]
+    action: VectorColumn
+    copies: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def cameras(self) -> tuple[CameraSpec, ...]:
+        """The cameras that have to be rendered."""
+        shown = {column.camera for column in self.images}
+        return tuple(camera for camera in self.observation.cameras if camera.name in shown)
+
+    @property
+    def all_images(self) -> dict[str, ImageColumn]:
+        """The columns of images by name, repeated ones too."""
+        by_name = {column.name: column for column in self.images}
+        return by_name | {name: replace(by_name[other], name=name) for name, other in self.copies.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form: the adapter, and which column holds what."""
+        return {
+            "adapter": self.adapter.to_json(),
+            "observation": self.observation.to_json(),
+            "images": {c.name: {"key": list(c.key), "camera": c.camera} for c in self.all_images.values()},
+            "vectors": {
+                c.name: [{"key": list(p.key), "start": p.start, "end": p.end} for p in c.parts]
+                for c in (*self.states, self.action)
+            },
+        }
+
+
+def layout_of(name: str, observation: str | None = None) -> DatasetLayout:
+    """Return the layout of a preset.
+
+    ``observation`` is the observation preset that the policy will be evaluated with; the first one that has all its
+    cameras if not given.
+
+    Raises:
+        UnknownNameError: If there is no such preset.
+        InvalidInputError: If only a foreign world plays its actions, or the observation preset lacks a camera that it
+            shows.
+    """
+    adapter = own_preset(name)
+    spec = _observation(adapter, observation)
+    sizes = {camera.name: camera for camera in spec.cameras}
+    images = []
+    for rule in adapter.views:
+        for camera in sizes if rule.camera == EVERY_CAMERA else (rule.camera,):
+            key = rule.named(camera)
+            width, height = _shown_size(rule, sizes[camera])
+            images.append(ImageColumn(_image_name(adapter.name, key), key, camera, width, height))
+    return DatasetLayout(
+        adapter, spec, tuple(images), _states(adapter), _action(adapter), _REPEATED.get(adapter.name, {})
+    )
+
+
+def _observation(adapter: Adapter, name: str | None) -> ObservationSpec:
+    wanted = [camera for camera in adapter.cameras if camera != EVERY_CAMERA]
+    for known in (name,) if name is not None else _OBSERVATIONS:
+        spec = observation_spec(known)
+        if spec.cameras and set(wanted) <= {camera.name for camera in spec.cameras}:
+            return spec
+    problem = f"{name or 'no observation preset'} renders not all of the cameras {', '.join(wanted) or 'at all'}"
+    raise InvalidInputError("--observation", f"{problem} of the preset {adapter.name}", "Leave it out, or give another")
+
+
+def _shown_size(rule: ImageRule, camera: CameraSpec) -> tuple[int, int]:
+    """Return width and height of an image as the policy is shown it."""
+    turned = rule.turn in (90, 270)
+    width, height = (camera.height, camera.width) if turned else (camera.width, camera.height)
+    return rule.width or width, rule.height or height
+
+
+def _is_openpi(name: str) -> bool:
+    return name.startswith("openpi_")
+
+
+def _image_name(adapter: str, key: tuple[str, ...]) -> str:
+    """Return the column of an image: openpi's own names, or LeRobot's."""
+    bare = name_of(key).removeprefix(IMAGES).rpartition("/")[2]
+    return bare if _is_openpi(adapter) else IMAGES + bare
+
+
+def _states(adapter: Adapter) -> tuple[VectorColumn, ...]:
+    """Return the columns of the robot's state: one for all, or one for each where the trainer or exactness wants it."""
+    columns: list[VectorColumn] = []
+    parts: list[VectorPart] = []
+    names: list[str] = []
+    for rule in adapter.states:
+        if adapter.name == "native" or _is_openpi(adapter.name):
+            bare = rule.key[-1].rpartition("/")[2] if _is_openpi(adapter.name) else rule.key[-1].replace("/", ".")
+            columns.append(VectorColumn(bare, (VectorPart(rule.key, 0, rule.size),), _components(rule), rule.dtype))
+        else:
+            parts.append(VectorPart(rule.key, len(names), len(names) + rule.size))
+            names += _components(rule)
+    return (*columns, *((VectorColumn(STATE, tuple(parts), tuple(names)),) if parts else ()))
+
+
+def _components(rule: StateRule) -> tuple[str, ...]:
+    """Return the name of each number of a state."""
+    sizes = [(part, columns.stop - columns.start) for part, columns in rule.columns()]
+    return tuple(part if size == 1 else f"{part}.{i}" for part, size in sizes for i in range(size))
+
+
+def _answer_names(answer: AnswerRule, part: AnswerPart) -> tuple[str, ...]:
+    """Return the name of each number of a part of an answer."""
+    axes = {"axis_angle": ("rx", "ry", "rz"), "rpy": ("roll", "pitch", "yaw")}
+    turns = axes.get(answer.rotation) or tuple(f"rotation.{i}" for i in range(ROTATION_SIZES[answer.rotation]))
+    kind, _, axis = part.kind.partition("_")
+    match kind:
+        case "action":
+            return action_space(answer.space).components
+        case "translation":
+            return (axis,) if axis else ("x", "y", "z")
+        case "rotation":
+            return (turns["xyz".index(axis)],) if axis else turns
+        case "joints":
+            return tuple(f"joint{i + 1}" for i in range(7))
+        case "unused":
+            return tuple(f"unused.{i}" for i in range(part.size or 0))
+    return (kind,)
+
+
+def _action(adapter: Adapter) -> VectorColumn:
+    """Return the column of the actions: what the policy would have to answer."""
+    parts, names = [], list[str]()
+    for key, size in adapter.answer.columns.items():
+        parts.append(VectorPart(key, len(names), len(names) + size))
+        for part in adapter.answer.parts:
+            names += _answer_names(adapter.answer, part) if part.key == key else ()
+    name = "actions" if _is_openpi(adapter.name) else ACTION
+    return VectorColumn(name, tuple(parts), tuple(names), "float64" if adapter.name == "native" else "float32")

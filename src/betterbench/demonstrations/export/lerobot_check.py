@@ -1,0 +1,304 @@
+"""Comparing a LeRobot data set with the records that it comes from, file by file."""
+
+from __future__ import annotations
+
+import io
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from betterbench.demonstrations.export import lerobot, lerobot_v21
+from betterbench.demonstrations.export.comparing import CURE, ReadPictures, intact, require_equal, require_match
+from betterbench.demonstrations.export.episodes import Dataset
+from betterbench.demonstrations.export.expected import ExpectedDataset
+from betterbench.demonstrations.export.language import EVENTS, PERSISTENT
+from betterbench.demonstrations.export.part import Part, read_png
+from betterbench.demonstrations.export.video import read_pictures
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.json_form import parse_json, read_ordinary
+
+_RANGE = re.compile(r"0:([0-9]{1,9})")
+"""The episodes for training, as LeRobot writes them."""
+
+
+@dataclass(slots=True)
+class _Frames:
+    """A file of frames that is being read, and how many of its rows belong to the episodes so far."""
+
+    name: str
+    table: pa.Table
+    used: int = 0
+
+
+class LeRobotCheck(ABC):
+    """Compares everything but pictures, their statistics, and the questions of the language columns.
+
+    Attributes:
+        listed_in: Folders whose Parquet files a trainer reads, all of them.
+    """
+
+    listed_in: Sequence[str]
+
+    def __init__(self, path: Path, expected: ExpectedDataset, info: Any, listed: Sequence[Any]) -> None:  # noqa: ANN401 - JSON
+        """Prepare for a data set.
+
+        Args:
+            path: Its folder.
+            expected: Takes its episodes, one after the other.
+            info: Its ``meta/info.json``.
+            listed: What ``meta`` says of each episode.
+        """
+        self.path, self.expected, self.info, self.listed = path, expected, info, listed
+        self._frames: _Frames | None = None
+        self._names: set[str] = set()
+
+    def episode(self, number: int, part: Part) -> ReadPictures:
+        """Compare the last episode that was expected, and return what reads its pictures."""
+        self.compare_listed(number, part)
+        dataset, first = self.expected.dataset, self.expected.first(number)
+        wanted = lerobot.frame_table(dataset, number, part, first=first)
+        name = self.frames_name(number)
+        if self._frames is None or self._frames.name != name:
+            self._close()
+            self._frames = _Frames(name, self._open(name, wanted))
+            self._names.add(name)
+        table = self._frames.table.slice(self._frames.used, len(part))
+        self._frames.used += len(part)
+        _require_same_rows(table, wanted, f"{self.path / name}: episode {number}")
+        return self._pictures(number, table)
+
+    def finish(self) -> None:
+        """Compare what is said about all episodes together, after the last of them."""
+        self._close()
+        known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
+        for kind in self.listed_in:
+            for file in sorted((self.path / kind).rglob("*.parquet")):
+                if file not in known:
+                    raise InvalidInputError(str(file), "belongs to no episode, and trainers read it", CURE)
+        splits = self.info.get("splits")
+        train = str(splits.get("train")) if isinstance(splits, dict) else "absent"
+        count = _RANGE.fullmatch(train)
+        said = f"splits.train is {one_line(train, most=80)}"
+        number = int(count[1]) if count else 0
+        self.compare_meta(self.expected.divided(number, str(self.path / "meta/info.json"), said))
+
+    @abstractmethod
+    def compare_listed(self, number: int, part: Part) -> None:
+        """Compare what ``meta`` says of an episode."""
+
+    @abstractmethod
+    def compare_meta(self, dataset: Dataset) -> None:
+        """Compare the other files of ``meta``."""
+
+    @abstractmethod
+    def frames_name(self, number: int) -> str:
+        """Return the name of the file with the frames of an episode."""
+
+    @abstractmethod
+    def video_place(self, column: str, number: int) -> tuple[str, int]:
+        """Return the name of the video of an episode, and the number of its first picture there."""
+
+    def same_json(self, file: str, wanted: object) -> None:
+        """Compare a file of JSON."""
+        require_match(_json(self.path / file), wanted, str(self.path / file))
+
+    def _open(self, name: str, wanted: pa.Table) -> pa.Table:
+        """Read a file of frames, without its questions."""
+        with intact(str(self.path / name)), pq.ParquetFile(io.BytesIO(_read(self.path / name))) as file:
+            schema = file.schema_arrow
+            require_equal(_types(schema), _types(wanted.schema), f"{self.path / name}: columns")
+            described = parse_json((schema.metadata or {}).get(b"huggingface", b"null"))
+            require_equal(described, parse_json(wanted.schema.metadata[b"huggingface"]), f"{self.path / name}: schema")
+            return file.read([column for column in schema.names if column != EVENTS], use_threads=False)
+
+    def _close(self) -> None:
+        if self._frames is not None and self._frames.used != len(self._frames.table):
+            problem = f"has {len(self._frames.table)} rows, and {self._frames.used} belong to episodes"
+            raise InvalidInputError(str(self.path / self._frames.name), problem, CURE)
+
+    def _pictures(self, number: int, table: pa.Table) -> ReadPictures:
+        def read(column: str, rows: Sequence[int]) -> dict[int, np.ndarray]:
+            if self.expected.form == "png":
+                files = table.column(column).combine_chunks().field("bytes")
+                return {row: read_png(files[row].as_py()) for row in rows}
+            name, first = self.video_place(column, number)
+            return {r: picture for r in rows if (picture := _at(str(self.path / name), first + r)) is not None}
+
+        return read
+
+
+class CheckOfV30(LeRobotCheck):
+    """Version 3.0: an episode lies where ``meta/episodes`` says, and trainers count rows from the first file on."""
+
+    listed_in = ("data", "meta/episodes")
+
+    def __init__(self, path: Path, expected: ExpectedDataset, info: Any) -> None:  # noqa: ANN401 - JSON
+        super().__init__(path, expected, info, _parquet(path / lerobot.EPISODES_FILE).to_pylist())
+        self._files: dict[str, int] = {}
+        self._shown: dict[str, int] = {}
+
+    def compare_listed(self, number: int, part: Part) -> None:
+        """Compare the row of an episode: its places, times and statistics."""
+        there, dataset = self.listed[number], self.expected.dataset
+        wanted = lerobot.episode_row(dataset, number, self.expected.first(number))
+        wanted |= lerobot.file_fields("data", self._file("data", there))
+        for column in self.expected.layout.all_images if dataset.form == "video" else ():
+            kind = f"videos/{column}"
+            file = self._file(kind, there)
+            begun = self._shown[kind]
+            self._shown[kind] = begun + len(part)
+            wanted |= lerobot.file_fields(kind, file)
+            wanted |= lerobot.time_fields(kind, begun, begun + len(part), dataset.rate_hz)
+        wanted |= lerobot.stats_fields(self.expected.episode_stats(part))
+        require_match(there, wanted, f"{self.path / lerobot.EPISODES_FILE}: episode {number}")
+
+    def _file(self, kind: str, there: Mapping[str, Any]) -> int:
+        """Return the number of the file of an episode: that of the one before, or the next, if it says so."""
+        before = self._files.get(kind)
+        file = before or 0
+        if before is not None and lerobot.file_fields(kind, before + 1).items() <= there.items():
+            file = before + 1
+        if file != before:
+            self._files[kind], self._shown[kind] = file, 0
+        return file
+
+    def compare_meta(self, dataset: Dataset) -> None:
+        """Compare instructions, subgoals, statistics and ``info.json``."""
+        for file, wanted in lerobot.index_tables(dataset).items():
+            with intact(str(self.path / file)):
+                require_match(_index_form(_parquet(self.path / file)), _index_form(wanted), str(self.path / file))
+        self.same_json("meta/stats.json", self.expected.stats())
+        self.same_json("meta/info.json", lerobot.info_v30(dataset))
+
+    def frames_name(self, number: int) -> str:
+        """Return the name of the file that the row of the episode tells."""
+        return lerobot.file_name("data", self._number("data", number))
+
+    def video_place(self, column: str, number: int) -> tuple[str, int]:
+        """Return what the row of the episode tells."""
+        kind = f"videos/{column}"
+        first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
+        return lerobot.file_name(kind, self._number(kind, number)), first
+
+    def _number(self, kind: str, number: int) -> int:
+        row = self.listed[number]
+        return int(row[f"{kind}/chunk_index"]) * lerobot.CHUNK_FILES + int(row[f"{kind}/file_index"])
+
+
+class CheckOfV21(LeRobotCheck):
+    """Version 2.1: each episode has files of its own, which the names tell."""
+
+    listed_in = ("data",)
+
+    def __init__(self, path: Path, expected: ExpectedDataset, info: Any) -> None:  # noqa: ANN401 - JSON
+        super().__init__(path, expected, info, _lines(path / lerobot_v21.EPISODES_FILE))
+        self._stats = _lines(path / lerobot_v21.EPISODES_STATS_FILE)
+
+    def compare_listed(self, number: int, part: Part) -> None:
+        """Compare the lines of an episode."""
+        line = lerobot_v21.episode_line(self.expected.dataset, number)
+        require_match(self.listed[number], line, f"{self.path / lerobot_v21.EPISODES_FILE}: line {number + 1}")
+        file = self.path / lerobot_v21.EPISODES_STATS_FILE
+        if number >= len(self._stats):
+            raise InvalidInputError(str(file), f"lists {len(self._stats)} episodes, and there are more", CURE)
+        stats = lerobot_v21.stats_line(number, self.expected.episode_stats(part))
+        require_match(self._stats[number], stats, f"{file}: line {number + 1}")
+
+    def compare_meta(self, dataset: Dataset) -> None:
+        """Compare instructions, subgoals, statistics, GR00T's slices and ``info.json``."""
+        if len(self._stats) != len(self.listed):
+            problem = f"lists {len(self._stats)} episodes, and there are {len(self.listed)}"
+            raise InvalidInputError(str(self.path / lerobot_v21.EPISODES_STATS_FILE), problem, CURE)
+        for file, lines in lerobot_v21.index_lines(dataset).items():
+            require_match(_lines(self.path / file), lines, str(self.path / file))
+        self.same_json("meta/stats.json", lerobot_v21.kept_stats(self.expected.stats()))
+        modality = lerobot_v21.modality(dataset.layout)
+        if modality is not None:
+            self.same_json(lerobot_v21.MODALITY_FILE, modality)
+        self.same_json("meta/info.json", lerobot_v21.info_v21(dataset))
+
+    def frames_name(self, number: int) -> str:
+        """Return the name that the version prescribes."""
+        return lerobot_v21.frames_file(number)
+
+    def video_place(self, column: str, number: int) -> tuple[str, int]:
+        """Return the name that the version prescribes; a video holds one episode."""
+        return lerobot_v21.video_file(column, number), 0
+
+
+def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRobotCheck:
+    """Return what compares a data set of version 2.1 or 3.0.
+
+    Raises:
+        InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
+    """
+    with intact(str(path / "meta")):
+        info = _json(path / "meta/info.json")
+        version, columns = info["codebase_version"], set(info["features"])
+        expected.language = bool({PERSISTENT, EVENTS} & columns)
+        check = (CheckOfV30 if version == "v3.0" else CheckOfV21)(path, expected, info)
+    if len(check.listed) != episodes or not all(isinstance(row, dict) for row in check.listed):
+        raise InvalidInputError(
+            str(path / "meta"), f"lists {len(check.listed)} episodes, and there are {episodes}", CURE
+        )
+    return check
+
+
+def _require_same_rows(table: pa.Table, wanted: pa.Table, where: str) -> None:
+    """Compare the frames of an episode, of pictures only their names."""
+    if len(table) != len(wanted):
+        raise InvalidInputError(where, f"has {len(table)} rows and should have {len(wanted)}", CURE)
+    for name in wanted.column_names:
+        if name == EVENTS:
+            continue
+        there, asked = (t.column(name).combine_chunks() for t in (table, wanted))
+        if pa.types.is_struct(asked.type):
+            there, asked = there.field("path"), asked.field("path")
+        if not there.equals(asked):
+            require_equal({name: there.to_pylist()}, {name: asked.to_pylist()}, where)
+
+
+def _types(schema: pa.Schema) -> dict[str, str]:
+    """Return the type of each column; Parquet's versions call the items of a list by two names."""
+    return {column.name: str(column.type).replace("<element: ", "<item: ") for column in schema}
+
+
+def _index_form(table: pa.Table) -> dict[str, Any]:
+    """Return what a trainer reads of a file that numbers texts: rows, types, and which column is pandas' index."""
+    described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
+    return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
+
+
+def _at(video: str, number: int) -> np.ndarray | None:
+    """Return one picture of a video, or None if it ends before."""
+    found = next(read_pictures(video, first=number), None)
+    return found[1] if found is not None and found[0] == number else None
+
+
+def _json(file: Path) -> Any:  # noqa: ANN401 - a stranger's text holds anything
+    with intact(str(file)):
+        return parse_json(_read(file))
+
+
+def _lines(file: Path) -> list[Any]:
+    with intact(str(file)):
+        return [parse_json(line) for line in _read(file).splitlines() if line.strip()]
+
+
+def _parquet(path: Path) -> pa.Table:
+    with intact(str(path)), pq.ParquetFile(io.BytesIO(_read(path))) as file:
+        return file.read(use_threads=False)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_ordinary(path)
+    except OSError as error:
+        raise InvalidInputError(str(path), f"cannot be read ({error.strerror})", CURE) from error

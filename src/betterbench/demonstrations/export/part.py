@@ -1,0 +1,257 @@
+"""One exported episode on disk, before the data set is put together: it is complete or it is made again."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+import struct
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from PIL import Image
+from pydantic import Field, TypeAdapter
+
+from betterbench.demonstrations.export.frames import frame_numbers, shown_images
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.demonstrations.export.numbers import color_counts, sampled_rows
+from betterbench.demonstrations.export.video import VideoWriter
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.jobs import write_durably
+from betterbench.json_form import (
+    dump_json,
+    open_form,
+    open_ordinary,
+    open_seal,
+    read_bounded,
+    read_form,
+    read_ordinary,
+    sealed_form,
+    strict_form,
+)
+from betterbench.records import Record
+
+ImageForm = Literal["video", "png"]
+
+PNG_LEVEL = 3
+"""Effort of the lossless compression of pictures, 0 to 9."""
+
+_INDEX, _NUMBERS = "part.json", "numbers.parquet"
+_SUBGOAL = "subgoal"
+_MAX_INDEX_BYTES = 1 << 26
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """An episode as the formats share it.
+
+    Attributes:
+        vectors: (N, size) by column.
+        videos: Bytes by column of images, for the form "video".
+        pngs: N files by column of images, for the form "png".
+        levels: (3, 256) counts of the levels of the sampled pictures, by column of images.
+        sampled: How many pictures were sampled.
+        about: What the record says about the episode.
+    """
+
+    vectors: Mapping[str, np.ndarray]
+    subgoals: tuple[str, ...]
+    videos: Mapping[str, bytes]
+    pngs: Mapping[str, tuple[bytes, ...]]
+    levels: Mapping[str, np.ndarray]
+    sampled: int
+    about: Mapping[str, Any]
+
+    def __len__(self) -> int:
+        return len(self.subgoals)
+
+
+def write_part(
+    folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
+) -> None:
+    """Compute an episode and write it into a folder; the file that says it is complete comes last.
+
+    Raises what :func:`~betterbench.demonstrations.export.frames.frame_numbers` and the pictures raise, and OSError.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    numbers = frame_numbers(record, layout)
+    rate = round(record.metadata.control_rate_hz)
+    columns: dict[str, pa.Array] = {name: _fixed_lists(values) for name, values in numbers.vectors.items()}
+    columns[_SUBGOAL] = pa.array(numbers.subgoals, pa.string())
+    names = [column.name for column in layout.images]
+    videos = {name: VideoWriter(rate_hz=rate) for name in names if form == "video"}
+    pngs = {name: list[bytes]() for name in names if form == "png"}
+    levels = {name: np.zeros((3, 256), np.int64) for name in names}
+    sampled = sampled_rows(record.n_steps)
+    for row, images in enumerate(shown_images(record, layout, pictures) if names else ()):
+        for name in names:
+            if form == "video":
+                videos[name].add(images[name])
+            else:
+                pngs[name].append(png(images[name]))
+            if row in sampled:
+                levels[name] += color_counts(images[name])
+    columns |= {name: pa.array(images, pa.binary()) for name, images in pngs.items()}
+    files = {f"{names.index(name)}.mp4": video.finish() for name, video in videos.items()}
+    files[_NUMBERS] = parquet_bytes(pa.table(columns))
+    for name, data in files.items():
+        write_durably(folder / name, data)
+    index = {
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+        "images": {name: {"levels": levels[name].tolist()} for name in names},
+        "sampled": len(sampled),
+        "about": about(record, numbers.subgoals),
+    }
+    write_durably(folder / _INDEX, dump_json(sealed_form(json.loads(dump_json(index)))))
+
+
+_Levels = Annotated[
+    list[Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=256, max_length=256)]],
+    Field(min_length=3, max_length=3),
+]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Images:
+    """The counts of the levels of the sampled pictures of a column, by channel."""
+
+    levels: _Levels
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _About:
+    """What is used of what a part says about its record; see :func:`about`."""
+
+    seed: int
+    rows: Annotated[int, Field(ge=1)]
+    control_rate_hz: Annotated[float, Field(gt=0.0)]
+    instruction: str
+    subgoals: list[str]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PartIndex:
+    """What a part says about itself; the file carries a seal.
+
+    Attributes:
+        files: SHA-256 of its other files by name.
+        images: Counts of levels by column of images.
+        sampled: How many pictures were counted.
+        about: What the record says about the episode, as :func:`about` returns it.
+    """
+
+    files: dict[str, str]
+    images: dict[str, _Images]
+    sampled: Annotated[int, Field(ge=0)]
+    about: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        """Refuse names that lead elsewhere, and an episode that says nothing; raises InvalidInputError."""
+        if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
+            raise InvalidInputError("files", "are not those of a part", "Make the part again")
+        read_form(_ABOUT, self.about, where="about", cure="Make the part again")
+
+
+_ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
+
+
+def read_index(folder: Path) -> PartIndex | None:
+    """Return what a part says about itself, or None if it is not complete or damaged."""
+    file, cure = folder / _INDEX, "Make the part again"
+    try:
+        raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
+        index = read_form(_PART, open_seal(raw, where=str(file), cure=cure), where=str(file), cure=cure)
+        for name, digest in index.files.items():
+            with open_ordinary(folder / name) as opened:
+                if hashlib.file_digest(opened, "sha256").hexdigest() != digest:
+                    return None
+    except (OSError, ValueError, InvalidInputError):
+        return None
+    return index
+
+
+def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
+    """Return an episode that was written before, or None if it is not complete or damaged."""
+    index = read_index(folder)
+    if index is None:
+        return None
+    files = {name: read_ordinary(folder / name) for name in index.files}
+    table = pq.read_table(io.BytesIO(files[_NUMBERS]), use_threads=False)
+    vectors = {}
+    for column in (*layout.states, layout.action):
+        flat = table.column(column.name).combine_chunks().flatten()
+        vectors[column.name] = flat.to_numpy().reshape(-1, column.size)
+    videos = {c.name: files[f"{n}.mp4"] for n, c in enumerate(layout.images) if f"{n}.mp4" in files}
+    pngs = {c.name: tuple(table.column(c.name).to_pylist()) for c in layout.images if c.name in table.column_names}
+    return Part(
+        vectors,
+        tuple(table.column(_SUBGOAL).to_pylist()),
+        videos | {name: videos[other] for name, other in layout.copies.items() if other in videos},
+        pngs | {name: pngs[other] for name, other in layout.copies.items() if other in pngs},
+        _repeated({name: np.array(found.levels) for name, found in index.images.items()}, layout),
+        index.sampled,
+        index.about,
+    )
+
+
+def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
+    """Return what a data set says about an episode beside its frames."""
+    m = record.metadata
+    return {
+        "task": m.task,
+        "task_version": m.task_version,
+        "suite_version": m.suite_version,
+        "condition": m.condition,
+        "variation": m.variation,
+        "seed": m.seed,
+        "policy": m.policy,
+        "instruction": m.instruction,
+        "recorded_action_space": m.action_space,
+        "control_rate_hz": m.control_rate_hz,
+        "looks": m.looks,
+        "room": m.room,
+        "scene": m.scene_hash,
+        "rows": record.n_steps,
+        "subgoals": list(dict.fromkeys(subgoals)),
+    }
+
+
+def png(picture: np.ndarray) -> bytes:
+    """Return a picture as a PNG file."""
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "PNG", compress_level=PNG_LEVEL)
+    return buffer.getvalue()
+
+
+def read_png(data: bytes) -> np.ndarray:
+    """Return the picture of a PNG file, which may be a stranger's; raises ValueError if it is none, or damaged."""
+    try:
+        with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
+            return np.asarray(image)
+    except (OSError, SyntaxError, struct.error, zlib.error, Image.DecompressionBombError) as error:
+        raise ValueError(f"a picture is no PNG file ({one_line(error, most=120)})") from error
+
+
+def parquet_bytes(table: pa.Table) -> bytes:
+    """Return a table as a Parquet file of one row group; the same table gives the same bytes on one installation."""
+    buffer = io.BytesIO()
+    pq.write_table(table, buffer, row_group_size=max(1, table.num_rows), compression="snappy", write_statistics=False)
+    return buffer.getvalue()
+
+
+def _fixed_lists(values: np.ndarray) -> pa.Array:
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).reshape(-1)), values.shape[1])
+
+
+def _repeated(levels: dict[str, np.ndarray], layout: DatasetLayout) -> dict[str, np.ndarray]:
+    return levels | {name: levels[other] for name, other in layout.copies.items()}

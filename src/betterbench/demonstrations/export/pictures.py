@@ -1,0 +1,54 @@
+"""Pictures of recorded states, with the pixels that a policy was or would have been shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from betterbench.interface import CameraSpec
+from betterbench.records import Record, RunFolder
+from betterbench.records.modalities.spec import ViewSpec
+from betterbench.sim.scenes.limited import LimitedView
+
+
+class Pictures:
+    """Draws the cameras of an observation preset from records, in a limited process of its own. A context manager."""
+
+    def __init__(self, cameras: Sequence[CameraSpec], quality: str) -> None:
+        self._names = tuple(camera.name for camera in cameras)
+        self._views = tuple(ViewSpec(camera.name, camera.width, camera.height) for camera in cameras)
+        self._view = LimitedView(quality=quality)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def of(self, run: RunFolder, record: Record, rows: Sequence[int] | None = None) -> Iterator[dict[str, np.ndarray]]:
+        """Yield the images of some rows by camera, (height, width, 3) uint8; of each that was acted on if None.
+
+        Take all of them, or close the pictures.
+
+        Raises:
+            RecordError: If the stored scene is missing or unreadable, or belongs to another record.
+            MissingDependencyError: If no off-screen OpenGL works here.
+        """
+        self._view.open_of(run, record)
+        self._view.prepare(self._views, ("rgb",))
+        shown = range(record.n_steps) if rows is None else rows
+        for sights in self._view.sights(record.qpos[shown], jitter=record.metadata.view_jitter):
+            yield {name: sight["rgb"] for name, sight in zip(self._names, sights, strict=True)}
+
+    def stop(self) -> None:
+        """End the process from another thread: the one that draws gets a RecordError."""
+        self._view.stop()
+
+    def close(self) -> None:
+        """End the process."""
+        self._view.close()

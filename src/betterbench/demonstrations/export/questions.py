@@ -1,0 +1,60 @@
+"""Questions about frames, as ``better vqa`` writes them, for the language columns of a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from betterbench.demonstrations.export.episodes import FrameQuestion
+from betterbench.demonstrations.export.layout import DatasetLayout
+from betterbench.demonstrations.export.selection import ChosenTrial
+from betterbench.errors import InvalidInputError
+from betterbench.tasks import TrialId
+from betterbench.vqa.dataset import QuestionSet, read_set
+
+
+def question_set(path: Path) -> QuestionSet:
+    """Return the set of questions in a folder, or beside its file of JSON lines; raises what ``read_set`` raises."""
+    return read_set(path.parent if path.is_file() else path)
+
+
+def questions_of(
+    asked: QuestionSet, layout: DatasetLayout, demonstrations: Collection[ChosenTrial]
+) -> dict[str, tuple[FrameQuestion, ...]]:
+    """Return the questions of a set about some records, by their SHA-256; those about cameras not shown are left out.
+
+    So are boxes and points in pixels of an image that is not shown as it was rendered. Options of a choice are listed
+    with letters below the text.
+
+    Raises InvalidInputError if none is left.
+    """
+    found: dict[str, list[FrameQuestion]] = {}
+    records: dict[TrialId, list[str]] = {}
+    for d in demonstrations:
+        if asked.is_about(d.trial, d.digest):
+            records.setdefault(d.trial, []).append(d.digest)
+    sizes = _plain_sizes(layout)
+    shown = {column.camera for column in layout.images}
+    for question in asked.questions:
+        source = question.source
+        about = records.get(source.trial, ())
+        if not about or source.camera not in shown:
+            continue
+        has_pixels = "[" in question.prompt + question.reply
+        if has_pixels and sizes.get(source.camera) != (question.width, question.height):
+            continue
+        said = FrameQuestion(source.row, source.camera, question.prompt, question.reply)
+        for record in about:
+            found.setdefault(record, []).append(said)
+    if not found:
+        cure = "Give the set that better vqa made of the same run, with its cameras and sizes"
+        raise InvalidInputError("--vqa", f"{asked.path} asks about no frame of these episodes", cure)
+    return {record: tuple(sorted(asked, key=lambda q: (q.row, q.camera))) for record, asked in found.items()}
+
+
+def _plain_sizes(layout: DatasetLayout) -> Mapping[str, tuple[int, int]]:
+    """Return the sizes of the images that are shown as they were rendered, by camera."""
+    rendered = {camera.name: (camera.width, camera.height) for camera in layout.observation.cameras}
+    plain = {rule.camera for rule in layout.adapter.views if not (rule.mirror or rule.turn or rule.keep != 1.0)}
+    cameras = [c.camera for c in layout.images if (c.width, c.height) == rendered[c.camera]]
+    return {camera: rendered[camera] for camera in cameras if camera in plain or "*" in plain}

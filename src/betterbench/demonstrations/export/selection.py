@@ -1,0 +1,111 @@
+"""Which records of which runs are demonstrations."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.records import JournalEntry, RunFolder
+from betterbench.tasks import TrialId
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenTrial:
+    """One record that is exported.
+
+    Attributes:
+        run: Position of its run among those that were given.
+        digest: SHA-256 of the record's file.
+        scene_hash: Name of the stored scene that its images are drawn from.
+    """
+
+    trial: TrialId
+    run: int
+    digest: str
+    scene_hash: str
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The demonstrations in the order of the data set, and how many trials were left out for which reason."""
+
+    demonstrations: tuple[ChosenTrial, ...]
+    left_out: Mapping[str, int]
+
+
+def select_demonstrations(
+    runs: Sequence[RunFolder], *, tasks: Collection[str] = (), variations: bool = False
+) -> Selection:
+    """Return the successful trials of some runs, sorted by task, condition, seed and run.
+
+    Test variations are left out unless they are asked for: a policy that was trained on them is not tested by them.
+
+    Raises:
+        RecordError: If a record is missing, damaged or another one than its journal lists.
+        UnknownNameError: If no run has a task that is asked for.
+        InvalidInputError: If nothing is left, a record is there twice, or records of a task are of several versions.
+    """
+    found: list[ChosenTrial] = []
+    left_out: Counter[str] = Counter()
+    present: set[str] = set()
+    versions: dict[str, tuple[str, JournalEntry]] = {}
+    for number, run in enumerate(runs):
+        for entry in run.entries():
+            present.add(entry.task)
+            reason = _left_out(entry, tasks, variations=variations)
+            if not reason:
+                brief = run.read_brief(entry.key, entry=entry)
+                if brief.outcome.success:
+                    told = brief.metadata
+                    _require_one_version(versions, entry, told.task_version, told.suite_version)
+                    found.append(ChosenTrial(entry.key, number, run.record_digest(entry), brief.metadata.scene_hash))
+                    continue
+                reason = "not successful"
+            left_out[reason] += 1
+    for task in tasks:
+        if task not in present:
+            raise UnknownNameError("task of the run", task, present)
+    if not found:
+        listed = ", ".join(f"{count} {reason}" for reason, count in sorted(left_out.items())) or "it is empty"
+        where = ", ".join(str(run.path) for run in runs)
+        raise InvalidInputError(
+            where,
+            f"holds no demonstration that is asked for ({listed})",
+            "Give a run with successful trials of training conditions, or ask for those of test variations too "
+            "(--variations of better export, variations: true in a recipe of better train)",
+        )
+    _require_once(found, runs)
+    return Selection(tuple(sorted(found, key=lambda d: (d.trial, d.run))), dict(sorted(left_out.items())))
+
+
+def _require_one_version(
+    versions: dict[str, tuple[str, JournalEntry]], entry: JournalEntry, of_task: int, of_suite: str
+) -> None:
+    """Note the versions under which a task was demonstrated; refuse other ones than before."""
+    version = f"version {of_task} of the task and {of_suite} of the suite"
+    before, first = versions.setdefault(entry.task, (version, entry))
+    if version != before:
+        problem = f"it was recorded with {version}, {first.key} with {before}"
+        raise InvalidInputError(f"record of {entry.key}", problem, "Make data sets of one version alone")
+
+
+def _require_once(found: Sequence[ChosenTrial], runs: Sequence[RunFolder]) -> None:
+    first: dict[str, ChosenTrial] = {}
+    for one in found:
+        other = first.setdefault(one.digest, one)
+        if other is not one:
+            where = f"{runs[one.run].path}: record of {one.trial}"
+            raise InvalidInputError(where, f"the same one is in {runs[other.run].path}", "Give each run once")
+
+
+def _left_out(entry: JournalEntry, tasks: Collection[str], *, variations: bool) -> str:
+    """Return why a trial is not exported, as far as its journal tells, or an empty text."""
+    if entry.status != "done":
+        return "not finished"
+    if tasks and entry.task not in tasks:
+        return "of other tasks"
+    if entry.variation is not None and not variations:
+        return "of test variations"
+    return ""

@@ -1,0 +1,475 @@
+"""The amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+import numpy as np
+
+from betterbench.demonstrations.making.failure import AttemptFailedError, FailureKind
+from betterbench.demonstrations.making.retarget import CarriedOver, carry_pick, carry_place, carry_slide
+from betterbench.demonstrations.making.sources import Library, Source, SourceSkill, key_of, other_goals, region_frame
+from betterbench.demonstrations.making.transit import TransitChange, carry_transit, checkpoints
+from betterbench.geometry import Pose, angle_between, distance
+from betterbench.interface.state import WorldState
+from betterbench.policies.experts.motion import CARRY, FREE, OPEN, Motion, Pace, delta_action, follow
+from betterbench.policies.experts.planner import OUT_OF_REACH, Planner
+from betterbench.policies.experts.privileged import measured_releases
+from betterbench.policies.experts.skills import SURE
+from betterbench.records import SkillWindow
+from betterbench.sim.scenes import Scene
+from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
+from betterbench.tasks.relations import relation
+
+SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
+"""How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
+
+NEAREST, NEAREST_SHARE = 3, 0.5
+"""Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
+OTHER_INSTANCE_M = 0.05
+"""What another instance of the category counts for as distance of two objects [m]."""
+BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
+"""Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
+TURN_RAD = math.pi / 8.0
+"""Turn between two neighboring ways to grasp a thing that may be grasped from any side [rad]."""
+TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
+"""Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
+SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
+"""How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
+STILL_M, STILL_STEPS = 2e-4, 2
+"""Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
+LEAVE_M = 0.10
+"""Height by which the tool leaves what it let go of at the end, if the source had not left yet [m]."""
+NOISE_BLOCK = 256
+"""Control steps for which noise is drawn at once."""
+MOST_DEVIATIONS = 5.0
+"""Largest noise in standard deviations; a replay believes 6."""
+TEMPO = 1.4
+"""By how much faster or slower than its source a skill is given at most; a whole demonstration has one tempo."""
+TEMPO_DRAWN = 0.1
+"""By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
+ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
+"""How far the middle of a way may run aside of that of its source, below and above it [m]."""
+LAST_STEPS = 60
+"""Control steps after the last skill in which the goal has to be met."""
+PRESS_M = 0.004
+"""Distance beyond its stop to which a drawer is pushed [m], as the expert does."""
+FULL_M = 0.003
+"""Distance from its stop up to which a drawer counts as drawn out all the way [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class AmplifierSettings:
+    """How sources are carried over.
+
+    Attributes:
+        select: How the source of each subgoal is chosen.
+        action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
+            rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
+    """
+
+    select: SourceChoice = "nearest_object"
+    action_noise: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class _Hand:
+    """What is in the gripper on the way: distance of the finger pads [m], object, and where that is."""
+
+    width_m: float
+    held: str | None = None
+    T_tcp_object: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    """A skill that may be carried over.
+
+    Attributes:
+        source: The skill as it was.
+        moved: The skill in this scene.
+        change: How the way to it differs from that of its source.
+        hand: What is in the gripper on the way.
+        touched: Objects that the robot may touch in the skill.
+    """
+
+    source: SourceSkill
+    moved: CarriedOver
+    change: TransitChange
+    hand: _Hand
+    touched: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _WayIn:
+    """A free way to where a skill begins.
+
+    Attributes:
+        poses: Corners of a planned way, or one pose per control step of a way that was carried over.
+        planned: Which of the two.
+        begin: Step of the skill at which it ends.
+    """
+
+    poses: tuple[Pose, ...]
+    planned: bool
+    begin: int
+
+
+class Amplifier:
+    """Acts on the privileged state like the expert, but moves as source demonstrations did.
+
+    Attributes:
+        used: Names of the sources, one per skill that was begun.
+        failure: Why the attempt failed, or None so far.
+    """
+
+    def __init__(
+        self, scene: Scene, library: Library, lead: Source, settings: AmplifierSettings, draw: np.random.Generator
+    ) -> None:
+        """Prepare for one attempt.
+
+        Args:
+            scene: The scene.
+            library: Sources of the task.
+            lead: The one that says which skills follow each other.
+            settings: How sources are carried over.
+            draw: Stream of the attempt.
+        """
+        self._planner = Planner(scene)
+        self._library, self._lead, self._settings, self._draw = library, lead, settings, draw
+        self._period_s = 1.0 / scene.control_rate_hz
+        self._shut = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
+        self._noise = np.random.Generator(np.random.PCG64(int(draw.integers(1 << 62))))
+        tempo = float(draw.uniform(1.0 - TEMPO_DRAWN, 1.0 + TEMPO_DRAWN))
+        self._speed, self._tempo_mps = tempo * lead.speed, tempo * lead.tempo_mps
+        self._block, self._drawn = np.empty((0, 7)), 0
+        self._trained = measured_releases(scene)
+        self._blocked: list[str] = []
+        self._quiet = False
+        self._run: Generator[np.ndarray, WorldState, None] | None = None
+        self.used: list[str] = []
+        self.failure: tuple[FailureKind, str] | None = None
+
+    @property
+    def name(self) -> str:
+        """Address under which records name it."""
+        return "demonstrator:amplified"
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action in the ``ee_delta`` action space, shape (7,), without noise.
+
+        Raises:
+            AttemptFailedError: If the attempt cannot succeed any more.
+        """
+        try:
+            if self._run is None:
+                self._run = self._actions(state)
+                return next(self._run)
+            return self._run.send(state)
+        except AttemptFailedError as failed:
+            self.failure = (failed.kind, failed.reason)
+            raise
+
+    def close(self) -> None:
+        """Forget the episode, so that its scene, of some 20 MB, is freed with the last reference to it."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
+
+    def disturb(self, action: np.ndarray) -> np.ndarray:
+        """Return what is executed in place of the last action: with noise, unless the arm settles.
+
+        What is out of bounds is clipped where it is applied.
+        """
+        if self._quiet or not self._settings.action_noise:
+            return action
+        if self._drawn >= len(self._block):
+            # Drawn in blocks, because a control step has little time.
+            drawn = self._noise.standard_normal((NOISE_BLOCK, 7)).clip(-MOST_DEVIATIONS, MOST_DEVIATIONS)
+            drawn[:, 6] = 0.0
+            self._block, self._drawn = self._settings.action_noise * drawn, 0
+        noisy: np.ndarray = action + self._block[self._drawn]
+        self._drawn += 1
+        return noisy
+
+    def _actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
+        """Yield the actions of an episode; where the lead left everything alone, so does this one to its end."""
+        self._quiet = not self._lead.skills
+        while not self._lead.skills:
+            state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
+        for segment in self._lead.segments:
+            source: str | None = None
+            for window in segment.skills:
+                if window.kind == "miss" or (window.kind == "place" and not window.target):
+                    continue
+                state, source = yield from self._carry_out(state, window, source)
+        state = yield from self._leave(state)
+        for _ in range(LAST_STEPS):
+            state = yield delta_action(state.commanded_pose, state.commanded_pose, 0.0)
+        raise AttemptFailedError("misplaced", self._what_is_open(state))
+
+    def _what_is_open(self, state: WorldState) -> str:
+        """Say which subgoal of the lead does not hold."""
+        for s in self._lead.segments:
+            if s.subgoal and not relation(s.relation).holds(state, s.object, s.target, s.region):
+                return f"{s.subgoal}: {s.object} is not {s.relation} {s.target}{'.' if s.region else ''}{s.region}"
+        return "every relation holds, and the goal does not"
+
+    def _carry_out(
+        self, state: WorldState, window: SkillWindow, source: str | None
+    ) -> Generator[np.ndarray, WorldState, tuple[WorldState, str | None]]:
+        """Carry out one skill of the lead with the first source of which it can be carried over."""
+        if window.kind == "place" and state.held != window.object:
+            raise AttemptFailedError("dropped", f"{window.object} was lost on the way to {window.target}")
+        slide_m = self._slide_m(state, window) if window.kind == "slide" else 0.0
+        key = key_of(state.info, window, out=slide_m > 0.0)
+        held = window.object if window.kind == "place" else None
+        self._blocked.clear()
+        ordered = self._ordered(state, key, window, source)
+        aside, raised = self._draw.uniform(-ASIDE_M, ASIDE_M), self._draw.uniform(-LOWER_M, HIGHER_M)
+        for skill, moved in self._candidates(state, window, ordered, slide_m, turn_rad=self._drawn_turn()):
+            faster = self._faster(skill)
+            change = TransitChange(float(aside), float(raised), faster)
+            hand, touched = _Hand(max(skill.width_m, state.finger_width_m)), frozenset({window.object})
+            if held is not None:
+                hand = _Hand(state.finger_width_m, held, state.ee_pose.inverse() @ state.pose(held))
+                touched = frozenset()
+            way = self._way_in(state, _Candidate(skill, moved, change, hand, touched))
+            if way is None:
+                continue
+            self.used.append(skill.source)
+            state = yield from self._transit(state, way, held=held)
+            if held is not None and state.held != held:
+                raise AttemptFailedError("dropped", f"{held} slipped out on the way to {window.target}")
+            state = yield from self._play(state, moved.from_step(way.begin, faster=faster))
+            if window.kind == "pick" and state.held != window.object:
+                raise AttemptFailedError("missed grasp", f"{window.object} is not in the gripper after the lift")
+            return state, skill.source
+        what = f"{window.kind} {window.object}" + (f" at {window.target}" if window.target else "")
+        why = "; ".join(dict.fromkeys(self._blocked)) or "there is none"
+        raise AttemptFailedError("no free way", f"{what}: none of the sources can be carried over ({why})")
+
+    def _drawn_turn(self) -> float:
+        """Return by how much a grasp is turned where any side will do [rad]: by one step of its ways, or not at all."""
+        return TURN_RAD * float(self._draw.integers(-1, 2))
+
+    def _slide_m(self, state: WorldState, window: SkillWindow) -> float:
+        """Return by how much a drawer has to be moved [m]: home, or out as far as the lead drew it."""
+        opening = distance(state.pose(window.object).position, self._shut[window.object].position)
+        lead = next(s for s in self._lead.skills if s.window == window)
+        if lead.slid_m < 0.0:
+            return -opening - PRESS_M
+        drawn = float(lead.asset.parameters["travel_m"])
+        full = abs(drawn - lead.slid_m) < FULL_M
+        return (self._planner.travel_m(window.object) if full else lead.slid_m) - opening
+
+    def _ordered(
+        self, state: WorldState, key: tuple[str, str, str, str, str], window: SkillWindow, source: str | None
+    ) -> list[SourceSkill]:
+        """Return the skills of all sources that fit, in the order in which they are tried.
+
+        A place is first tried with the source of its pick, because the object then lies in the gripper as it did there.
+        """
+        found = list(self._library.skills(key))
+        found = [found[i] for i in self._draw.permutation(len(found))]
+        if self._settings.select != "random":
+            by_object = self._settings.select == "nearest_object"
+            far = self._from_object if by_object else self._from_robot
+            found.sort(key=lambda skill: far(state, window, skill))
+            nearest = found[: max(NEAREST, round(NEAREST_SHARE * len(found)))]
+            found[: len(nearest)] = [nearest[i] for i in self._draw.permutation(len(nearest))]
+        if window.kind == "place" and source is not None:
+            found.sort(key=lambda skill: skill.source != source)
+        return found
+
+    def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
+        """Return how far what a skill is about stood from where it stands now: meters and radians count alike."""
+        here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
+        there = skill.object_pose if window.kind != "place" else skill.target_pose
+        other = skill.asset.identity != self._planner.asset(window.object).identity
+        turned = angle_between(there.quaternion, here.quaternion)
+        return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
+
+    def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
+        """Return how far the arm is from where the skill would begin: meters and radians count alike."""
+        found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
+        if found is None:
+            return float("inf")
+        begin = found.targets[found.begin_within(BEGIN_WITHIN_M[0])]
+        turned = angle_between(begin.quaternion, state.ee_pose.quaternion)
+        return distance(begin.position, state.ee_pose.position) + turned
+
+    def _candidates(
+        self,
+        state: WorldState,
+        window: SkillWindow,
+        skills: Sequence[SourceSkill],
+        slide_m: float,
+        *,
+        turn_rad: float = 0.0,
+    ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
+        """Yield skills carried over to this scene; those of things that may be turned freely in two ways.
+
+        A thing that may be grasped from any side is first taken turned about its own axis by ``turn_rad``. Where
+        something is in the way of all of them, a thing that may be grasped from any side is taken from another
+        one. Where a container is filled otherwise than it was in the sources, what is let go may go to another goal of
+        the expert at which training lets go of things.
+        """
+        asset = self._planner.asset(window.object)
+        symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
+        for skill in skills:
+            if window.kind == "pick":
+                if symmetric and turn_rad:
+                    yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn_rad)
+                yield skill, carry_pick(skill, state, window.object, asset)
+            elif window.kind == "slide":
+                yield skill, carry_slide(skill, state, window.object, asset, slide_m=slide_m)
+            elif (moved := carry_place(skill, state, window)) is not None:
+                yield skill, moved
+                if symmetric:
+                    turned = carry_place(skill, state, window, keep_tool=True)
+                    if turned is not None:
+                        yield skill, turned
+        if window.kind == "place" and skills and relation(window.relation).falls:
+            for foot in filter(partial(self._is_trained, state, window), other_goals(state, window)):
+                moved = carry_place(skills[0], state, window, foot=foot)
+                if moved is not None:
+                    yield skills[0], moved
+        if window.kind == "pick" and symmetric:
+            for skill, turn in itertools.product(skills[:NEAREST], TURNS_RAD):
+                yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
+
+    def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
+        """Tell whether training lets go of things where the foot of an object would be [m], as far as that is known."""
+        trained = self._trained(window.target, window.relation, window.region)
+        if trained is None:
+            return True
+        x, y, _ = region_frame(state, window).inverse().apply(foot)
+        near = trained.aside_mm(1000.0 * x, 1000.0 * y) <= SURE * REACH_MM
+        return near and abs(trained.off_mm(1000.0 * foot[2])) <= SURE * HEIGHT_MM
+
+    def _way_in(self, state: WorldState, skill: _Candidate) -> _WayIn | None:
+        """Return a free way to where a skill can begin, or None if none is free."""
+        tried: set[int] = set()
+        for radius in BEGIN_WITHIN_M:
+            begin = skill.moved.begin_within(radius)
+            if begin in tried:
+                continue
+            tried.add(begin)
+            blocked: str | None = "no free way there"
+            for way, joints in self._free_ways(state, skill, begin):
+                blocked = self._what_blocks(state, skill, begin, joints)
+                if blocked is None:
+                    return way
+                if blocked != OUT_OF_REACH:
+                    break  # the skill itself, whichever way leads to it
+            self._blocked.append(blocked or "")
+        return None
+
+    def _free_ways(self, state: WorldState, skill: _Candidate, begin: int) -> Iterator[tuple[_WayIn, list[float]]]:
+        """Yield free ways to a step of a skill, with the joints at their end [rad].
+
+        The way of the skill's own source comes first: varied, and as it was. Then comes a planned one.
+        """
+        goal, hand = skill.moved.targets[begin], skill.hand
+        for change in (skill.change, TransitChange(faster=skill.change.faster)):
+            way = carry_transit(skill.source, begin, state.commanded_pose, goal, change)
+            if way is None:
+                break
+            joints = self._planner.free_way(
+                state, checkpoints(way), hand.width_m, held=hand.held, T_tcp_object=hand.T_tcp_object
+            )
+            if joints is not None:
+                yield _WayIn(way[1:-1], False, begin), joints
+        found = self._planner.way_to(state, goal, hand.width_m, held=hand.held, T_tcp_object=hand.T_tcp_object)
+        if found is not None:
+            yield _WayIn(found[0], True, begin), found[1]
+
+    def _what_blocks(self, state: WorldState, skill: _Candidate, begin: int, joints: Sequence[float]) -> str | None:
+        """Return what blocks a skill up to its change, or the gripper as it opens there; None if nothing does."""
+        hand, points = skill.hand, skill.moved.checkpoints(begin, skill.moved.change)
+        held, T_tcp_object = hand.held, hand.T_tcp_object
+        blocked, joints = self._planner.check_way(
+            joints, points, hand.width_m, held=held, T_tcp_object=T_tcp_object, ignore=skill.touched
+        )
+        if blocked is not None or held is None:
+            return blocked
+        opened = state.finger_width_m + skill.source.spread_m
+        return self._planner.check_way(
+            joints, (points[-1],) * 2, opened, held=held, T_tcp_object=T_tcp_object, ignore=frozenset({held})
+        )[0]
+
+    def _faster(self, skill: SourceSkill) -> float:
+        """Return how much faster than in its source a skill is given for the tempo of the demonstration."""
+        own, lead = skill.tempo_mps, self._tempo_mps
+        return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
+
+    def _transit(self, state: WorldState, way: _WayIn, *, held: str | None) -> Motion:
+        """Move to where a skill begins, at the tempo of the demonstration."""
+        self._quiet = False
+        pace = CARRY if held is not None else FREE
+        gripper = OPEN if held is None else 1.0
+        if way.planned:
+            return (
+                yield from follow(
+                    state, way.poses, gripper=gripper, pace=self._paced(pace), period_s=self._period_s, settle=3
+                )
+            )
+        for pose in way.poses:
+            state = yield delta_action(state.commanded_pose, pose, gripper)
+        return state
+
+    def _paced(self, pace: Pace) -> Pace:
+        s = self._speed
+        return replace(pace, speed=s * pace.speed, corner_speed=s * pace.corner_speed, turning=s * pace.turning)
+
+    def _play(self, state: WorldState, moved: CarriedOver) -> Motion:
+        """Send the controller along a skill; before the gripper changes the arm settles, and then no noise is added."""
+        before = OPEN if moved.gripper[moved.change] > 0.0 else 1.0
+        for i, (target, gripper) in enumerate(zip(moved.targets, moved.gripper, strict=True)):
+            changes = (gripper > 0.0) != (before > 0.0)
+            if changes:
+                state = yield from self._settle(state, moved.targets[max(0, i - 1)], before)
+            before = gripper
+            moving = i + 1 < len(moved.targets) and distance(target.position, moved.targets[i + 1].position) > STILL_M
+            if gripper > 0.0 and moving and self._quiet:
+                state = yield from self._close(state, target)
+            self._quiet = changes or (self._quiet and not moving)
+            state = yield delta_action(state.commanded_pose, target, gripper)
+        self._quiet = False
+        return state
+
+    def _settle(self, state: WorldState, goal: Pose, gripper: float) -> Motion:
+        """Hold a target until the arm is there."""
+        self._quiet = True
+        for _ in range(SETTLE_STEPS):
+            near = distance(state.ee_pose.position, goal.position) < SETTLE_M
+            if near and angle_between(state.ee_pose.quaternion, goal.quaternion) < SETTLE_RAD:
+                break
+            state = yield delta_action(state.commanded_pose, goal, gripper)
+        return state
+
+    def _close(self, state: WorldState, goal: Pose) -> Motion:
+        """Wait until the fingers stand still: another instance may be narrower than that of the source."""
+        still = 0
+        for _ in range(SETTLE_STEPS):
+            width = state.finger_width_m
+            state = yield delta_action(state.commanded_pose, goal, 1.0)
+            still = still + 1 if abs(state.finger_width_m - width) < STILL_M else 0
+            if still >= STILL_STEPS:
+                break
+        return state
+
+    def _leave(self, state: WorldState) -> Motion:
+        """Move up at the end, so that what was let go of is free even where the source's episode ended early."""
+        if state.held is not None:
+            return state
+        goal = state.commanded_pose.translated(z=LEAVE_M)
+        return (
+            yield from follow(state, (goal,), gripper=0.0, pace=self._paced(CARRY), period_s=self._period_s, settle=2)
+        )

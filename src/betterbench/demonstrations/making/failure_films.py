@@ -1,0 +1,48 @@
+"""Films of failed attempts: the first one of each kind, made again from its seed and rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from betterbench.demonstrations.making.acceptance import FOLDER, Acceptance
+from betterbench.demonstrations.making.production import attempt_at, method_of, scene_of
+from betterbench.errors import BetterError, StorageError
+from betterbench.evaluation.figures.films import film_record
+from betterbench.records import RunFolder
+from betterbench.sim.scenes.limited import LimitedView
+
+SIZE = 256
+"""Side of the films [pixel]."""
+EVERY = 2
+"""Rows per frame: ten frames a second."""
+
+
+def film_failures(
+    run: RunFolder, found: Acceptance, *, on_progress: Callable[[int, int], None] | None = None
+) -> dict[tuple[str, str], str]:
+    """Render the first failed attempt of each kind and task, unless its film is there.
+
+    Returns:
+        The file of each film, relative to the folder of the report, by task and kind of failure; or why there is none.
+    """
+    wanted = [(t.task, kind, trial, number) for t in found.tasks for kind, (trial, number, _) in t.examples.items()]
+    films: dict[tuple[str, str], str] = {}
+    method = method_of(run)
+    for done, (task, kind, trial, number) in enumerate(wanted, start=1):
+        name = f"films/{task}-{kind.replace(' ', '-')}-{trial.condition}-{trial.seed}-{number}.mp4"
+        path = run.inside(FOLDER, name)
+        try:
+            if not path.exists():
+                scene = scene_of(trial, method.quality)
+                record = attempt_at(scene, number, method).record
+                with LimitedView(quality="fast", size=SIZE) as view:
+                    view.open(scene.files())
+                    film_record(view, record, path, every=EVERY)
+            films[task, kind] = name
+        except StorageError:
+            raise
+        except BetterError as problem:
+            films[task, kind] = f"none: {problem}"
+        if on_progress is not None:
+            on_progress(done, len(wanted))
+    return films

@@ -1,0 +1,197 @@
+"""The manner of a demonstration: what varies between two people who do the same thing, drawn by seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from betterbench.errors import PlanningError
+from betterbench.geometry import Pose, angle_between
+from betterbench.interface.state import WorldState
+from betterbench.policies.experts.motion import (
+    APPROACH,
+    FREE,
+    OPEN,
+    Motion,
+    Pace,
+    close_gripper,
+    follow,
+    hold,
+    open_gripper,
+)
+from betterbench.policies.experts.skills import Skills
+
+MISS_GAP_M = 0.012
+"""Least distance of the tool above the top of an object at which a missed grasp closes [m]."""
+MISS_STEPS = 12
+"""Control steps for which a missed grasp stays closed at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class DemonstrationManner:
+    """How one demonstration is given.
+
+    Attributes:
+        speed: Share of the expert's speed.
+        acceleration: Share of the expert's acceleration.
+        approach_height_m: Height above the grasp at which the last stretch begins [m].
+        approach_offset_m: How far aside of the grasp it begins [m].
+        approach_bearing_rad: To which side, in the world frame [rad].
+        grasp_turn_rad: Largest preference for one of several equal grasps, as turning of the gripper [rad].
+        raise_m: Height by which transits are higher than they need to be [m].
+        detour_m: Largest sideways displacement of the middle of a transit [m].
+        pause_s: Mean of a pause [s].
+        pause_rate: Share of the moments at which there is a pause.
+        miss_rate: Share of the grasps before which the gripper closes too early and opens again.
+    """
+
+    speed: float = 1.0
+    acceleration: float = 1.0
+    approach_height_m: float = 0.08
+    approach_offset_m: float = 0.0
+    approach_bearing_rad: float = 0.0
+    grasp_turn_rad: float = 0.0
+    raise_m: float = 0.0
+    detour_m: float = 0.0
+    pause_s: float = 0.0
+    pause_rate: float = 0.0
+    miss_rate: float = 0.0
+
+    def to_json(self) -> dict[str, float]:
+        """Return the JSON form."""
+        return {name: float(value) for name, value in asdict(self).items()}
+
+
+def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
+    """Return a manner drawn from a stream.
+
+    People who teleoperate move at a third to all of the speed of a scripted expert, pause before contact, come in at a
+    slant and now and then close the gripper too early. The ranges are ours; no data of people stands behind them.
+    """
+    return DemonstrationManner(
+        speed=round(float(np.clip(0.75 * math.exp(0.22 * draw.standard_normal()), 0.45, 1.1)), 4),
+        acceleration=round(float(draw.uniform(0.5, 1.0)), 4),
+        approach_height_m=round(float(draw.uniform(0.05, 0.11)), 4),
+        approach_offset_m=round(float(draw.uniform(0.0, 0.03)), 4),
+        approach_bearing_rad=round(float(draw.uniform(-math.pi, math.pi)), 4),
+        grasp_turn_rad=round(float(draw.uniform(0.0, 0.5)), 4),
+        raise_m=round(float(draw.uniform(0.0, 0.08)), 4),
+        detour_m=round(float(draw.uniform(0.0, 0.08)), 4),
+        pause_s=round(float(draw.uniform(0.1, 0.5)), 4),
+        pause_rate=round(float(draw.uniform(0.2, 0.8)), 4),
+        miss_rate=round(float(draw.choice([0.0, 0.0, 0.25])), 4),
+    )
+
+
+@dataclass
+class VariedSkills(Skills):
+    """The expert's skills, carried out in a manner.
+
+    Whatever a manner asks for is planned like everything else, and left out where something stands in its way.
+
+    Attributes:
+        manner: How to move.
+        chance: Stream of the demonstration, from which pauses, detours and misses come in the order of their events.
+    """
+
+    manner: DemonstrationManner = DemonstrationManner()
+    chance: np.random.Generator | None = None
+
+    def paced(self, pace: Pace) -> Pace:
+        """Return a pace at the speed and acceleration of the manner."""
+        m = self.manner
+        return replace(
+            pace,
+            speed=m.speed * pace.speed,
+            corner_speed=m.speed * pace.corner_speed,
+            acceleration=m.acceleration * pace.acceleration,
+            turning=m.speed * pace.turning,
+        )
+
+    def wait(self, state: WorldState, *, gripper: float) -> Motion:
+        """Pause for a while, or not at all."""
+        if self._stream.random() >= self.manner.pause_rate:
+            return state
+        seconds = min(float(self._stream.exponential(self.manner.pause_s)), 1.0)
+        return (yield from hold(state, round(seconds / self.period_s), gripper=gripper))
+
+    def passing(
+        self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
+    ) -> tuple[Pose, ...]:
+        """Return a planned way up, across and down with a detour, if that is free too."""
+        *_, up, over, goal = way
+        raised = self.manner.raise_m
+        aside = float(self._stream.uniform(-1.0, 1.0)) * self.manner.detour_m
+        dx, dy = (b - a for a, b in zip(up.position[:2], over.position[:2], strict=True))
+        length = math.hypot(dx, dy)
+        if length < 0.05:
+            return way
+        up, over = up.translated(z=raised), over.translated(z=raised)
+        x, y, z = (0.5 * (a + b) for a, b in zip(up.position, over.position, strict=True))
+        middle = Pose((x - aside * dy / length, y + aside * dx / length, z), up.quaternion)
+        varied = (up, middle, over, goal)
+        T_tcp_object = None if held is None else state.ee_pose.inverse() @ state.pose(held)
+        blocked, _ = self.planner.check_way(
+            state.joint_positions,
+            (state.commanded_pose, *varied),
+            width_m,
+            held=held,
+            T_tcp_object=T_tcp_object,
+            lenient_start=True,
+        )
+        return way if blocked else varied
+
+    def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
+        """Move to where the last stretch begins, aside of the grasp, and along it; raises PlanningError as usual."""
+        m = self.manner
+        turns = self._stream.uniform(-m.grasp_turn_rad, m.grasp_turn_rad, 16)
+
+        def cost(T_world_tcp: Pose) -> float:
+            heading = angle_between(T_world_tcp.quaternion, state.ee_pose.quaternion)
+            return float(turns[round(heading / (math.pi / 8.0)) % 16])
+
+        plan = self.planner.plan_pick(state, name, cost=cost)
+        grasp, way = plan.grasp, plan.way
+        aside = m.approach_offset_m
+        before = grasp.translated(
+            aside * math.cos(m.approach_bearing_rad), aside * math.sin(m.approach_bearing_rad), m.approach_height_m
+        )
+        found = self.planner.way_to(state, before, plan.width_m)
+        alone = frozenset({name})
+        if found and self.planner.check_way(found[1], (before, grasp), plan.width_m, ignore=alone)[0] is None:
+            way = found[0]
+        way = self.passing(state, way, plan.width_m)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from self.wait(state, gripper=OPEN)
+        if self._stream.random() < m.miss_rate:
+            state = yield from self._miss(state, name, way[-1], grasp)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        state = yield from self.wait(state, gripper=OPEN)
+        return state, grasp
+
+    def _miss(self, state: WorldState, name: str, start: Pose, grasp: Pose) -> Motion:
+        """Close the gripper above an object, on the way down to its grasp, and open it again, if it touches nothing."""
+        info = state.info.object(name)
+        top = state.pose(name).position[2] + info.size_m[2] + MISS_GAP_M
+        low, high = grasp.position[2], start.position[2]
+        if high <= low or top >= high:
+            return state
+        share = (top - low) / (high - low)
+        x, y = (g + share * (s - g) for g, s in zip(grasp.position[:2], start.position[:2], strict=True))
+        there = Pose((x, y, top), grasp.quaternion)
+        blocked, _ = self.planner.check_way(state.joint_positions, (start, there), 0.0)
+        if blocked is not None:
+            return state
+        state = yield from follow(state, (there,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        state = yield from close_gripper(state, steps=MISS_STEPS)
+        state = yield from self.wait(state, gripper=1.0)
+        return (yield from open_gripper(state, width_m=0.07))
+
+    @property
+    def _stream(self) -> np.random.Generator:
+        if self.chance is None:
+            raise PlanningError("varied skills need a stream to draw from")
+        return self.chance

@@ -1,0 +1,553 @@
+"""Making a set of demonstrations: starts, attempts at them by workers, and an ordinary run folder that holds the set.
+
+``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start at which no
+attempt was accepted stays in the plan as an error, with the reason, and the plan grows by the start that takes its
+place. What is tried at a start depends on its seed and the sources alone, so the records do not depend on the number of
+workers or on interruptions.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.certification.certificate import CertificateVersions
+from betterbench.certification.journal import CURE, VersionedJournal, forms_after_header
+from betterbench.certification.runner import in_workers, versions_in_use
+from betterbench.demonstrations.making.amplifier import AmplifierSettings, SourceChoice
+from betterbench.demonstrations.making.attempt import (
+    AMPLIFIED,
+    EXPERT,
+    TELEOPERATED,
+    AttemptNote,
+    DemonstrationAttempt,
+    amplify_attempt,
+    collect_attempt,
+)
+from betterbench.demonstrations.making.sources import Library, load_library
+from betterbench.demonstrations.making.starts import (
+    FIRST_AMPLIFIED_SEED,
+    MOST_STARTS,
+    Start,
+    planned_starts,
+    replacement,
+    shared_out,
+    twin_starts,
+)
+from betterbench.errors import InvalidInputError, RecordError, require_between
+from betterbench.evaluation.planning.manifest import run_context
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.running.lost import reopen_lost
+from betterbench.interface.actions import EE_DELTA
+from betterbench.jobs.durable import on_disk
+from betterbench.jobs.line_journal import complete_lines, say_lost_tail
+from betterbench.json_form import file_digest, open_form, read_form, strict_form
+from betterbench.quoting import shell_word
+from betterbench.records import Journal, JournalEntry, RunFolder, TrialStatus
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.sim.scenes.appearance import look_set_of
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks import Task, TrialId, get_task
+from betterbench.tasks.demonstrated import demonstrated
+from betterbench.tasks.interventions import resolve_condition
+from betterbench.tasks.interventions.regimes import Regime, in_regime
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+logger = logging.getLogger(__name__)
+
+ATTEMPTS = "attempts"
+"""Folder within a run of demonstrations that holds the journal of attempts."""
+METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
+"""Versions of how demonstrations are given and carried over; a run is resumed under its own alone."""
+MOST_ATTEMPTS = 100
+MOST_WORKERS = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Method:
+    """How the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
+
+    Attributes:
+        policy: What the records name as their policy: the expert, or the amplifier.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start.
+        sources: Folder of the run with the source demonstrations; "" for the expert.
+        sources_hash: Hash of that set; "" likewise.
+        source_tasks: Tasks whose demonstrations that hash is of; none likewise.
+        settings: How sources are carried over.
+        quality: Render preset of the stored scenes.
+        task_files: The user's files that workers load before anything else.
+        regime: Which conditions are demonstrated.
+        twins: Whether conditions with the same scene share their seeds and the manner of the expert.
+    """
+
+    policy: str
+    first_seed: int
+    attempts: int
+    sources: str = ""
+    sources_hash: str = ""
+    settings: AmplifierSettings = field(default_factory=AmplifierSettings)
+    quality: str = "standard"
+    task_files: tuple[TaskFile, ...] = field(default_factory=loaded_files)
+    regime: Regime = "training"
+    twins: bool = False
+    source_tasks: tuple[str, ...] = ()
+
+    def task(self, name: str) -> Task:
+        """Return a task with the conditions that are demonstrated as its training conditions."""
+        return in_regime(get_task(name), self.regime)
+
+    def starts(self, name: str, demos: int) -> tuple[Start, ...]:
+        """Return the planned starts of a task: ``demos`` per training condition, shared out over those of the regime.
+
+        Raises InvalidInputError if a number is out of range, or the task has no such regime.
+        """
+        task = self.task(name)
+        require_between("--demos", demos, 1, MOST_STARTS)
+        numbers = shared_out(demos * len(get_task(name).training), len(task.training))
+        return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
+
+    def replacement(self, start: Start, round_: int) -> Start | None:
+        """Return what takes the place of a start that was given up; nothing takes the place of a twin."""
+        return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what two runs have to share to be the same one, beside their trials."""
+        form: dict[str, Any] = {
+            "method_version": METHOD_VERSIONS[self.policy],
+            "first_seed": self.first_seed,
+            "attempts": self.attempts,
+        }
+        form |= {} if self.regime == "training" else {"regime": self.regime}
+        form |= {"twins": True} if self.twins else {}
+        return form if not self.sources_hash else {**form, "sources": self.sources_hash, **asdict(self.settings)}
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _MethodForm:
+    method_version: int
+    first_seed: int
+    attempts: int
+    select: SourceChoice = "nearest_object"
+    action_noise: float = 0.0
+    sources: str = ""
+    regime: Regime = "training"
+    twins: bool = False
+
+
+_METHOD = TypeAdapter(_MethodForm)
+
+
+def method_of(run: RunFolder) -> Method:
+    """Return how the demonstrations of a run were made; RecordError if it is another kind of run."""
+    where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
+    form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
+    quality = run.plan.get("quality")
+    return Method(
+        str(run.plan.get("policy")),
+        form.first_seed,
+        form.attempts,
+        str(run.context.get("sources", "")),
+        form.sources,
+        AmplifierSettings(form.select, form.action_noise),
+        str(quality.get("name")) if isinstance(quality, dict) else "standard",
+        regime=form.regime,
+        twins=form.twins,
+        source_tasks=tuple(dict.fromkeys(trial.task for trial in run.planned)) if form.sources else (),
+    )
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class StartOutcome:
+    """What became of the attempts at one start.
+
+    Attributes:
+        notes: One per attempt, in their order; the last one is accepted, or none is.
+    """
+
+    task: str
+    condition: str
+    seed: int
+    notes: tuple[AttemptNote, ...]
+
+    @property
+    def trial(self) -> TrialId:
+        """The name of the trial."""
+        return TrialId(self.task, self.condition, self.seed)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether there is a demonstration from this start."""
+        return bool(self.notes) and self.notes[-1].accepted
+
+    @property
+    def why_not(self) -> str:
+        """Why there is none, in one line."""
+        kinds = dict.fromkeys(note.failure for note in self.notes)
+        return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Produced:
+    outcome: StartOutcome
+    digest: str | None
+    scene: str | None
+    wall: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SetProgress:
+    """How far a set is: demonstrations there are, demonstrations asked for, attempts, and what was tried last."""
+
+    done: int
+    planned: int
+    attempts: int
+    last: StartOutcome | None
+
+
+_OUTCOME = TypeAdapter(StartOutcome)
+
+
+class AttemptJournal(VersionedJournal):
+    """The journal of the attempts of a run; of several lines about a start the last one counts.
+
+    Raises as :class:`VersionedJournal` does.
+    """
+
+    form = "betterbench attempts journal"
+
+    def __init__(self, path: Path, versions: CertificateVersions) -> None:
+        self.found: dict[TrialId, StartOutcome] = {}
+        super().__init__(path, versions, renews=True)
+
+    def append(self, outcome: StartOutcome) -> None:
+        """Append what became of a start and force it to disk."""
+        self._append_form(asdict(outcome))
+        self.found[outcome.trial] = outcome
+
+    def _take_in_line(self, form: dict[str, Any], where: str) -> None:
+        outcome = _read_line(form, where)
+        self.found[outcome.trial] = outcome
+
+
+def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
+    return read_form(_OUTCOME, form, where=where, cure=CURE, raises=RecordError)
+
+
+def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
+    """Return what became of every start of a run of demonstrations so far; RecordError if the journal is corrupt."""
+    path = run / ATTEMPTS / "journal.jsonl"
+    lines, _ = complete_lines(path)
+    if lines:
+        say_lost_tail(path)
+    forms = forms_after_header(path, lines) if lines else ()
+    found = [_read_line(form, f"{path}: line {i} is corrupt") for i, (form, _) in enumerate(forms, start=2)]
+    return {outcome.trial: outcome for outcome in found}
+
+
+def collect(
+    tasks: Sequence[str],
+    out: Path,
+    *,
+    demos: int,
+    first_seed: int = FIRST_DEMONSTRATION_SEED,
+    attempts: int = 4,
+    regime: Regime = "training",
+    twins: bool = False,
+    workers: int = 1,
+    on_progress: Callable[[SetProgress], None] | None = None,
+) -> RunFolder:
+    """Let the expert give demonstrations in varied manners, into a run folder; the same call resumes it.
+
+    Args:
+        tasks: Names of the tasks.
+        out: Folder of the run.
+        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start, each in another manner.
+        regime: Which conditions are demonstrated.
+        twins: Give conditions with the same scene the same seeds and manners, so that they differ by their cause alone.
+        workers: Worker processes.
+        on_progress: Called at the start and after every start.
+
+    Raises:
+        InvalidInputError: If a number is out of range, the support of a task was never measured, or a task has no such
+            regime.
+        UnknownNameError: If there is no such task.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    method = Method(EXPERT, first_seed, attempts, regime=regime, twins=twins)
+    return _produce(method, tasks, out, demos=demos, workers=workers, on_progress=on_progress)
+
+
+def amplify(
+    sources: Path,
+    out: Path,
+    *,
+    tasks: Sequence[str] = (),
+    demos: int = 50,
+    first_seed: int = FIRST_AMPLIFIED_SEED,
+    attempts: int = 6,
+    settings: AmplifierSettings | None = None,
+    workers: int = 1,
+    on_progress: Callable[[SetProgress], None] | None = None,
+) -> RunFolder:
+    """Carry the demonstrations of a run over to new starts, into another run folder; the same call resumes it.
+
+    Args:
+        sources: Folder of the run with the source demonstrations.
+        out: Folder of the run.
+        tasks: Names of the tasks; all that the sources demonstrate if none is named.
+        demos: Demonstrations per training condition.
+        first_seed: Seed from which starts are chosen.
+        attempts: Most attempts at one start, each with another source in the lead.
+        settings: How sources are carried over.
+        workers: Worker processes.
+        on_progress: Called at the start and after every start.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or sources are missing or have seeds of tests.
+        RecordError: If a source cannot be read.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    chosen = settings or AmplifierSettings()
+    require_between("--noise", chosen.action_noise, 0.0, 0.5)
+    run = RunFolder.open(sources)
+    if out.absolute() == run.path:
+        raise InvalidInputError("--out", "it is the folder of the sources", "Choose another folder")
+    known = tuple(dict.fromkeys(e.task for e in run.entries() if e.status == "done"))
+    named = tuple(dict.fromkeys(tasks or known))
+    if not named:
+        raise InvalidInputError(str(sources), "it holds no demonstrations", "Collect some with better collect")
+    regime = method_of(run).regime if "demonstrations" in run.plan else "training"
+    for name in named:
+        _check_sources(run, in_regime(get_task(name), regime))
+    hashed = set_hash(run, named)
+    method = Method(AMPLIFIED, first_seed, attempts, str(run.path), hashed, chosen, regime=regime, source_tasks=named)
+    return _produce(method, named, out, demos=demos, workers=workers, on_progress=on_progress)
+
+
+def _check_sources(run: RunFolder, task: Task) -> None:
+    """Refuse to begin where a condition of a task is not demonstrated at all."""
+    library = load_library(run, task.id)
+    for condition in task.training:
+        if not library.of_condition(condition.name):
+            cure = f"Collect some: better collect --tasks {task.id} --out RUN"
+            if run.plan["policy"] == TELEOPERATED:
+                cure = f"Demonstrate it too: better teleop --tasks {task.id} --out {shell_word(run.path)}"
+            raise InvalidInputError(str(run.path), f"it holds no demonstration of {condition.id}", cure)
+
+
+def set_hash(run: RunFolder, tasks: Iterable[str] | None = None) -> str:
+    """Return the hash of a set of demonstrations: of the names and the bytes of its records (hex, 64 characters)."""
+    chosen = None if tasks is None else set(tasks)
+    done = [e for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen)]
+    lines = sorted(f"{entry.key} {entry.record}\n" for entry in done)
+    return hashlib.sha256("".join(lines).encode()).hexdigest()
+
+
+def _produce(
+    method: Method,
+    tasks: Sequence[str],
+    out: Path,
+    *,
+    demos: int,
+    workers: int,
+    on_progress: Callable[[SetProgress], None] | None,
+) -> RunFolder:
+    """Make a set: round after round, until there is no start left whose demonstration is missing."""
+    require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
+    require_between("--workers", workers, 1, MOST_WORKERS)
+    chosen = [get_task(name) for name in dict.fromkeys(tasks)]
+    wanted = [s for task in chosen for s in method.starts(task.id, demos)]
+    for task in chosen:
+        demonstrated(task, engine=engine_version())  # which the support is judged by
+    versions = versions_in_use([task.id for task in chosen])
+    out = out.absolute()
+    found = attempts_of(out) if (out / "run.json").exists() else {}
+    while True:
+        chains = _chains(wanted, found, method)
+        with on_disk(out), ExitStack() as stack:
+            plan, context = _plan(method, [s for chain in chains for s in chain], workers)
+            run = RunFolder.start(out, plan, context=context)
+            journal = stack.enter_context(run.journal(renews=True))
+            attempts = stack.enter_context(AttemptJournal(out / ATTEMPTS / "journal.jsonl", versions))
+            _say_lost(journal, attempts)
+            reopen_lost(run, journal)
+            due = [chain[-1] for chain in chains if not _is_settled(chain[-1], attempts.found, journal)]
+            tell = _teller(on_progress, chains, attempts)
+            tell(None)
+            for produced in _produced(run, method, due, workers):
+                _note(produced, journal, attempts)
+                tell(produced.outcome)
+            changed = [run.restore(), journal.restore(), attempts.restore()]  # what somebody has removed meanwhile
+            is_whole = not any(changed) or not reopen_lost(run, journal)
+            found = dict(attempts.found)
+        if is_whole and chains == _chains(wanted, found, method):
+            return run
+
+
+def _say_lost(journal: Journal, attempts: AttemptJournal) -> None:
+    """Say that one of the journals has lost lines that the other one implies; their starts are tried again."""
+    lost = [entry.key for entry in journal.entries if entry.key not in attempts.found]
+    lost += [key for key, outcome in attempts.found.items() if outcome.accepted and not journal.is_done(key)]
+    if lost:
+        logger.warning(
+            "the journal of demonstrations and that of attempts differ by %d starts, %s and others: one was cut short, "
+            "or the command was killed. They are tried again",
+            len(lost),
+            lost[0],
+        )
+
+
+def _chains(wanted: Sequence[Start], found: Mapping[TrialId, StartOutcome], method: Method) -> list[list[Start]]:
+    """Return each start with those that took its place, one after the other."""
+    chains = []
+    for start in wanted:
+        chain = [start]
+        while (outcome := found.get(chain[-1].trial)) is not None and not outcome.accepted:
+            other = method.replacement(start, len(chain))
+            if other is None:
+                break
+            chain.append(other)
+        chains.append(chain)
+    return chains
+
+
+def _is_settled(start: Start, found: Mapping[TrialId, StartOutcome], journal: Journal) -> bool:
+    outcome = found.get(start.trial)
+    return outcome is not None and (not outcome.accepted or journal.is_done(start.trial))
+
+
+def _plan(method: Method, starts: Sequence[Start], workers: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return plan and context of a run, as ``run.json`` holds them."""
+    trials = tuple(_trial(s) for s in sorted(starts, key=lambda s: (s.task, s.condition, s.number, s.round)))
+    plan = Plan(method.policy, trials, EE_DELTA.name, "state_only", method.quality)
+    policy = {"address": method.policy, "name": method.policy, "needs_images": False}
+    engine = {"name": "local", "workers": workers, "envs": 1}
+    context = {**run_context(plan, policy=policy, engine=engine), "sources": method.sources}
+    return {**plan.to_json(), "demonstrations": method.to_json()}, context
+
+
+def _trial(start: Start) -> Trial:
+    found = resolve_condition(start.task, start.condition)
+    varied = found.variation is not None
+    name, base = (start.condition, found.base) if varied else (None, None)
+    return Trial(start.task, start.condition, name, found.axis, base, start.seed, found.condition.expected.value)
+
+
+def _teller(
+    on_progress: Callable[[SetProgress], None] | None, chains: Sequence[Sequence[Start]], attempts: AttemptJournal
+) -> Callable[[StartOutcome | None], None]:
+    def tell(last: StartOutcome | None) -> None:
+        if on_progress is None:
+            return
+        found = attempts.found
+        done = sum(any(s.trial in found and found[s.trial].accepted for s in chain) for chain in chains)
+        on_progress(SetProgress(done, len(chains), sum(len(o.notes) for o in found.values()), last))
+
+    return tell
+
+
+def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
+    """Yield what became of starts, as it comes; those that share a compiled scene follow each other."""
+    order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
+    return in_workers(order, workers, functools.partial(_work, str(run.path), method))
+
+
+def _note(produced: _Produced, journal: Journal, attempts: AttemptJournal) -> None:
+    """Write what became of a start into both journals; killed between the two, the start is tried again."""
+    outcome, trial = produced.outcome, produced.outcome.trial
+    varied = None if resolve_condition(trial.task, trial.condition).variation is None else trial.condition
+    if not journal.is_done(trial):
+        status: TrialStatus = "done" if outcome.accepted else "error"
+        why = None if outcome.accepted else outcome.why_not
+        journal.append(
+            JournalEntry(
+                trial.task,
+                trial.condition,
+                varied,
+                trial.seed,
+                status,
+                why,
+                produced.wall,
+                {},
+                produced.digest,
+                produced.scene,
+            )
+        )
+    attempts.append(outcome)
+
+
+def _work(out: str, method: Method, trial: TrialId) -> _Produced:
+    """Try one start until an attempt is accepted, and write its record; run by a worker."""
+    load_sources(method.task_files)
+    run = RunFolder(Path(out), {}, {})  # whose description may be gone for a moment
+    began = time.perf_counter()
+    scene = scene_of(trial, method.quality)
+    setup_s = time.perf_counter() - began
+    notes: list[AttemptNote] = []
+    digest: str | None = None
+    stored: str | None = None
+    for number in range(method.attempts):
+        attempt = attempt_at(scene, number, method)
+        notes.append(attempt.note)
+        if attempt.note.accepted:
+            digest, stored = _write(run, scene, attempt)
+            break
+    wall = {
+        "setup_s": round(setup_s, 6),
+        "total_s": round(time.perf_counter() - began, 6),
+        "steps": float(sum(note.steps for note in notes)),
+    }
+    return _Produced(StartOutcome(trial.task, trial.condition, trial.seed, tuple(notes)), digest, stored, wall)
+
+
+def scene_of(trial: TrialId, quality: str) -> Scene:
+    """Return the scene of a demonstration."""
+    found = resolve_condition(trial.task, trial.condition)
+    return Scene(found.task, found.condition, seed=trial.seed, action_space=EE_DELTA, quality=quality_preset(quality))
+
+
+def attempt_at(scene: Scene, number: int, method: Method) -> DemonstrationAttempt:
+    """Make one attempt at a start; the same number gives the same attempt."""
+    if method.policy == EXPERT:
+        return collect_attempt(scene, number, twins=method.twins)
+    library = _library(method.sources, method.sources_hash, method.source_tasks, scene.task.id)
+    return amplify_attempt(scene, number, library, method.settings)
+
+
+@functools.lru_cache(maxsize=4)
+def _library(sources: str, sha256: str, tasks: tuple[str, ...], task: str) -> Library:
+    """Return the sources of a task; RecordError if they are not those of the hash, as where somebody adds to them."""
+    run = RunFolder.open(Path(sources))
+    library = load_library(run, task)
+    if set_hash(run, tasks) != sha256:  # looked at last: what was added before is in the library, and seen here
+        raise RecordError(
+            f"{sources}: its demonstrations have changed since they began to be carried over. Once nothing writes "
+            "there any more, run the same command again, into another folder."
+        )
+    return library
+
+
+def _write(run: RunFolder, scene: Scene, attempt: DemonstrationAttempt) -> tuple[str, str]:
+    """Write the record of an accepted attempt and, once, its scene; return the record's SHA-256, the scene's digest."""
+    with on_disk(run.path):
+        path = run.write_record(attempt.record)
+        return file_digest(path), run.keep_scene(scene)

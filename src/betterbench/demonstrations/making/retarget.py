@@ -1,0 +1,151 @@
+"""Carrying a skill over to another scene: the same motion in the frame of the thing that it is about.
+
+For a pick and a slide that is the object, ``T_new(t) = T_object_new  T_object_source^-1  T_target_source(t)``, with a
+shift in between where the object is another instance of its category. For a place it is the region of the target, and
+what is carried over is the way of the object's foot, because the object may lie differently in the gripper. These are
+the poses that the controller was sent to, not those that the arm had (Mandlekar et al., MimicGen, 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.demonstrations.making.sources import (
+    SAME_GOAL_M,
+    SourceSkill,
+    grasp_shift,
+    moved_along_x,
+    nearest_goal,
+    region_frame,
+)
+from betterbench.demonstrations.making.transit import retimed
+from betterbench.geometry import Pose, angle_between, distance, from_yaw, rotate
+from betterbench.interface.state import WorldState
+from betterbench.records import SkillWindow
+from betterbench.sim.assets import Asset
+from betterbench.tasks.relations.placing import foot_offset
+
+CHECKED_EVERY_M = 0.025
+"""Least distance between the poses of a skill that are checked for collisions [m]."""
+CHECKED_EVERY_RAD = 0.25
+"""Least turn between them [rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarriedOver:
+    """A skill in the frame of another scene.
+
+    Attributes:
+        source: Name of the demonstration it comes from.
+        targets: Poses ``T_world_tcp`` to send the controller to, one per control step.
+        gripper: Gripper command of each step.
+        change: Index of the step that begins to change the gripper.
+    """
+
+    source: str
+    targets: tuple[Pose, ...]
+    gripper: tuple[float, ...]
+    change: int
+
+    def begin_within(self, radius_m: float) -> int:
+        """Return the first step from which on all poses up to the change are within a distance of it [m]."""
+        there = self.targets[self.change].position
+        step = self.change
+        while step > 0 and distance(self.targets[step - 1].position, there) <= radius_m:
+            step -= 1
+        return step
+
+    def from_step(self, begin: int, *, faster: float = 1.0) -> CarriedOver:
+        """Return the skill from a step on, up to its change at another speed; what the gripper does takes its time."""
+        before = retimed(self.targets[begin : self.change + 1], faster)
+        gripper = (self.gripper[begin],) * (len(before) - 1) + self.gripper[self.change :]
+        return CarriedOver(self.source, (*before[:-1], *self.targets[self.change :]), gripper, len(before) - 1)
+
+    def checkpoints(self, begin: int, end: int) -> list[Pose]:
+        """Return the poses of some steps that are checked for collisions: the first, the last and some between."""
+        found = [self.targets[begin]]
+        for pose in self.targets[begin + 1 : end]:
+            far = distance(pose.position, found[-1].position) >= CHECKED_EVERY_M
+            if far or angle_between(pose.quaternion, found[-1].quaternion) >= CHECKED_EVERY_RAD:
+                found.append(pose)
+        found.append(self.targets[end])
+        return found
+
+
+def carry_pick(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, turn_rad: float = 0.0) -> CarriedOver:
+    """Return a pick carried over to an object of a scene, turned about the object's own z axis by so much [rad]."""
+    grasp = skill.object_pose.inverse() @ skill.targets[skill.change]
+    turned = state.pose(name) @ Pose((0.0, 0.0, 0.0), from_yaw(turn_rad))
+    to_new = turned @ grasp_shift(skill.asset, grasp, asset) @ skill.object_pose.inverse()
+    return CarriedOver(skill.source, tuple(to_new @ t for t in skill.targets), skill.gripper, skill.change)
+
+
+def carry_slide(skill: SourceSkill, state: WorldState, name: str, asset: Asset, *, slide_m: float) -> CarriedOver:
+    """Return a slide carried over to a drawer that has to be moved by ``slide_m`` along its own x axis [m]."""
+    moved = carry_pick(skill, state, name, asset)
+    axis = rotate(state.pose(name).quaternion, (1.0, 0.0, 0.0))
+    ratio = slide_m / skill.slid_m if abs(skill.slid_m) > 1e-6 else 1.0
+    start, extra, shifted = moved.targets[moved.change].position, 0.0, []
+    for i, target in enumerate(moved.targets):
+        if i > moved.change and moved.gripper[i] > 0.0:
+            along = sum(a * (p - q) for a, p, q in zip(axis, target.position, start, strict=True))
+            extra = (ratio - 1.0) * along
+        shifted.append(moved_along_x(target, state.pose(name), extra))
+    return CarriedOver(moved.source, tuple(shifted), moved.gripper, moved.change)
+
+
+def carry_place(
+    skill: SourceSkill,
+    state: WorldState,
+    window: SkillWindow,
+    *,
+    keep_tool: bool = False,
+    foot: tuple[float, float, float] | None = None,
+) -> CarriedOver | None:
+    """Return a place carried over to the object in the gripper and the target of a window of this scene.
+
+    Args:
+        skill: The place.
+        state: State now, with the object in the gripper.
+        window: Names of object and target in this scene.
+        keep_tool: True to keep the rotation of the tool, and let the object be turned as it lies in the gripper; for
+            things that may stand in any heading.
+        foot: Where the foot of the object is let go [m], world frame; at the goal of the expert nearest to where the
+            source would let go, if not given.
+
+    Returns:
+        None where the expert knows no goal near to where the object would be let go.
+    """
+    to_new = region_frame(state, window) @ skill.frame.inverse()
+    shift = (0.0, 0.0, 0.0)
+    if skill.anchor is not None:
+        wanted = to_new.apply(skill.anchor)
+        goal = foot or nearest_goal(state, window, wanted, within_m=SAME_GOAL_M)
+        if goal is None:
+            return None
+        shift = (goal[0] - wanted[0], goal[1] - wanted[1], goal[2] - wanted[2])
+    held = state.ee_pose.inverse() @ state.pose(window.object)
+    T_tcp_foot = held @ Pose(foot_offset(state.info.object(window.object)))
+    T_foot_tcp = None if keep_tool else T_tcp_foot.inverse()
+    return CarriedOver(
+        skill.source,
+        tuple(_placing(to_new @ t, skill.T_tcp_foot, T_tcp_foot, shift, T_foot_tcp) for t in skill.targets),
+        skill.gripper,
+        skill.change,
+    )
+
+
+def _placing(
+    target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
+) -> Pose:
+    """Return where the tool has to be for the foot of an object to be where that of the source's object is.
+
+    Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object is turned as it lies in the gripper.
+    """
+    foot = (target @ T_tcp_foot_source).translated(*shift)
+    if T_foot_tcp is not None:
+        return foot @ T_foot_tcp
+    dx, dy, dz = rotate(target.quaternion, T_tcp_foot.position)
+    x, y, z = foot.position
+    return Pose((x - dx, y - dy, z - dz), target.quaternion)

@@ -1,0 +1,332 @@
+"""Source demonstrations: what their skills look like in the frame of the thing that each is about."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import InvalidInputError, RecordError, one_line
+from betterbench.geometry import Pose, angle_between, distance, rotate
+from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.policies.experts.planner import turned_grasps
+from betterbench.records import Record, RunFolder, SkillWindow, SubgoalSegment, subgoal_segments
+from betterbench.sim.assets import Asset
+from betterbench.sim.scenes.builder import place_objects
+from betterbench.tasks import SUITE_VERSION, TrialId, get_task
+from betterbench.tasks.interventions import resolve_condition
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.placing import foot_offset
+
+SAME_GRASP_M = 0.04
+"""Farthest that a grasp may be from an annotated one to count as that one [m]."""
+SAME_GOAL_M = 0.03
+"""Farthest that something may be let go from a goal of the expert to count as brought there [m]."""
+SPOT_M, MOST_SPOTS = 0.012, 16
+"""Least distance of two goals that are tried as different ones [m], and how many of them are."""
+MOVING_M = 0.001
+"""Least motion of a control step that is no pause [m]."""
+ROTATION_M = 0.1
+"""What a radian counts for where poses are compared [m/rad]: the reach of the gripper."""
+
+SkillKey = tuple[str, str, str, str, str]
+"""What a skill is about: its kind, the kind of its object, and of a place relation, kind of the target and region.
+
+Of a slide, "out" stands for the relation where the drawer is drawn out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SourceSkill:
+    """One skill of a source demonstration, with everything that is needed to carry it over.
+
+    Attributes:
+        key: What it is about.
+        source: Name of the demonstration, "TASK/CONDITION/SEED".
+        window: Its rows there.
+        object: What it takes, lets go of or slides.
+        asset: Asset of that object.
+        frame: ``T_world_reference`` when the window begins: of the object, or for a place of the target's region.
+        object_pose: ``T_world_object`` when the window begins.
+        target_pose: ``T_world_target`` at that time; that of the object where nothing is placed.
+        targets: Poses ``T_world_tcp`` that the controller was sent to, one per control step of the window.
+        gripper: Gripper command of each of these steps.
+        change: Index of the step that begins to change the gripper.
+        T_tcp_foot: Where the foot of the object is in the gripper just before the change; of a place.
+        anchor: Foot of the object [m], world frame, at the expert's goal nearest to where it was let go; of a place.
+        spread_m: By how much wider than around the object the gripper opens [m]; of a place.
+        slid_m: Distance along its own x axis by which a drawer is moved [m].
+        width_m: Distance of the finger pads when the window begins [m].
+        lead_in: Poses ``T_world_tcp`` that the controller was sent to between the skill before and the window, one per
+            control step; None where the gripper closed in vain on that way.
+        tempo_mps: Tempo of the demonstration.
+    """
+
+    key: SkillKey
+    source: str
+    window: SkillWindow
+    object: ObjectInfo
+    asset: Asset
+    frame: Pose
+    object_pose: Pose
+    target_pose: Pose
+    targets: tuple[Pose, ...]
+    gripper: tuple[float, ...]
+    change: int
+    T_tcp_foot: Pose
+    anchor: tuple[float, float, float] | None
+    spread_m: float
+    slid_m: float
+    width_m: float
+    lead_in: tuple[Pose, ...] | None
+    tempo_mps: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Source:
+    """One source demonstration.
+
+    Attributes:
+        trial: Its trial.
+        segments: Its subgoals.
+        skills: Its skills, in time and without misses.
+        speed: Share of the expert's speed at which it was given.
+        tempo_mps: Mean speed of the tool on the ways from one skill to the next, without pauses [m/s]; 0 if unknown.
+    """
+
+    trial: TrialId
+    segments: tuple[SubgoalSegment, ...]
+    skills: tuple[SourceSkill, ...]
+    speed: float
+    tempo_mps: float
+
+    @property
+    def name(self) -> str:
+        """Its name in records and reports."""
+        return str(self.trial)
+
+
+class Library:
+    """The source demonstrations of one task."""
+
+    def __init__(self, sources: Iterable[Source]) -> None:
+        self.sources = tuple(sources)
+        self._skills: dict[SkillKey, list[SourceSkill]] = {}
+        for source in self.sources:
+            for skill in source.skills:
+                self._skills.setdefault(skill.key, []).append(skill)
+
+    def of_condition(self, condition: str) -> tuple[Source, ...]:
+        """Return the sources that demonstrate a training condition."""
+        return tuple(s for s in self.sources if s.trial.condition == condition)
+
+    def skills(self, key: SkillKey) -> tuple[SourceSkill, ...]:
+        """Return the skills of all sources that are about the same."""
+        return tuple(self._skills.get(key, ()))
+
+
+def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
+    """Return what a window is about in a scene; ``out`` tells whether a slide draws its drawer out."""
+    kind = info.object(window.object).kind
+    if window.kind == "place":
+        return ("place", kind, window.relation, info.object(window.target).kind, window.region)
+    return (window.kind, kind, "out" if window.kind == "slide" and out else "", "", "")
+
+
+def load_library(run: RunFolder, task: str) -> Library:
+    """Return the successful demonstrations of a task in a run.
+
+    Raises:
+        InvalidInputError: If a record has the seed of a test, or none of the task is a demonstration that succeeded.
+        RecordError: If a record cannot be read, or is of another version of the suite or the task.
+    """
+    found = []
+    for entry in run.entries():
+        if entry.task != task or entry.status != "done":
+            continue
+        if entry.seed < FIRST_DEMONSTRATION_SEED:
+            problem = f"{entry.key} has the seed of a test, and tests are never trained on"
+            cure = f"Give demonstrations, whose seeds are {FIRST_DEMONSTRATION_SEED:,} and above (better collect)"
+            raise InvalidInputError(str(run.path), problem, cure)
+        record = run.read_record(entry.task, entry.condition, entry.seed)
+        _require_version(record, str(run.record_path(entry.task, entry.condition, entry.seed)))
+        if record.outcome.success:
+            found.append(demonstrated_source(record))
+    if not found:
+        cure = f"Collect some: better collect --tasks {task} --out RUN"
+        raise InvalidInputError(str(run.path), f"it holds no successful demonstration of {task}", cure)
+    return Library(sorted(found, key=lambda s: s.trial))
+
+
+def _require_version(record: Record, where: str) -> None:
+    """Raise RecordError if a record is of another version of the suite or its task, whose things lie elsewhere."""
+    meta = record.metadata
+    versions = (
+        ("suite", meta.suite_version, SUITE_VERSION),
+        (f"task {meta.task}", meta.task_version, get_task(meta.task).version),
+    )
+    for what, there, now in versions:
+        if there != now:
+            raise RecordError(
+                f"{where}: was recorded with version {one_line(there)} of the {what}, and this is version {now}. "
+                "Collect the demonstrations again."
+            )
+
+
+def demonstrated_source(record: Record) -> Source:
+    """Return what a successful record demonstrates; its segments are derived from its states, whatever it says."""
+    meta = record.metadata
+    trial = TrialId(meta.task, meta.condition, meta.seed)
+    condition = resolve_condition(meta.task, meta.condition)
+    segments = subgoal_segments(record, condition.condition)
+    placed = place_objects(condition.task, condition.condition, meta.seed, shown=meta.looks)
+    assets = {p.spec.name: p.asset for p in placed}
+    _require_objects(record, assets)
+    windows: list[tuple[SkillWindow, tuple[Pose, ...] | None]] = []
+    free_from, missed = 1, False
+    for window in (w for segment in segments for w in segment.skills):
+        if window.kind == "miss":
+            missed = True
+            continue
+        if window.kind != "place" or window.target:
+            windows.append((window, None if missed else _targets(record, free_from, window.start)))
+        free_from, missed = window.stop, False
+    tempo = _tempo_mps(record, [lead_in for _, lead_in in windows if lead_in])
+    skills = tuple(_skill_of(record, w, assets[w.object], lead_in=lead_in, tempo_mps=tempo) for w, lead_in in windows)
+    speed = 1.0 if meta.demonstrator is None else meta.demonstrator.manner.get("speed", 1.0)
+    return Source(trial, segments, skills, min(1.0, max(0.3, float(speed))), tempo)
+
+
+def _tempo_mps(record: Record, ways: Iterable[Sequence[Pose]]) -> float:
+    steps = [distance(a.position, b.position) for way in ways for a, b in itertools.pairwise(way)]
+    moving = [step for step in steps if step > MOVING_M]
+    if not moving:
+        return 0.0
+    return sum(moving) / len(moving) * record.n_steps / float(record.time[-1] - record.time[0])
+
+
+def _targets(record: Record, start: int, stop: int) -> tuple[Pose, ...]:
+    """Return the poses that the controller was sent to at some rows."""
+    positions, quaternions = record.commanded_position[start:stop], record.commanded_quaternion[start:stop]
+    return tuple(Pose(tuple(p), tuple(q)) for p, q in zip(positions.tolist(), quaternions.tolist(), strict=True))
+
+
+def _require_objects(record: Record, planned: Collection[str]) -> None:
+    """Raise RecordError if a record shows other objects than its condition has."""
+    meta = record.metadata
+    other = sorted({o.name for o in meta.scene.objects} ^ set(planned))
+    if other:
+        raise RecordError(
+            f"{meta.task}/{meta.condition}/{meta.seed}: its objects are not those of its condition "
+            f"({one_line(other[0], most=80)} is in one of them alone). Collect the demonstration again."
+        )
+
+
+def _skill_of(
+    record: Record, window: SkillWindow, asset: Asset, *, lead_in: tuple[Pose, ...] | None, tempo_mps: float
+) -> SourceSkill:
+    """Return one window of a record with its targets and frames."""
+    first = max(1, window.start)
+    rows = range(first, max(window.stop, window.change + 1))
+    state, let_go = record.state(window.start), record.state(window.change - 1)
+    info = state.info.object(window.object)
+    held = let_go.ee_pose.inverse() @ let_go.pose(window.object) @ Pose(foot_offset(info))
+    is_place = window.kind == "place"
+    slid = _slid_m(record, window) if window.kind == "slide" else 0.0
+    widths = record.finger_width[rows.start : rows.stop]
+    return SourceSkill(
+        key=key_of(record.metadata.scene, window, out=slid > 0.0),
+        source=str(TrialId(record.metadata.task, record.metadata.condition, record.metadata.seed)),
+        window=window,
+        object=info,
+        asset=asset,
+        frame=region_frame(state, window) if is_place else state.pose(window.object),
+        object_pose=state.pose(window.object),
+        target_pose=state.pose(window.target if is_place else window.object),
+        targets=_targets(record, rows.start, rows.stop),
+        gripper=tuple(float(v) for v in record.action[rows.start : rows.stop, -1]),
+        change=window.change - first,
+        T_tcp_foot=held if is_place else Pose(),
+        anchor=_anchor(record.state(window.start), let_go, window) if is_place else None,
+        spread_m=float(widths.max() - widths[max(0, window.change - first - 1)]) if is_place else 0.0,
+        slid_m=slid,
+        width_m=state.finger_width_m,
+        lead_in=lead_in,
+        tempo_mps=tempo_mps,
+    )
+
+
+def region_frame(state: WorldState, window: SkillWindow) -> Pose:
+    """Return the pose of the middle of the region at which a place lets go, ``T_world_region``."""
+    middle = relation(window.relation).middle(state.info.object(window.target), window.region)
+    return state.pose(window.target) @ Pose(middle)
+
+
+def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple[float, float, float] | None:
+    foot = let_go.pose(window.object).apply(foot_offset(let_go.info.object(window.object)))
+    return nearest_goal(state, window, foot, within_m=SAME_GOAL_M)
+
+
+def nearest_goal(
+    state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
+) -> tuple[float, float, float] | None:
+    """Return where the foot of an object is at the goal of the expert nearest to a point [m], or None if all are far.
+
+    Goals know the sizes of things and what lies at the target already, which a rigid transform does not.
+    """
+    offset = foot_offset(state.info.object(window.object))
+    goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
+    # Hundreds of goals share a few rotations.
+    turned = {q: rotate(q, offset) for q in {goal.pose.quaternion for goal in goals}}
+    feet = [goal.pose.translated(*turned[goal.pose.quaternion]).position for goal in goals]
+    nearest = min(feet, key=lambda foot: distance(foot, point), default=None)
+    return nearest if nearest is not None and distance(nearest, point) <= within_m else None
+
+
+def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
+    """Return where the foot of an object is at the goals of the expert [m], the best first, one per spot."""
+    offset = foot_offset(state.info.object(window.object))
+    found: list[tuple[float, float, float]] = []
+    for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
+        foot = goal.pose.apply(offset)
+        if all(distance(foot, other) > SPOT_M for other in found):
+            found.append(foot)
+    return tuple(found[:MOST_SPOTS])
+
+
+def _slid_m(record: Record, window: SkillWindow) -> float:
+    """Return by how much the tool moves a drawer along its own x axis while the gripper is closed [m]."""
+    opened = window.change
+    while opened + 1 < len(record) and record.gripper_command[opened + 1] > 0.0:
+        opened += 1
+    index = record.metadata.scene.index(window.object)
+    frame = Pose((0.0, 0.0, 0.0), tuple(record.object_quaternions[window.start, index].tolist()))
+    way = record.commanded_position[opened] - record.commanded_position[window.change]
+    return float(frame.inverse().apply(way.tolist())[0])
+
+
+def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
+    """Return how a grasp of one asset is shifted to be the same grasp of another one, ``T_object_object``.
+
+    The grasp is compared with those that are annotated on its asset; the same one of the other asset takes its place.
+    The shift of an asset to itself is none, and there is none where no annotated grasp is near.
+    """
+    if source is other or source.identity == other.identity or len(source.grasps) != len(other.grasps):
+        return Pose()
+    near: tuple[float, Pose, Pose] | None = None
+    for mine, theirs in zip(source.grasps, other.grasps, strict=True):
+        pairs = zip(turned_grasps(Pose(), mine), turned_grasps(Pose(), theirs), strict=False)
+        for there, here in pairs:
+            off = distance(there.position, T_object_tcp.position)
+            if off > SAME_GRASP_M:
+                continue
+            off += ROTATION_M * angle_between(there.quaternion, T_object_tcp.quaternion)
+            if near is None or off < near[0]:
+                near = (off, there, here)
+    return Pose() if near is None else near[2] @ near[1].inverse()
+
+
+def moved_along_x(pose: Pose, drawer: Pose, shift_m: float) -> Pose:
+    """Return a pose moved along the x axis of a drawer by so much [m]."""
+    dx, dy, dz = rotate(drawer.quaternion, (shift_m, 0.0, 0.0))
+    return pose.translated(dx, dy, dz)

@@ -1,0 +1,227 @@
+"""Start states: which seeds a set of demonstrations begins from, so that they cover the training distribution evenly.
+
+What a start draws is described by a few levels: the cell of the jitter region in which each thing that matters stands,
+how it is turned, and the set of looks. Each start is the best of a block of consecutive seeds: the one whose levels are
+the rarest so far. Blocks do not overlap and do not depend on how many starts there are, so a larger set holds the
+smaller one. A seed that has to be given up is replaced by the one of another block that is most like it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.errors import require_between
+from betterbench.sim.scenes.appearance import LOOK_SETS, look_set_of
+from betterbench.sim.scenes.builder import slot_pose
+from betterbench.tasks import Condition, Slot, Task, TrialId
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+FIRST_AMPLIFIED_SEED = 1_000_000_000
+"""First seed of amplified demonstrations, unless another one is asked for: far from those of their sources."""
+GRID = 3
+"""Cells of a slot's jitter region along each axis."""
+BLOCK = 32
+"""Consecutive seeds of which a start is the best."""
+SPARE_BLOCK = 256
+"""Consecutive seeds of which a replacement is the best."""
+SLOT_WEIGHT = 3
+"""What another cell of a slot counts for in a replacement, against another turn or other looks."""
+SPARE_ROUNDS = 4
+"""How often a start may be replaced."""
+SPARES_FROM = 20_000_000
+"""Distance of the first spare seed from the first seed."""
+MOST_STARTS = 10_000
+"""Most starts per training condition: the blocks of so many end before the spares begin."""
+
+Levels = Mapping[str, int]
+"""What a start draws: the level of each factor, by its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """One planned demonstration.
+
+    Attributes:
+        condition: Name of the training condition.
+        number: Which start of its condition it is, from 0.
+        round: How often its seed was replaced.
+        seed: Its seed.
+    """
+
+    task: str
+    condition: str
+    number: int
+    round: int
+    seed: int
+
+    @property
+    def trial(self) -> TrialId:
+        """The name of the trial."""
+        return TrialId(self.task, self.condition, self.seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """One thing that a start draws.
+
+    Attributes:
+        name: "slot first" or "turn first" for a slot, or "looks".
+        levels: Number of its levels.
+    """
+
+    name: str
+    levels: int
+
+
+def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
+    """Return what matters about the starts of a training condition: slots of what is asked for, then of targets."""
+    slots = _slots(task, condition)
+    return (
+        *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
+        *(Factor(f"turn {s.name}", GRID) for s in slots if s.yaw_jitter > 0.0),
+        Factor("looks", LOOK_SETS),
+    )
+
+
+def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
+    """Return what the start of a seed draws; nothing is simulated or built for it."""
+    return _levels(task, _slots(task, condition), seed)
+
+
+def _slots(task: Task, condition: Condition) -> tuple[Slot, ...]:
+    names: dict[str, None] = {}
+    for goal in condition.instruction.subgoals:
+        names.update(dict.fromkeys(condition.resolve(goal.reference)))
+    for goal in condition.instruction.subgoals:
+        mount = condition.object(goal.target).mount
+        names.setdefault(goal.target if mount is None else mount.target)
+    return tuple(task.slot(condition.layout[name]) for name in names if name in condition.layout)
+
+
+def _levels(task: Task, slots: Iterable[Slot], seed: int) -> dict[str, int]:
+    found = {"looks": look_set_of(task.id, seed)}
+    for slot in slots:
+        (x, y, _), yaw = slot_pose(task, seed, slot.name)
+        if slot.jitter_m > 0.0:
+            across, along = (_level((v - m) / slot.jitter_m) for v, m in ((x, slot.x), (y, slot.y)))
+            found[f"slot {slot.name}"] = GRID * across + along
+        if slot.yaw_jitter > 0.0:
+            found[f"turn {slot.name}"] = _level((yaw - slot.yaw) / slot.yaw_jitter)
+    return found
+
+
+def _level(share: float) -> int:
+    """Return the level of a draw from -1 to 1."""
+    return min(GRID - 1, max(0, int(0.5 * (share + 1.0) * GRID)))
+
+
+def planned_starts(task: Task, numbers: int | Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
+    """Return the starts of a task, so many per training condition, or one number for all of them.
+
+    Raises InvalidInputError if a number or the seed is out of range; tests never share a seed with demonstrations.
+    """
+    wanted = [numbers] * len(task.training) if isinstance(numbers, int) else list(numbers)
+    require_between("--demos", min(wanted), 1, MOST_STARTS)
+    require_between("--demos", max(wanted), 1, MOST_STARTS)
+    require_between("--seed", first_seed, FIRST_DEMONSTRATION_SEED, 2_000_000_000)
+    return tuple(
+        Start(task.id, condition.name, i, 0, seed)
+        for condition, number in zip(task.training, wanted, strict=True)
+        for i, seed in enumerate(_seeds(task, condition, number, first_seed))
+    )
+
+
+def shared_out(total: int, parts: int) -> tuple[int, ...]:
+    """Return how many of ``total`` demonstrations each of so many conditions gets: at least one, the first ones more.
+
+    With a larger total no part gets fewer, so a larger set holds the smaller one.
+    """
+    return tuple(max(1, total // parts + (part < total % parts)) for part in range(parts))
+
+
+def _seeds(task: Task, condition: Condition, number: int, first_seed: int) -> tuple[int, ...]:
+    slots, factors = _slots(task, condition), factors_of(task, condition)
+    drawn: dict[str, Counter[int]] = {f.name: Counter() for f in factors}
+    seeds = []
+    for i in range(number):
+        begin = first_seed + BLOCK * _block_number(task, condition, i)
+        block = [(seed, _levels(task, slots, seed)) for seed in range(begin, begin + BLOCK)]
+
+        def crowding(candidate: tuple[int, Levels]) -> tuple[int, int]:
+            seed, levels = candidate
+            return sum(f.levels * drawn[f.name][levels[f.name]] for f in factors), seed
+
+        seed, levels = min(block, key=crowding)
+        for f in factors:
+            drawn[f.name][levels[f.name]] += 1
+        seeds.append(seed)
+    return tuple(seeds)
+
+
+def _block_number(task: Task, condition: Condition, number: int) -> int:
+    return number * len(task.training) + task.training.index(condition)
+
+
+def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
+    """Return what takes the place of a planned start when it has to be given up for the time ``round_``, from 1.
+
+    Every replacement is like the planned start, and not like the one before it. There is none after a few rounds.
+    """
+    if round_ > SPARE_ROUNDS:
+        return None
+    condition = task.train(start.condition)
+    slots, factors = _slots(task, condition), factors_of(task, condition)
+    wanted = _levels(task, slots, start.seed)
+    block = _block_number(task, condition, start.number) * SPARE_ROUNDS + round_ - 1
+    begin = first_seed + SPARES_FROM + SPARE_BLOCK * block
+
+    def unlike(seed: int) -> tuple[int, int]:
+        levels = _levels(task, slots, seed)
+        differing = (f.name for f in factors if levels[f.name] != wanted[f.name])
+        return sum(SLOT_WEIGHT if name.startswith("slot ") else 1 for name in differing), seed
+
+    seed = min(range(begin, begin + SPARE_BLOCK), key=unlike)
+    return Start(start.task, start.condition, start.number, round_, seed)
+
+
+def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple[Start, ...]:
+    """Return starts of which those of all conditions have the same seeds, chosen for the first one; raises the same."""
+    most = max(numbers)
+    first = planned_starts(task, [most] + [1] * (len(task.training) - 1), first_seed=first_seed)
+    seeds = [start.seed for start in first if start.condition == task.training[0].name]
+    return tuple(Start(task.id, c.name, i, 0, seed) for c in task.training for i, seed in enumerate(seeds))
+
+
+@dataclass(frozen=True, slots=True)
+class FactorCoverage:
+    """How evenly some starts cover one factor.
+
+    Attributes:
+        counts: Starts per level.
+        filled: Share of the levels that have any, of as many as the number of starts can fill.
+        evenness: Starts at the rarest level, against the mean over all levels.
+    """
+
+    factor: str
+    counts: tuple[int, ...]
+    filled: float
+    evenness: float
+
+
+def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
+    """Return how evenly the starts of some seeds cover the starts that a training condition can draw."""
+    slots = _slots(task, condition)
+    drawn = [_levels(task, slots, seed) for seed in seeds]
+    found = []
+    for factor in factors_of(task, condition):
+        counts = Counter(levels[factor.name] for levels in drawn)
+        listed = tuple(counts[level] for level in range(factor.levels))
+        reachable = max(1, min(factor.levels, len(seeds)))
+        mean = len(seeds) / factor.levels
+        filled = sum(c > 0 for c in listed) / reachable
+        found.append(
+            FactorCoverage(factor.name, listed, round(filled, 4), round(min(listed) / mean, 4) if mean else 0.0)
+        )
+    return tuple(found)

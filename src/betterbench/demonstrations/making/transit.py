@@ -1,0 +1,143 @@
+"""Carrying the way to a skill over: the same height, side, speed and pauses between other ends."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from betterbench.demonstrations.making.sources import SourceSkill
+from betterbench.geometry import Pose, Vector, angle_between, distance, horizontal_distance, slerp, straight_way
+from betterbench.policies.experts.planner import CHECK_STEP_M
+
+LEAST_WAY_M = 0.05
+"""Horizontal length from which on a way has a direction [m]."""
+STRETCHED = (0.5, 2.0)
+"""By how much a way may be shortened or stretched between its ends."""
+MOST_STEP_M, MOST_STEP_RAD = 0.03, 0.12
+"""Most motion and turn of a control step on a way that is carried over: 0.6 m/s and 2.4 rad/s."""
+CHECK_RAD = 0.25
+"""Most turn between two poses that are checked [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransitChange:
+    """By how much a way differs from that of its source.
+
+    Attributes:
+        aside_m: How far its middle is moved to the left, seen from above [m].
+        raise_m: How far its middle is moved up [m].
+        faster: Share of the source's speed.
+    """
+
+    aside_m: float = 0.0
+    raise_m: float = 0.0
+    faster: float = 1.0
+
+
+def carry_transit(
+    skill: SourceSkill, begin: int, start: Pose, goal: Pose, variation: TransitChange
+) -> tuple[Pose, ...] | None:
+    """Return the way of a source to the step ``begin`` of a skill, between other ends, one pose per control step.
+
+    Seen from above it is turned and stretched along the line between its ends. How far aside of that line and how high
+    it runs stays as it is, up to the difference of its ends and what is varied.
+
+    Args:
+        skill: The skill of the source.
+        begin: Step of its window at which the way ends.
+        start: Pose ``T_world_tcp`` at which it begins here.
+        goal: Pose at which it ends here.
+        variation: What is varied.
+
+    Returns:
+        None where the way is no longer that of the source: the gripper closed in vain on it, or it would have to be
+        stretched too much.
+    """
+    if skill.lead_in is None:
+        return None
+    way = (*skill.lead_in, *skill.targets[: begin + 1])
+    turned = _turned(way, start, goal)
+    if turned is None:
+        return None
+    shares = [0.0]
+    for before, point in itertools.pairwise(turned):
+        shares.append(shares[-1] + distance(before, point))
+    if shares[-1] < LEAST_WAY_M:
+        return None
+    ox, oy, oz = (g - p for g, p in zip(goal.position, turned[-1], strict=True))
+    vx, vy = (g - s for g, s in zip(goal.position[:2], start.position[:2], strict=True))
+    aside = variation.aside_m / math.hypot(vx, vy) if math.hypot(vx, vy) >= LEAST_WAY_M else 0.0
+    moved = []
+    for (x, y, z), share in zip(turned, (length / shares[-1] for length in shares), strict=True):
+        # Nothing at both ends, and no corner there either.
+        most = math.sin(math.pi * share) ** 2
+        point = (
+            x + share * ox - most * aside * vy,
+            y + share * oy + most * aside * vx,
+            z + share * oz + most * variation.raise_m,
+        )
+        moved.append(Pose(point, slerp(start.quaternion, goal.quaternion, share)))
+    return retimed(moved, variation.faster)
+
+
+def _turned(way: Sequence[Pose], start: Pose, goal: Pose) -> list[Vector] | None:
+    """Return the points of a way turned and stretched as the line from start to goal asks, or None if by too much."""
+    (ax, ay, az), b = way[0].position, way[-1].position
+    there, here = horizontal_distance((ax, ay), b), horizontal_distance(start.position, goal.position)
+    cos, sin, ux, uy, stretch = 1.0, 0.0, 1.0, 0.0, 1.0
+    if there >= LEAST_WAY_M and here >= LEAST_WAY_M:
+        stretch = here / there
+        if not STRETCHED[0] <= stretch <= STRETCHED[1]:
+            return None
+        ux, uy = (b[0] - ax) / there, (b[1] - ay) / there
+        vx, vy = (goal.position[0] - start.position[0]) / here, (goal.position[1] - start.position[1]) / here
+        cos, sin = ux * vx + uy * vy, ux * vy - uy * vx
+    sx, sy, sz = start.position
+    found = []
+    for pose in way:
+        x, y, z = pose.position
+        dx, dy = x - ax, y - ay
+        more = (stretch - 1.0) * (dx * ux + dy * uy)
+        dx, dy = dx + more * ux, dy + more * uy
+        found.append((sx + cos * dx - sin * dy, sy + sin * dx + cos * dy, sz + z - az))
+    return found
+
+
+def retimed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
+    """Return a way of one pose per control step at another speed, with the same first and last pose.
+
+    No step moves or turns by more than an arm is sent to, so that a way may become slower than asked for.
+    """
+    if len(way) < 2:
+        return tuple(way)
+    steps = _at_speed(way, faster)
+    pairs = list(itertools.pairwise(steps))
+    most = max(
+        max(distance(a.position, b.position) / MOST_STEP_M, angle_between(a.quaternion, b.quaternion) / MOST_STEP_RAD)
+        for a, b in pairs
+    )
+    return steps if most <= 1.0 else _at_speed(way, faster / most)
+
+
+def _at_speed(way: Sequence[Pose], faster: float) -> tuple[Pose, ...]:
+    number = max(1, math.ceil((len(way) - 1) / faster - 1e-9))
+    if number == len(way) - 1:
+        return tuple(way)
+    found = []
+    for i in range(number):
+        at = i * (len(way) - 1) / number
+        before = int(at)
+        found.append(straight_way(way[before], way[before + 1])(at - before))
+    return (*found, way[-1])
+
+
+def checkpoints(way: Sequence[Pose]) -> list[Pose]:
+    """Return some poses of a way that are close enough to each other to check it for collisions."""
+    found = [way[0]]
+    for pose, after in itertools.pairwise(way[1:]):
+        far = distance(after.position, found[-1].position) > CHECK_STEP_M
+        if far or angle_between(after.quaternion, found[-1].quaternion) > CHECK_RAD:
+            found.append(pose)
+    return [*found, way[-1]]

@@ -1,0 +1,311 @@
+"""Variety: how far the demonstrations of a set are apart where they do the same.
+
+Demonstrations are compared that serve the same subgoal of the same condition with the same skill, each pair of them.
+Where a slot's jitter put the objects is taken out first, so that ten copies of one path to ten starts have no variety:
+paths are compared by how far they are off the straight line between what they lead from and to, grasps and approaches
+in the frame of the object. Every figure is the mean over pairs, so it does not depend on the size of the set.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.making.sources import region_frame
+from betterbench.geometry import Pose
+from betterbench.quoting import markdown_table, markdown_text
+from betterbench.records import Record, RunFolder, SkillWindow, subgoal_segments
+from betterbench.tasks import TrialId
+from betterbench.tasks.interventions import resolve_condition
+
+SAMPLES = 40
+"""Points of a path that are compared, at equal shares of its length."""
+APPROACH_M = 0.05
+"""Last stretch of a path, whose direction is that of the approach [m]."""
+MOST_COMPARED = 200
+"""Most demonstrations of a condition that are compared, the first ones in the order of their seeds."""
+
+_SAID = (
+    "Mean difference of two demonstrations of the same condition in the same motion. Slot jitter is taken out: paths "
+    "are compared by how far they are off the straight line between the objects that they lead from and to, approaches "
+    "and grasps in the frame of the object."
+)
+
+MovedKind = Literal["pick", "place", "slide"]
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Mean difference of two demonstrations that do the same.
+
+    Attributes:
+        path_cm: Distance of two paths of the tool at equal shares of their length, slot jitter taken out [cm].
+        height_cm: Difference of the greatest heights of the tool on the way [cm].
+        side_cm: Difference of how far aside of the straight line the middle half of the way runs [cm].
+        approach_deg: Angle between the directions of the last 5 cm, in the frame of the object or region [deg].
+        duration_s: Difference of the times that the motions take [s].
+        grasp_cm: Distance of the tool centers when the gripper closes, in the frame of the object [cm]; None where
+            nothing is grasped.
+        grasp_deg: Turn between the tools at that time, likewise [deg].
+    """
+
+    path_cm: float
+    height_cm: float
+    side_cm: float
+    approach_deg: float
+    duration_s: float
+    grasp_cm: float | None
+    grasp_deg: float | None
+
+
+SPREADS: Mapping[str, str] = {
+    "path_cm": "path [cm]",
+    "height_cm": "height [cm]",
+    "side_cm": "side [cm]",
+    "approach_deg": "approach [°]",
+    "duration_s": "duration [s]",
+    "grasp_cm": "grasp [cm]",
+    "grasp_deg": "turn [°]",
+}
+"""Heading of each number of a spread, by its name."""
+
+
+@dataclass(frozen=True, slots=True)
+class MotionVariety:
+    """How the demonstrations of a condition differ in one motion: the way to a grasp, or with it to where it ends.
+
+    Attributes:
+        condition: Name of the condition.
+        subgoal: Name of the subgoal.
+        skill: What the motion ends with.
+        demonstrations: How many were compared; two at least.
+    """
+
+    condition: str
+    subgoal: str
+    skill: MovedKind
+    demonstrations: int
+    spread: Spread
+
+
+@dataclass(frozen=True, slots=True)
+class TaskVariety:
+    """How the demonstrations of a task differ.
+
+    Attributes:
+        task: Name of the task.
+        spread: Mean over the motions.
+        motions: Each motion of each condition that two demonstrations have at least.
+    """
+
+    task: str
+    spread: Spread
+    motions: tuple[MotionVariety, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """One motion of one demonstration.
+
+    Attributes:
+        off: (SAMPLES, 3) how far the path is off the straight line from anchor to anchor [m].
+        height_m: Greatest height of the tool.
+        side_m: Mean distance of the middle half of the path to the left of that line, seen from above.
+        approach: Unit vector of the last stretch, in the frame of what it leads to.
+        duration_s: Time that it takes.
+        grasp: Tool in the frame of the object when the gripper closes; None where it opens.
+    """
+
+    off: npt.NDArray[np.float64]
+    height_m: float
+    side_m: float
+    approach: npt.NDArray[np.float64]
+    duration_s: float
+    grasp: Pose | None
+
+
+class VarietyMeter:
+    """Takes in the demonstrations of a set, one record after the other, and tells how far they are apart."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
+        self._compared: Counter[tuple[str, str]] = Counter()
+
+    def add(self, record: Record) -> None:
+        """Take in a demonstration; of a condition, the first :data:`MOST_COMPARED` successful ones count."""
+        of = (record.metadata.task, record.metadata.condition)
+        if not record.outcome.success or self._compared[of] >= MOST_COMPARED:
+            return
+        self._compared[of] += 1
+        motions = self._found.setdefault(of, {})
+        for key, motion in _motions(record).items():
+            motions.setdefault(key, []).append(motion)
+
+    def tasks(self) -> tuple[TaskVariety, ...]:
+        """Return how far demonstrations of the same conditions are apart, by task; none of those of a single one."""
+        found: dict[str, list[MotionVariety]] = {}
+        for (task, condition), motions in sorted(self._found.items()):
+            for (subgoal, skill), same in motions.items():
+                if len(same) > 1:
+                    compared = MotionVariety(condition, subgoal, skill, len(same), _spread(same))
+                    found.setdefault(task, []).append(compared)
+        return tuple(TaskVariety(t, mean_spread([m.spread for m in ms]), tuple(ms)) for t, ms in found.items())
+
+
+def variety_of_run(
+    run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: Callable[[int, int], None] | None = None
+) -> tuple[TaskVariety, ...]:
+    """Return how much the successful demonstrations of a run differ, of some tasks or of all.
+
+    ``on_progress`` gets the number of records that were read and that of all. Raises RecordError if one cannot be read.
+    """
+    chosen = None if tasks is None else set(tasks)
+    done = sorted(e.key for e in run.entries() if e.status == "done" and (chosen is None or e.task in chosen))
+    counts: Counter[tuple[str, str]] = Counter()
+    compared: list[TrialId] = []
+    for trial in done:
+        counts[trial.task, trial.condition] += 1
+        if counts[trial.task, trial.condition] <= MOST_COMPARED:
+            compared.append(trial)
+    meter = VarietyMeter()
+    for number, trial in enumerate(compared, start=1):
+        meter.add(run.read_record(trial.task, trial.condition, trial.seed))
+        if on_progress is not None:
+            on_progress(number, len(compared))
+    return meter.tasks()
+
+
+def mean_spread(spreads: Sequence[Spread]) -> Spread:
+    """Return the mean of spreads; a grasp counts where there is one.
+
+    Args:
+        spreads: One at least.
+    """
+    means: dict[str, float | None] = {}
+    for name in SPREADS:
+        values = [v for v in (getattr(spread, name) for spread in spreads) if v is not None]
+        means[name] = round(float(np.mean(values)), 3) if values else None
+    return Spread(**means)  # type: ignore[arg-type] # only those of grasps are None, as in the spreads themselves
+
+
+def variety_lines(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[str]:
+    """Return the lines about variety: a table of the demonstrations, each task after that of its sources."""
+    if not variety:
+        return ["## Variety", "", "No condition has two demonstrations that could be compared."]
+    cells = [tuple(map(markdown_text, row)) for row in variety_rows(variety, sources)]
+    return ["## Variety", "", _SAID, "", *markdown_table(("task", "of", *SPREADS.values()), cells)]
+
+
+def variety_rows(variety: Sequence[TaskVariety], sources: Sequence[TaskVariety]) -> list[tuple[str, ...]]:
+    """Return a row per task and set: task, "sources" or "set", and the numbers of its spread."""
+    of_sources = {t.task: t for t in sources}
+    rows: list[tuple[str, ...]] = []
+    for t in variety:
+        if t.task in of_sources:
+            rows.append((t.task, "sources", *_cells(of_sources[t.task].spread)))
+        rows.append((t.task, "set", *_cells(t.spread)))
+    return rows
+
+
+def _cells(spread: Spread) -> tuple[str, ...]:
+    values = (getattr(spread, name) for name in SPREADS)
+    return tuple("–" if value is None else f"{value:.2f}" for value in values)
+
+
+def _motions(record: Record) -> dict[tuple[str, MovedKind], _Motion]:
+    """Return the motions of a demonstration by subgoal and skill; of one that was repeated, the last."""
+    meta = record.metadata
+    condition = resolve_condition(meta.task, meta.condition).condition
+    segments = subgoal_segments(record, condition)
+    found: dict[tuple[str, MovedKind], _Motion] = {}
+    begin, start = 0, record.ee_position[0]
+    for segment in segments:
+        for window in segment.skills:
+            if window.kind == "miss":
+                continue  # a part of the way to the grasp after it
+            goal = _goal_of(record, window)
+            if segment.subgoal and window.change - begin > 1:
+                found[segment.subgoal, window.kind] = _motion(record, window, begin, start, goal)
+            begin = window.change if window.kind != "slide" else max(window.change, window.stop - 1)
+            start = np.asarray(goal.position) if window.kind != "slide" else record.ee_position[begin]
+    return found
+
+
+def _goal_of(record: Record, window: SkillWindow) -> Pose:
+    """Return the frame of what a motion leads to, when it gets there: the object, or the region of the target."""
+    state = record.state(window.change - 1)
+    if window.kind == "place" and window.target:
+        return region_frame(state, window)
+    return state.pose(window.object)
+
+
+def _motion(record: Record, window: SkillWindow, begin: int, start: npt.NDArray[np.float64], goal: Pose) -> _Motion:
+    rows = slice(begin, window.change)
+    path = record.ee_position[rows]
+    shares = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.linspace(0.0, 1.0, SAMPLES)
+    even = np.stack([np.interp(at * shares[-1], shares, path[:, k]) for k in range(3)], axis=1)
+    end = np.asarray(goal.position)
+    off = even - (start + at[:, None] * (end - start))
+    along = (end - start)[:2]
+    length = float(np.linalg.norm(along))
+    left = np.array([-along[1], along[0]]) / length if length > 1e-6 else np.zeros(2)
+    middle = off[SAMPLES // 4 : -(SAMPLES // 4), :2]
+    away = np.flatnonzero(np.linalg.norm(path - path[-1], axis=1) >= APPROACH_M)
+    last = path[-1] - path[away[-1] if len(away) else 0]
+    approach = np.asarray(Pose((0.0, 0.0, 0.0), goal.quaternion).inverse().apply(last.tolist()))
+    row = window.change - 1
+    tool = Pose(tuple(record.ee_position[row].tolist()), tuple(record.ee_quaternion[row].tolist()))
+    return _Motion(
+        off=off,
+        height_m=float(path[:, 2].max()),
+        side_m=float((middle @ left).mean()),
+        approach=approach / max(1e-9, float(np.linalg.norm(approach))),
+        duration_s=float(record.time[window.change - 1] - record.time[begin]),
+        grasp=None if window.kind == "place" else goal.inverse() @ tool,
+    )
+
+
+def _spread(motions: Sequence[_Motion]) -> Spread:
+    grasps = [m.grasp for m in motions if m.grasp is not None]
+    centers = np.array([g.position for g in grasps])
+    return Spread(
+        path_cm=_rounded(100.0 * _apart(np.array([m.off for m in motions]))),
+        height_cm=_rounded(100.0 * _apart(np.array([m.height_m for m in motions])[:, None, None])),
+        side_cm=_rounded(100.0 * _apart(np.array([m.side_m for m in motions])[:, None, None])),
+        approach_deg=_rounded(_angle_apart(np.array([m.approach for m in motions]))),
+        duration_s=_rounded(_apart(np.array([m.duration_s for m in motions])[:, None, None])),
+        grasp_cm=_rounded(100.0 * _apart(centers[:, None, :])) if grasps else None,
+        grasp_deg=_rounded(_turn_apart(np.array([g.quaternion for g in grasps]))) if grasps else None,
+    )
+
+
+def _rounded(value: float) -> float:
+    return round(value, 3)
+
+
+def _apart(paths: npt.NDArray[np.float64]) -> float:
+    """Return the mean distance of two of some paths, shape (paths, points, 3)."""
+    sums = [np.linalg.norm(paths[i + 1 :] - paths[i], axis=2).mean(axis=1).sum() for i in range(len(paths) - 1)]
+    return float(sum(sums)) / _pairs(len(paths))
+
+
+def _angle_apart(vectors: npt.NDArray[np.float64]) -> float:
+    """Return the mean angle of two of some unit vectors, shape (vectors, 3) [deg]."""
+    angles = np.degrees(np.arccos(np.clip(vectors @ vectors.T, -1.0, 1.0)))
+    return float(np.triu(angles, 1).sum()) / _pairs(len(vectors))
+
+
+def _turn_apart(quaternions: npt.NDArray[np.float64]) -> float:
+    """Return the mean turn between two of some rotations, shape (rotations, 4) [deg]."""
+    turns = np.degrees(2.0 * np.arccos(np.clip(np.abs(quaternions @ quaternions.T), 0.0, 1.0)))
+    return float(np.triu(turns, 1).sum()) / _pairs(len(quaternions))
+
+
+def _pairs(number: int) -> int:
+    return number * (number - 1) // 2

@@ -1,0 +1,16 @@
+"""Recipes of fine-tuning as ready configurations and commands of openpi, GR00T, Being-H and LeRobot."""
+
+from betterbench.demonstrations.recipes.recipe import Framework, Recipe, Setting, recipe_of
+from betterbench.demonstrations.recipes.trainer import TrainerSetup
+from betterbench.demonstrations.recipes.write import setup_files, trainer_setup, write_setup
+
+__all__ = [
+    "Framework",
+    "Recipe",
+    "Setting",
+    "TrainerSetup",
+    "recipe_of",
+    "setup_files",
+    "trainer_setup",
+    "write_setup",
+]

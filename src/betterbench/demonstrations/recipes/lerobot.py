@@ -1,0 +1,172 @@
+"""LeRobot: a ``train_config.json`` that its own ``TrainPipelineConfig`` reads, for several types of policies.
+
+Fields: huggingface/lerobot 0.4.4 and 0.6.1, ``configs/train.py``, ``configs/default.py`` and
+``policies/*/configuration_*.py``. Only fields that both releases know are written, but for policies that came later.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from betterbench.demonstrations.recipes.recipe import Setting, given_or
+from betterbench.demonstrations.recipes.trainer import TrainerSetup, Training, evaluation_lines, export_line, exposure
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.quoting import shell_line
+
+UPSTREAM = "huggingface/lerobot 0.6.1 (and 0.4.4)"
+PRESET, VERSION = "lerobot", "v3.0"
+LIBERO_DATA = "HuggingFaceVLA/libero"
+
+_POLICIES: Mapping[str, Mapping[str, Any]] = {
+    "act": {"chunk": ("chunk_size", 100), "executed": ("n_action_steps", 100), "lr": 1e-5},
+    "diffusion": {"chunk": ("horizon", 64), "executed": ("n_action_steps", 32), "lr": 1e-4},
+    "multi_task_dit": {"chunk": ("horizon", 32), "executed": ("n_action_steps", 24), "lr": 2e-5},
+    "smolvla": {"chunk": ("chunk_size", 50), "executed": ("n_action_steps", 50), "lr": 1e-4},
+    "pi0": {"chunk": ("chunk_size", 50), "executed": ("n_action_steps", 50), "lr": 2.5e-5},
+    "pi05": {"chunk": ("chunk_size", 50), "executed": ("n_action_steps", 50), "lr": 2.5e-5},
+}
+_WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
+_DOWNSAMPLED = 8
+"""What the horizon of diffusion is a multiple of: 2 to the number of its down_dims (configuration_diffusion.py)."""
+_WITHOUT_LANGUAGE = ("act", "diffusion")
+
+
+def lerobot_setup(training: Training) -> TrainerSetup:
+    """Return what LeRobot needs.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+        InvalidInputError: If the recipe does not fit it.
+    """
+    recipe, data, policy = training.recipe, training.only_data, training.policy
+    if policy not in _POLICIES:
+        raise UnknownNameError("policy of LeRobot", policy, _POLICIES)
+    if recipe.form.proprioception is False:
+        raise InvalidInputError(
+            "proprioception",
+            "no policy of LeRobot is known to train without observation.state",
+            "Leave the field out, or take openpi",
+        )
+    settings = _settings(training)
+    name = f"{recipe.name}_{policy}"
+    start = "lerobot-train"
+    if training.gpus > 1:
+        start = f'accelerate launch --multi_gpu --num_processes={training.gpus} "$(which lerobot-train)"'
+    commands = [("Export the demonstrations", export_line(data, "lerobot"))] if data.preset else []
+    commands.append(("Train", f'{start} --config_path="$HERE/train_config.json"'))
+    checks = [
+        exposure(training),
+        f"The batch is {training.batch_of_gpu} on each of {training.gpus} GPUs: batch_size is that of one process.",
+        "Several data sets cannot be mixed by LeRobot; merge them into one before.",
+    ]
+    if policy in _WITHOUT_LANGUAGE:
+        checks.append(f"{policy} reads no instruction: export and train it per task (better export --tasks).")
+    else:
+        checks.append(f"{policy} loads a tokenizer or a backbone from the Hugging Face hub.")
+    if policy == "multi_task_dit":
+        checks.append("multi_task_dit came with LeRobot 0.5.1.")
+    if policy in ("pi0", "pi05"):
+        checks += [f"{number} hardly moves: normalization blows it up." for number in data.still]
+    return TrainerSetup(
+        "LeRobot",
+        UPSTREAM,
+        {"train_config.json": json.dumps(_nested(settings), indent=2) + "\n"},
+        settings,
+        tuple(commands),
+        _evaluation(training, f"outputs/{name}/checkpoints/last"),
+        tuple(checks),
+    )
+
+
+def _settings(training: Training) -> tuple[Setting, ...]:
+    recipe, form, policy = training.recipe, training.recipe.form, training.policy
+    known, data = _POLICIES[policy], training.only_data
+    here = Setting("dataset.root", data.place, "ours", "where the data set lies")
+    hub = not data.preset and data.place == LIBERO_DATA
+    chunk, default = known["chunk"]
+    executed, steps = known["executed"]
+    # A policy with a horizon sees two steps, of which the first lies before now.
+    longest = (form.chunk or default) - (chunk == "horizon")
+    if policy == "diffusion" and (form.chunk or default) % _DOWNSAMPLED:
+        problem = f"diffusion halves its horizon three times, and {form.chunk} is no multiple of {_DOWNSAMPLED}"
+        raise InvalidInputError("chunk", problem, "Give 8, 16, 24 or more, or leave it out")
+    if longest < 1:
+        raise InvalidInputError("chunk", f"{policy} needs two steps at least", "Give more, or leave it out")
+    batch = recipe.setting("batch", "batch")
+    rows = [
+        Setting(
+            "dataset.repo_id", data.place if hub else f"local/{data.name}", "ours", "a name; nothing is downloaded"
+        ),
+        *(() if hub else (here,)),
+        Setting("policy.type", policy, "ours", "--policy"),
+        Setting("policy.push_to_hub", False, "ours", "nothing is sent"),
+        given_or(f"policy.{chunk}", form.chunk, default, "upstream", f"default of {policy}"),
+        Setting(
+            f"policy.{executed}",
+            min(steps, longest),
+            "upstream" if longest >= steps else "recipe",
+            f"default of {policy}" if longest >= steps else "no more than the chunk",
+        ),
+        given_or("policy.optimizer_lr", form.learning_rate, known["lr"], "upstream", f"default of {policy}"),
+        *_freezing(training),
+    ]
+    weights = training.weights or _WEIGHTS.get(policy)
+    if weights is not None:
+        told = "ours" if training.weights else "upstream"
+        rows.append(Setting("policy.pretrained_path", weights, told, "where the training starts from"))  # type: ignore[arg-type]
+    rows += [
+        Setting(
+            "batch_size", training.batch_of_gpu, batch.origin, f"{batch.where}: {batch.value} over {training.gpus}"
+        ),
+        recipe.setting("steps", "steps"),
+        given_or("save_freq", form.save_every, recipe.save_every, "ours", ""),
+        given_or("seed", form.seed, 1000, "upstream", "default"),
+        Setting("num_workers", 4, "upstream", "default"),
+        Setting("wandb.enable", False, "ours", "nothing is sent"),
+        Setting("output_dir", f"outputs/{recipe.name}_{policy}", "ours", ""),
+    ]
+    return tuple(rows)
+
+
+def _freezing(training: Training) -> tuple[Setting, ...]:
+    policy = training.policy
+    parts, origin, where = training.recipe.frozen_parts("lerobot")
+    if parts is None:
+        return ()
+    frozen = set(parts)
+    if frozen and policy not in ("smolvla", "pi05"):
+        raise InvalidInputError(
+            "frozen: lerobot", f"{policy} has no switch for it", "Leave it out, or take pi05 or smolvla"
+        )
+    if frozen == {"language"}:
+        problem = f"the language model of {policy} alone cannot be frozen"
+        raise InvalidInputError("frozen: lerobot", problem, "Freeze vision and language, vision, or nothing")
+    if policy not in ("smolvla", "pi05"):
+        return ()
+    return (
+        Setting("policy.freeze_vision_encoder", "vision" in frozen, origin, where),
+        Setting("policy.train_expert_only", "language" in frozen, origin, where),
+    )
+
+
+def _nested(settings: tuple[Setting, ...]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for setting in settings:
+        *path, last = setting.name.split(".")
+        place = found
+        for name in path:
+            place = place.setdefault(name, {})
+        place[last] = setting.value
+    return found
+
+
+def _evaluation(training: Training, checkpoint: str) -> str:
+    on_libero = shell_line(["lerobot-eval", f"--policy.path={checkpoint}/pretrained_model", "--env.type=libero"])
+    return evaluation_lines(
+        training.recipe,
+        training.only_data,
+        address=f"lerobot:{checkpoint}",
+        on_libero=f"# on LIBERO itself:\n{on_libero} --env.task=libero_spatial",
+    )

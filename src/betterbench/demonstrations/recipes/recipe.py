@@ -1,0 +1,153 @@
+"""A recipe of fine-tuning: what the paper fixes for all frameworks, and where each value comes from."""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import read_form, strict_form
+
+Framework = Literal["openpi", "gr00t", "being-h", "lerobot"]
+Backbone = Literal["vision", "language"]
+Benchmark = Literal["better", "libero", "calvin"]
+Origin = Literal["paper", "upstream", "recipe", "ours"]
+"""Who decided a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
+
+_CURE = "Correct the recipe; docs/recipes.md shows one"
+
+Positive = Annotated[int, Field(ge=1, le=100_000_000)]
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One field of a framework's configuration, with its value and where that comes from."""
+
+    name: str
+    value: Any
+    origin: Origin
+    where: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class RecipeForm:
+    """What the file of a recipe may hold; what it leaves out is that of the recipe that it extends."""
+
+    extends: Benchmark = "better"
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
+    steps: Positive | None = None
+    batch: Positive | None = None
+    frozen: dict[Framework, tuple[Backbone, ...]] | None = None
+    chunk: Annotated[int, Field(ge=1, le=1000)] | None = None
+    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    proprioception: bool | None = None
+    save_every: Positive | None = None
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] | None = None
+
+
+_FORM = TypeAdapter(RecipeForm)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A recipe whose every value is decided, or left to the framework (None).
+
+    Attributes:
+        name: Goes into names of configurations and folders.
+        form: What the user's file says.
+        fixed: What the paper fixes, with its place: ``steps``, ``batch``.
+        frozen: Which parts of the backbone are frozen, by framework, with their place.
+    """
+
+    name: str
+    benchmark: Benchmark
+    form: RecipeForm
+    fixed: Mapping[str, tuple[int, str]]
+    frozen: Mapping[str, tuple[tuple[Backbone, ...], str]]
+
+    @property
+    def steps(self) -> int:
+        """Number of training steps."""
+        return self.form.steps or self.fixed["steps"][0]
+
+    @property
+    def batch(self) -> int:
+        """Samples of one step on all GPUs together."""
+        return self.form.batch or self.fixed["batch"][0]
+
+    @property
+    def save_every(self) -> int:
+        """Steps between two checkpoints."""
+        return self.form.save_every or self.saved_every(5000)
+
+    def saved_every(self, usual: int) -> int:
+        """Return the usual number of steps between checkpoints, if one is then left at the end; else all steps."""
+        return usual if self.steps % usual == 0 else self.steps
+
+    def setting(self, name: str, field: Literal["steps", "batch"]) -> Setting:
+        """Return steps or batch as the field of a framework."""
+        given = getattr(self.form, field)
+        return given_or(name, given, self.fixed[field][0], "paper", self.fixed[field][1])
+
+    def frozen_parts(self, framework: Framework) -> tuple[tuple[Backbone, ...] | None, Origin, str]:
+        """Return the frozen parts of a framework's backbone, None where it decides itself, and who says so."""
+        given = (self.form.frozen or {}).get(framework)
+        if given is not None:
+            return given, "recipe", "frozen"
+        if framework in self.frozen:
+            parts, where = self.frozen[framework]
+            return parts, "paper", where
+        return None, "upstream", ""
+
+
+def given_or(name: str, given: object, value: object, origin: Origin, where: str) -> Setting:
+    """Return a field with what the recipe file gives, or else with another value and its origin."""
+    return Setting(name, value, origin, where) if given is None else Setting(name, given, "recipe", "recipe file")
+
+
+def recipe_of(form: object = None, *, where: str = "recipe") -> Recipe:
+    """Return a recipe: one of the paper's by name, or that of a file's fields.
+
+    Args:
+        form: ``better``, ``libero`` or ``calvin``, or a map of fields.
+        where: Name of the file, for errors.
+
+    Raises:
+        UnknownNameError: If the paper has no recipe of that name.
+        InvalidInputError: If a field is wrong.
+    """
+    if isinstance(form, str) or form is None:
+        name = form or "better"
+        if name not in _paper():
+            raise UnknownNameError("recipe", name, _paper())
+        form = {"extends": name}
+    read = read_form(_FORM, form, where=where, cure=_CURE)
+    for framework, parts in (read.frozen or {}).items():
+        if len(set(parts)) < len(parts):
+            raise InvalidInputError(f"{where}: frozen: {framework}", "names a part twice", _CURE)
+    base = _paper()[read.extends]
+    recipe = Recipe(
+        name=read.name or read.extends,
+        benchmark=base["benchmark"],
+        form=read,
+        fixed={field: (base[field][0], base[field][1]) for field in ("steps", "batch")},
+        frozen={name: (tuple(parts), told) for name, (parts, told) in base["frozen"].items()},
+    )
+    if recipe.steps % recipe.save_every:
+        problem = f"{recipe.steps} steps are not a multiple of {recipe.save_every}, so the last would not be kept"
+        raise InvalidInputError(f"{where}: save_every", problem, "Give a divisor of the steps, or leave it out")
+    return recipe
+
+
+@cache
+def _paper() -> dict[str, Any]:
+    file = importlib.resources.files("betterbench.demonstrations.recipes") / "data" / "fine_tuning.json"
+    found: dict[str, Any] = json.loads(file.read_bytes())
+    return found

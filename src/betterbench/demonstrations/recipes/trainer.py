@@ -1,0 +1,280 @@
+"""What a recipe becomes for a framework: files, fields with their sources, and what a person has to look at."""
+
+from __future__ import annotations
+
+import importlib.resources
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from string import Template
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from betterbench.demonstrations.export.card import STILL
+from betterbench.demonstrations.recipes.recipe import Recipe, Setting
+from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, require_between
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form
+from betterbench.quoting import ShellText, shell_line, shell_word
+
+SOURCE_FILE = Path("meta/betterbench.json")
+_CURE = "Name a folder that better export wrote, or one that is not here yet"
+_MAX_META_BYTES = 1 << 28
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingData:
+    """The data set of a training.
+
+    Attributes:
+        place: Folder, or the name of a data set on the Hugging Face hub.
+        preset: Layout of an export of ours; empty for other data.
+        frames: Number of its frames, if it is here.
+        quality: Render quality of its images.
+        still: Numbers that hardly move, which normalization blows up.
+    """
+
+    place: str
+    preset: str
+    frames: int | None = None
+    quality: str = "standard"
+    still: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The last part of its place."""
+        return Path(self.place).name
+
+
+@dataclass(frozen=True, slots=True)
+class Training:
+    """A training that is asked for.
+
+    Attributes:
+        data: Its data sets: one, or several where the framework mixes them.
+        gpus: Number of GPUs.
+        weights: Where the training starts from; the framework's published weights if None.
+        policy: Type of policy, for LeRobot.
+        sample_tokens: Tokens of one sample, for Being-H's packing.
+    """
+
+    recipe: Recipe
+    data: tuple[TrainingData, ...]
+    gpus: int = 4
+    weights: str | None = None
+    policy: str = "pi05"
+    sample_tokens: int = 220
+
+    def __post_init__(self) -> None:
+        """Refuse numbers and places that mean nothing; raises InvalidInputError."""
+        require_between("--gpus", self.gpus, 1, 4096)
+        require_between("--sample-tokens", self.sample_tokens, 1, 100_000)
+        if self.weights is not None and not _is_place(self.weights):
+            raise InvalidInputError("--weights", f"{self.weights!r} is no place of weights", "Name a file or a folder")
+
+    @property
+    def only_data(self) -> TrainingData:
+        """The one data set; raises InvalidInputError if there are several."""
+        if len(self.data) != 1:
+            raise InvalidInputError(
+                "--data",
+                f"{len(self.data)} are given, and this trainer reads one",
+                "Merge them into one data set before",
+            )
+        return self.data[0]
+
+    @property
+    def batch_of_gpu(self) -> int:
+        """Samples of one GPU in one step; raises InvalidInputError if the batch cannot be divided."""
+        batch = self.recipe.batch
+        if batch % self.gpus:
+            divisors = ", ".join(str(n) for n in range(1, batch + 1) if batch % n == 0)
+            raise InvalidInputError(
+                "--gpus", f"a batch of {batch} cannot be divided by {self.gpus}", f"Give {divisors}"
+            )
+        return batch // self.gpus
+
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+"""Names of data sets that every trainer takes, as part of a path, of a command and of YAML."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainerSetup:
+    """What is written for a framework.
+
+    Attributes:
+        upstream: Repository and commit (or release) that the fields were read from.
+        files: Content by name.
+        settings: The fields of the framework's configuration.
+        commands: Titles and command lines, in order.
+        evaluation: The command that evaluates what was trained.
+        checks: What a person has to look at, because the framework does not say when it is wrong.
+    """
+
+    framework: str
+    upstream: str
+    files: dict[str, str]
+    settings: tuple[Setting, ...]
+    commands: tuple[tuple[str, str], ...]
+    evaluation: str
+    checks: tuple[str, ...] = field(default_factory=tuple)
+
+
+def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
+    """Return what a data set holds, as far as it is here.
+
+    Args:
+        place: Its folder; for other benchmarks than ours also a name on the hub.
+        preset: Layout that the trainer needs, for data of ours.
+        version: Version of LeRobot's format that it reads ("v2.1", "v3.0").
+        benchmark: What the recipe is for.
+
+    Raises:
+        InvalidInputError: If it is here and is not what the trainer needs.
+    """
+    folder = Path(place)
+    if not _is_place(place):
+        raise InvalidInputError("--data", f"{place!r} is no place of a data set", "Name its folder")
+    if not _NAME.fullmatch(folder.name):
+        problem = f"{folder.name!r}, the last part of {place!r}, cannot name a data set"
+        raise InvalidInputError("--data", problem, "Rename the folder: letters, digits, '_', '.' and '-'")
+    if benchmark != "better" or not folder.exists():
+        return TrainingData(place, preset if benchmark == "better" else "")
+    file = folder / SOURCE_FILE
+    raw = read_bounded(file, max_bytes=_MAX_META_BYTES, cure=_CURE)
+    source = read_form(
+        _SOURCE, open_seal(raw, where=str(file), cure=_CURE, since=("version", 2)), where=str(file), cure=_CURE
+    )
+    to = "lerobot" if version == "v3.0" else "lerobot-v2.1"
+    cure = f"Make it with better export RUN --to {to} --preset {preset} --out {shell_word(place)}"
+    if source.layout.adapter.name != preset:
+        found = one_line(source.layout.adapter.name, most=80)
+        raise InvalidInputError(place, f"its layout is {found}, and this trainer needs {preset}", cure)
+    info = _read(folder / "meta/info.json", _INFO)
+    if info.codebase_version != version:
+        found = one_line(info.codebase_version, most=80)
+        raise InvalidInputError(place, f"it is LeRobot {found}, not {version}", cure)
+    stats = _read(folder / "meta/stats.json", _STATS)
+    try:
+        still = tuple(
+            f"{column}[{i}]"
+            for column in source.layout.vectors
+            for i, (low, high) in enumerate(zip(*_quantiles(stats[column]), strict=True))
+            if high - low < STILL
+        )
+    except (KeyError, ValueError, ValidationError) as error:
+        problem = f"its meta files do not fit each other ({one_line(repr(error), most=200)})"
+        raise InvalidInputError(place, problem, cure) from error
+    return TrainingData(place, preset, info.total_frames, source.quality, still)
+
+
+def _quantiles(of: Mapping[str, Any]) -> tuple[list[float], list[float]]:
+    return _NUMBERS.validate_python(of["q01"]), _NUMBERS.validate_python(of["q99"])
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Adapter:
+    name: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    adapter: _Adapter
+    vectors: Mapping[Annotated[str, Field(max_length=200)], Any]
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What is read of :data:`SOURCE_FILE`."""
+
+    layout: _Layout
+    quality: Literal["fast", "standard", "high"]
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Info:
+    """What is read of ``meta/info.json``."""
+
+    codebase_version: str
+    total_frames: Annotated[int, Field(ge=1, le=10**12)]
+
+
+_SOURCE, _INFO = TypeAdapter(_Source), TypeAdapter(_Info)
+_STATS, _NUMBERS = TypeAdapter(dict[str, dict[str, Any]]), TypeAdapter(list[float])
+_Form = TypeVar("_Form")
+
+
+def _read(path: Path, form: TypeAdapter[_Form]) -> _Form:
+    return read_form(form, read_bounded(path, max_bytes=_MAX_META_BYTES, cure=_CURE), where=str(path), cure=_CURE)
+
+
+def _is_place(text: str) -> bool:
+    return bool(text) and not any(letter in "\t\n" or UNPRINTABLE.match(letter) for letter in text)
+
+
+def export_line(data: TrainingData, to: str, *, images: str = "video", place: str | None = None) -> str:
+    """Return the command that makes a data set of ours."""
+    words = ["better", "export", "runs/demos", "--to", to, "--preset", data.preset]
+    words += ["--images", images] * (images != "video") + ["--out", place or data.place]
+    return shell_line(words)
+
+
+def evaluation_lines(
+    recipe: Recipe, data: TrainingData, *, address: str, on_libero: str, libero_address: str | None = None
+) -> str:
+    """Return the commands that evaluate what was trained: on our suite, or as its own benchmark does.
+
+    Args:
+        recipe: What was trained.
+        data: What it was trained on.
+        address: Policy of a recipe for our suite.
+        on_libero: How the framework itself evaluates a recipe for LIBERO.
+        libero_address: Policy of a recipe for LIBERO on our suite, where it can be asked there.
+    """
+    if recipe.benchmark == "better":
+        return _evaluation_line(address, recipe, data)
+    if recipe.benchmark == "libero":
+        unseen = "" if libero_address is None else _evaluation_line(libero_address, recipe, data)
+        return on_libero + (f"\n# on our suite, without training on it:\n{unseen}" if unseen else "")
+    return (
+        "# CALVIN's own evaluation (calvin_models/calvin_agent/evaluation); betterbench has no preset for its actions"
+    )
+
+
+def _evaluation_line(address: str, recipe: Recipe, data: TrainingData) -> str:
+    words = ["better", "eval", "--policy", address, "--suite", "better60"]
+    words += ["--quality", data.quality] * (data.quality != "standard")
+    return shell_line([*words, "--out", f"runs/{recipe.name}"])
+
+
+def own_file(file: str) -> ShellText:
+    """Return the word of the shell for a file of the recipe's own folder; its name is ours."""
+    return ShellText(f'"$HERE/{file}"')
+
+
+def flag_lines(command: str, flags: Sequence[tuple[str, str]]) -> str:
+    """Return a command line with one flag a line."""
+    return " \\\n  ".join([command, *(f"{name} {value}".rstrip() for name, value in flags)])
+
+
+def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
+    """Return a file that a framework reads: a template of this package with texts in the places that it names."""
+    file = importlib.resources.files("betterbench.demonstrations.recipes") / "data" / name
+    return Template(file.read_text(encoding="utf-8")).substitute(texts or {})
+
+
+def exposure(training: Training) -> str:
+    """Return how often each frame is seen, if the number of frames is known."""
+    frames = [data.frames for data in training.data]
+    known = [n for n in frames if n is not None]
+    samples = training.recipe.steps * training.recipe.batch
+    told = f"{training.recipe.steps:,} steps of {training.recipe.batch} are {samples:,} samples"
+    if not known or len(known) < len(frames):
+        return told + "."
+    return f"{told}: {samples / sum(known):.1f} passes over the {sum(known):,} frames of the data."

@@ -1,0 +1,162 @@
+"""A recipe as a folder: the framework's files, the commands in order, and a page with the source of each field."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from types import ModuleType
+
+from betterbench.demonstrations.recipes import being_h, gr00t, lerobot, openpi
+from betterbench.demonstrations.recipes.recipe import Framework, Recipe, Setting
+from betterbench.demonstrations.recipes.trainer import TrainerSetup, Training, data_of
+from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.jobs import write_durably
+from betterbench.jobs.outputs import OutputFolder
+from betterbench.json_form import read_object, read_ordinary
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
+
+_MOST_BYTES = 16 << 20
+_ORIGINS = {
+    "paper": "the paper",
+    "upstream": "the framework",
+    "recipe": "your recipe",
+    "ours": "betterbench",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Trainer:
+    module: ModuleType
+    setup: Callable[[Training], TrainerSetup]
+
+
+_TRAINERS: Mapping[Framework, _Trainer] = {
+    "openpi": _Trainer(openpi, openpi.openpi_setup),
+    "gr00t": _Trainer(gr00t, gr00t.gr00t_setup),
+    "being-h": _Trainer(being_h, being_h.being_h_setup),
+    "lerobot": _Trainer(lerobot, lerobot.lerobot_setup),
+}
+
+
+def trainer_setup(
+    framework: Framework,
+    recipe: Recipe,
+    data: Sequence[str] = (),
+    *,
+    gpus: int = 4,
+    weights: str | None = None,
+    policy: str = "pi05",
+    sample_tokens: int = 220,
+) -> TrainerSetup:
+    """Return what a framework needs to train by a recipe.
+
+    Args:
+        framework: The framework.
+        recipe: The recipe.
+        data: Places of the data sets; for LIBERO the published set where the framework has one.
+        gpus: Number of GPUs.
+        weights: Where the training starts from; the framework's published weights if None.
+        policy: Type of policy, for LeRobot.
+        sample_tokens: Tokens of one sample, for Being-H's packing.
+
+    Raises:
+        InvalidInputError: If the data sets or the recipe do not fit the framework.
+        UnknownNameError: If LeRobot has no such policy.
+    """
+    trainer = _TRAINERS[framework]
+    published = getattr(trainer.module, "LIBERO_DATA", None) if recipe.benchmark == "libero" else None
+    places = tuple(data) or ((published,) if published else ())
+    if not places:
+        raise InvalidInputError("--data", "is missing", "Name the folder of the data set, here or where it is trained")
+    preset, version = trainer.module.PRESET, trainer.module.VERSION
+    found = tuple(data_of(place, preset=preset, version=version, benchmark=recipe.benchmark) for place in places)
+    training = Training(recipe, found, gpus=gpus, weights=weights, policy=policy, sample_tokens=sample_tokens)
+    setup = trainer.setup(training)
+    apart = tuple(
+        f"{place} is not here: it is read relative to the folder in which a command is given."
+        for place in places
+        if place != published and not Path(place).is_absolute() and not Path(place).exists()
+    )
+    return replace(setup, checks=setup.checks + apart)
+
+
+def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
+    """Return every file of a recipe's folder by name."""
+    fields = [asdict(setting) for setting in setup.settings]
+    told = {"framework": setup.framework, "upstream": setup.upstream, "recipe": recipe.name, "fields": fields}
+    return {
+        **setup.files,
+        "commands.sh": _commands(setup),
+        "fields.json": json.dumps(told, indent=1, ensure_ascii=False) + "\n",
+        "README.md": _page(setup, recipe),
+    }
+
+
+def write_setup(files: Mapping[str, str], out: Path, *, overwrite: bool = False) -> None:
+    """Write the files of a recipe into a folder; the same files are left as they are.
+
+    Raises:
+        RunConflictError: If the folder holds another recipe, or files that are not ours, unless they may be
+            overwritten.
+        OSError: If it cannot be written.
+    """
+    wanted = {name: text.encode() for name, text in files.items()}
+    with OutputFolder(out, "recipe", overwrite=overwrite, is_ours=lambda: _is_recipe(out)):
+        others = [name for name, data in wanted.items() if (out / name).exists() and read_ordinary(out / name) != data]
+        if others and not overwrite:
+            raise RunConflictError(
+                f"{out}: it holds another {others[0]}. Choose another folder, or give --overwrite to replace it."
+            )
+        for name, data in wanted.items():
+            write_durably(out / name, data)
+
+
+def _is_recipe(out: Path) -> bool:
+    """Tell whether a folder holds the fields of a recipe."""
+    try:
+        form = read_object(out / "fields.json", max_bytes=_MOST_BYTES, cure="")
+    except InvalidInputError:
+        return False
+    return {"framework", "upstream", "recipe", "fields"} == form.keys()
+
+
+def _commands(setup: TrainerSetup) -> str:
+    lines = [
+        "#!/usr/bin/env bash",
+        f"# {setup.framework} ({setup.upstream}). Look at README.md first.",
+        "# Each step runs in the environment that its title names, so this file is rather read than run.",
+        "set -euo pipefail",
+        'HERE="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"',
+    ]
+    for title, command in setup.commands:
+        lines += ["", f"# {title}", command]
+    lines += ["", "# Evaluate, in the environment of betterbench", setup.evaluation]
+    return "\n".join(lines) + "\n"
+
+
+def _page(setup: TrainerSetup, recipe: Recipe) -> str:
+    lines = [
+        f"# {recipe.name}: fine-tuning with {setup.framework}",
+        "",
+        f"Written by betterbench for {setup.upstream}. `commands.sh` has the steps in order.",
+        "",
+        "## Look at",
+        "",
+        *(f"- {markdown_text(text)}" for text in setup.checks),
+        "",
+        "## Fields",
+        "",
+        *markdown_table(("field", "value", "decided by", "where"), map(_row, setup.settings)),
+        "",
+        "The paper gives steps, batch and frozen parts. What it does not give is taken from the framework's own recipe",
+        "and is not claimed to be what the paper used.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _row(setting: Setting) -> tuple[str, ...]:
+    value = setting.value if isinstance(setting.value, str) else json.dumps(setting.value)
+    return markdown_code(setting.name), markdown_code(value), _ORIGINS[setting.origin], markdown_text(setting.where)

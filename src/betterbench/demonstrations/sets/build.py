@@ -1,0 +1,265 @@
+"""Making a training set: demonstrations, their proof, and everything that is derived from them.
+
+``OUT/recipe.json`` says what is made, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the
+files beside them follow from the records alone. ``OUT/dataset.json`` is written last: with it the set is whole.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from betterbench.demonstrations.export.job import validation_seeds
+from betterbench.demonstrations.making.amplifier import AmplifierSettings
+from betterbench.demonstrations.making.production import SetProgress, amplify, collect, set_hash
+from betterbench.demonstrations.making.variety import TaskVariety, VarietyMeter, variety_of_run
+from betterbench.demonstrations.sets.card import CardFacts, dataset_card
+from betterbench.demonstrations.sets.numbers import SetNumbers, counts_form
+from betterbench.demonstrations.sets.pairs import twin_pairs
+from betterbench.demonstrations.sets.proof import RegimeBounds, proven_facts
+from betterbench.demonstrations.sets.recipe import SetRecipe, holds_recipe, keep_recipe, require_recipe
+from betterbench.demonstrations.sets.sheet import draw_sheet
+from betterbench.demonstrations.shortcuts.examine import FEWEST, ShortcutAudit, audit_dataset
+from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
+from betterbench.demonstrations.shortcuts.prediction import Prediction, predict, write_prediction
+from betterbench.errors import BetterError, InvalidInputError, StorageError
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import on_disk
+from betterbench.jobs.outputs import OutputFolder
+from betterbench.records import RunFolder
+from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
+from betterbench.tasks import TrialId, get_task
+
+SOURCES, DEMONSTRATIONS = "sources", "demonstrations"
+"""Folders within a dataset: of what the expert gave where the rest is carried over, and of the set itself."""
+
+OnStage = Callable[[str, int, int, str], None]
+"""Called with the name of a stage, how much of it is done, of how much, and a note."""
+
+
+@dataclass(frozen=True, slots=True)
+class MadeDataset:
+    """A training set that is complete.
+
+    Attributes:
+        path: Its folder.
+        sha256: Hash of its demonstrations.
+        command: The command that makes the same set again.
+        demonstrations: How many there are.
+        steps: Their control steps.
+        missing: Starts at which no attempt was accepted and that nothing took the place of.
+        audit: What goes together in it; None if no task has enough demonstrations.
+        prediction: What follows from that; None likewise.
+        pairs: Its twins.
+        variety: How far its demonstrations are apart, by task.
+        sources: The same of those that they were carried over from; none where there are none.
+    """
+
+    path: Path
+    sha256: str
+    command: str
+    demonstrations: int
+    steps: int
+    missing: int
+    audit: ShortcutAudit | None
+    prediction: Prediction | None
+    pairs: tuple[TwinPair, ...]
+    variety: tuple[TaskVariety, ...]
+    sources: tuple[TaskVariety, ...]
+
+
+def make_dataset(
+    recipe: SetRecipe,
+    out: Path,
+    *,
+    workers: int = 1,
+    pictures: bool = True,
+    overwrite: bool = False,
+    on_progress: OnStage | None = None,
+) -> MadeDataset:
+    """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
+
+    Args:
+        recipe: What is made.
+        out: Folder of the set.
+        workers: Worker processes.
+        pictures: Draw a sheet of starts per task.
+        overwrite: Replace files of the set that somebody has changed.
+        on_progress: Called as each stage goes on.
+
+    Raises:
+        InvalidInputError: If a number is out of range, or a task has no such regime or no measured support.
+        UnknownNameError: If there is no such task.
+        RunConflictError: If the folder holds another dataset, or another process writes to it.
+        RecordError: If a record is damaged, or shows anything outside the regime.
+        StorageError: If the disk is full.
+        WorkerError: If worker processes keep dying.
+    """
+    recipe.check()
+    out = out.absolute()
+    tell = on_progress or (lambda *_: None)
+    require_recipe(recipe, out)
+    with on_disk(out), OutputFolder(out, "dataset", overwrite=overwrite, is_ours=lambda: holds_recipe(out)):
+        return _made(recipe, out, workers, tell, pictures=pictures)
+
+
+def _made(recipe: SetRecipe, out: Path, workers: int, tell: OnStage, *, pictures: bool) -> MadeDataset:
+    """Make the set in a folder that is locked."""
+    keep_recipe(recipe, out)
+    (out / "dataset.json").unlink(missing_ok=True)
+    run = _demonstrations(recipe, out, workers, tell)
+    trials = sorted(entry.key for entry in run.entries() if entry.status == "done")
+    if not trials:
+        raise InvalidInputError(str(run.path), "no attempt was accepted", "See its folder acceptance")
+    held_out = frozenset(validation_seeds({trial.seed for trial in trials}, recipe.validation))
+    numbers, facts, variety = _proven(run, recipe, trials, held_out, tell)
+    pairs = tuple(twin_pairs(run, recipe.regime)) if recipe.pairs else ()
+    hashed = set_hash(run)
+    audit, prediction = _audited(facts, hashed)
+    sheets = _sheets(run, trials, out, tell) if pictures else {}
+    missing = _missing(recipe, len(trials))
+    sources = variety_of_run(RunFolder.open(out / SOURCES)) if recipe.amplified else ()
+    command = recipe.command(hashed)
+    made = MadeDataset(
+        out, hashed, command, len(trials), numbers.steps, missing, audit, prediction, pairs, variety, sources
+    )
+    split = {
+        "train": [str(trial) for trial in trials if trial.seed not in held_out],
+        "validation": [str(trial) for trial in trials if trial.seed in held_out],
+    }
+    _write(made, recipe, numbers, split, sheets)
+    return made
+
+
+def _demonstrations(recipe: SetRecipe, out: Path, workers: int, tell: OnStage) -> RunFolder:
+    """Return the run with the demonstrations, made or resumed."""
+
+    def told(stage: str) -> Callable[[SetProgress], None]:
+        def on_progress(progress: SetProgress) -> None:
+            last = "" if progress.last is None else f", {progress.last.trial}"
+            tell(stage, progress.done, progress.planned, f"{progress.attempts} attempts{last}")
+
+        return on_progress
+
+    collected = {"first_seed": recipe.seed, "regime": recipe.regime, "workers": workers}
+    if not recipe.amplified:
+        return collect(
+            recipe.tasks,
+            out / DEMONSTRATIONS,
+            demos=recipe.demos,
+            twins=recipe.pairs,
+            on_progress=told("collect"),
+            **collected,  # type: ignore[arg-type] # the values are as the function has them
+        )
+    collect(recipe.tasks, out / SOURCES, demos=recipe.sources, on_progress=told("collect"), **collected)  # type: ignore[arg-type]
+    return amplify(
+        out / SOURCES,
+        out / DEMONSTRATIONS,
+        tasks=recipe.tasks,
+        demos=recipe.demos,
+        first_seed=recipe.amplified_seed,
+        settings=AmplifierSettings(action_noise=recipe.noise),
+        workers=workers,
+        on_progress=told("amplify"),
+    )
+
+
+def _proven(
+    run: RunFolder, recipe: SetRecipe, trials: list[TrialId], held_out: frozenset[int], tell: OnStage
+) -> tuple[SetNumbers, tuple[EpisodeFacts, ...], tuple[TaskVariety, ...]]:
+    """Return numbers, facts and variety of all records, each proven to show the regime and nothing outside it."""
+    numbers, facts, meter = SetNumbers(held_out), [], VarietyMeter()
+    bounds = {name: RegimeBounds.of(get_task(name), recipe.regime) for name in recipe.tasks}
+    for count, trial in enumerate(trials, start=1):
+        record = run.read_record(trial.task, trial.condition, trial.seed)
+        where = str(run.record_path(trial.task, trial.condition, trial.seed))
+        facts.append(proven_facts(record, bounds[trial.task], where))
+        numbers.add(trial, record)
+        meter.add(record)
+        tell("prove", count, len(trials), str(trial))
+    return numbers, tuple(facts), meter.tasks()
+
+
+def _audited(facts: tuple[EpisodeFacts, ...], hashed: str) -> tuple[ShortcutAudit | None, Prediction | None]:
+    groups = [f.group for f in facts]
+    if max(map(groups.count, set(groups))) < FEWEST:
+        return None, None
+    audit = audit_dataset(hashed, facts)
+    return audit, predict(audit, dataset_sha256=hashed)
+
+
+def _missing(recipe: SetRecipe, there: int) -> int:
+    planned = sum(recipe.demos * len(get_task(name).training) for name in recipe.tasks)
+    return max(0, planned - there)
+
+
+def _sheets(run: RunFolder, trials: list[TrialId], out: Path, tell: OnStage) -> Mapping[str, str]:
+    """Draw a sheet of starts per task, and return its file, or why there is none."""
+    found: dict[str, str] = {}
+    tasks = list(dict.fromkeys(trial.task for trial in trials))
+    for count, task in enumerate(tasks, start=1):
+        firsts: dict[str, TrialId] = {}
+        for trial in trials:
+            if trial.task == task:
+                firsts.setdefault(trial.condition, trial)
+        name = f"pictures/{task}.jpg"
+        try:
+            if not (out / name).exists():
+                draw_sheet(run, sorted(firsts.values(), key=lambda t: (len(t.condition), t.condition)), out / name)
+            found[task] = name
+        except StorageError:
+            raise
+        except BetterError as problem:
+            found[task] = f"none: {problem}"
+        tell("draw", count, len(tasks), task)
+    return found
+
+
+def _write(
+    made: MadeDataset, recipe: SetRecipe, numbers: SetNumbers, split: Mapping[str, list[str]], sheets: Mapping[str, str]
+) -> None:
+    """Write everything that is derived, dataset.json last."""
+    out, counts = made.path, numbers.counts()
+    write_durably(out / "split.json", _json(split))
+    write_durably(out / "statistics.json", _json(numbers.statistics()))
+    if recipe.pairs:
+        write_durably(out / DEMONSTRATIONS / PAIRS_FILE, pairs_bytes(made.pairs))
+    if made.audit is not None and made.prediction is not None:
+        write_durably(out / "shortcuts.json", _json(made.audit.to_json()))
+        write_prediction(out / "prediction.json", made.prediction)
+    facts = CardFacts(
+        made.sha256,
+        made.command,
+        counts,
+        numbers,
+        made.audit,
+        made.prediction,
+        made.pairs,
+        sheets,
+        made.variety,
+        made.sources,
+    )
+    write_durably(out / "README.md", dataset_card(recipe, facts).encode())
+    document = {
+        "sha256": made.sha256,
+        "recipe": asdict(recipe),
+        "command": made.command,
+        "demonstrations": made.demonstrations,
+        "missing": made.missing,
+        "steps": made.steps,
+        "train": len(split["train"]),
+        "validation": len(split["validation"]),
+        "pairs": len(made.pairs),
+        "demonstrators": dict(numbers.demonstrators),
+        "proven": {"records": made.demonstrations, "outside_the_regime": 0, "of_tests": 0},
+        "conditions": counts_form(counts),
+        "variety": {"set": [asdict(t) for t in made.variety], "sources": [asdict(t) for t in made.sources]},
+    }
+    write_durably(out / "dataset.json", _json(document))
+
+
+def _json(form: Mapping[str, Any]) -> bytes:
+    return (json.dumps(form, indent=1, ensure_ascii=False) + "\n").encode()

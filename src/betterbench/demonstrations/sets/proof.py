@@ -1,0 +1,70 @@
+"""The proof that a record is a demonstration of a regime and shows nothing outside it, from its data alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from betterbench.demonstrations.making.attempt import outside_support
+from betterbench.demonstrations.shortcuts.facts import EpisodeFacts, facts_of_record
+from betterbench.demonstrations.shortcuts.shown import conditions_shown
+from betterbench.errors import RecordError
+from betterbench.records import Record, subgoal_segments
+from betterbench.tasks import Condition, Expected, Task, get_task
+from betterbench.tasks.authoring.training_distribution import pairing
+from betterbench.tasks.interventions.regimes import Regime, conditions_of
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+CURE = "Delete the file and run the command again to give the demonstration anew"
+
+
+@dataclass(frozen=True, slots=True)
+class RegimeBounds:
+    """The conditions that a set may show, and those that it must not show."""
+
+    shown: tuple[Condition, ...]
+    forbidden: tuple[Condition, ...]
+
+    @classmethod
+    def of(cls, task: Task, regime: Regime) -> RegimeBounds:
+        """Return what a set of a regime may show of a task, and which tests it must not."""
+        shown = conditions_of(task, regime)
+        known = {pairing(condition) for condition in shown}
+        tests = conditions_of(task, "covered")
+        return cls(shown, tuple(c for c in tests if pairing(c) not in known))
+
+
+def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
+    """Return what a record shows, once it is proven that it demonstrates its regime and nothing outside it.
+
+    The start, the instruction, the order of the subgoals and every grasp and release are told from the states.
+
+    Raises RecordError if it does not: it has the seed of a test, failed, shows another start or order, shows a test, or
+    handles something where no demonstration of the certificate does.
+    """
+    meta = record.metadata
+    if meta.seed < FIRST_DEMONSTRATION_SEED:
+        raise _refusal(where, f"its seed {meta.seed} is one of tests")
+    if not record.outcome.success:
+        raise _refusal(where, "it did not succeed")
+    found = [c for c in conditions_shown(record, bounds.shown) if c.name == meta.condition]
+    if not found:
+        raise _refusal(where, f"its first state or its instruction is not that of {meta.task}/{meta.condition}")
+    tests = conditions_shown(record, bounds.forbidden)
+    if tests:
+        raise _refusal(where, f"it shows the test {tests[0].id}")
+    condition = found[0]
+    segments = subgoal_segments(record, condition)
+    done = [segment.subgoal for segment in segments if segment.subgoal]
+    goals = zip(condition.instruction.subgoals, record.subgoals[0], strict=True)
+    asked = [goal.name for goal, there in goals if not there] if condition.expected is Expected.SUCCEED else []
+    in_order = done == asked if condition.instruction.ordered else sorted(done) == sorted(asked)
+    if asked and not in_order:
+        raise _refusal(where, f"it does {', '.join(done) or 'nothing'} where {', '.join(asked)} is asked for")
+    outside = outside_support(record.states(), get_task(meta.task), condition)
+    if outside is not None:
+        raise _refusal(where, outside)
+    return facts_of_record(record, condition)
+
+
+def _refusal(where: str, problem: str) -> RecordError:
+    return RecordError(f"{where}: it is no demonstration of this regime: {problem}. {CURE}.")

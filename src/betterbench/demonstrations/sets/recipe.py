@@ -1,0 +1,135 @@
+"""Recipes: everything that decides which bytes a training set holds, and the command that makes it again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter
+
+import betterbench
+from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
+from betterbench.jobs import write_durably
+from betterbench.jobs.outputs import is_bookkeeping
+from betterbench.json_form import read_bounded, read_form, strict_form
+from betterbench.quoting import shell_line
+from betterbench.records import first_difference
+from betterbench.tasks import SUITE_VERSION
+from betterbench.tasks.interventions.regimes import Regime
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+RECIPE_VERSION = 1
+"""Version of how a recipe becomes a dataset."""
+_MAX_BYTES = 1 << 20
+_CURE = "Give the folder that --out of better dataset named"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class SetRecipe:
+    """How a training set is made.
+
+    Attributes:
+        tasks: Names of the tasks.
+        regime: Which conditions are demonstrated.
+        demos: Demonstrations per training condition; another regime shares as many out over its conditions.
+        sources: How many of them, likewise, the expert gives, from which the others are carried over; 0 if all.
+        seed: First seed of the expert's demonstrations; that of the others follows from it.
+        noise: Standard deviation of the noise on executed actions of those carried over, in action units.
+        validation: Share of the seeds whose demonstrations are for validation.
+        pairs: Whether conditions with the same scene share their seeds, so that they make pairs of twins.
+    """
+
+    tasks: tuple[str, ...]
+    regime: Regime = "training"
+    demos: Annotated[int, Field(ge=1)] = 50
+    sources: Annotated[int, Field(ge=0)] = 10
+    seed: int = FIRST_DEMONSTRATION_SEED
+    noise: float = 0.02
+    validation: float = 0.1
+    pairs: bool = False
+    version: int = RECIPE_VERSION
+    suite: str = SUITE_VERSION
+    betterbench: str = betterbench.__version__
+
+    @property
+    def amplified(self) -> bool:
+        """Whether most demonstrations are carried over from those of the expert."""
+        return self.sources > 0 and not self.pairs
+
+    @property
+    def amplified_seed(self) -> int:
+        """First seed of the demonstrations that are carried over."""
+        return self.seed - FIRST_DEMONSTRATION_SEED + FIRST_AMPLIFIED_SEED
+
+    def check(self) -> None:
+        """Raise InvalidInputError if a number is out of range."""
+        require_between("--demos", self.demos, 1, 10_000)
+        require_between("--sources", self.sources, 0, 10_000)
+        require_between("--seed", self.seed, FIRST_DEMONSTRATION_SEED, FIRST_AMPLIFIED_SEED - 1)
+        require_between("--noise", self.noise, 0.0, 0.5)
+        require_between("--validation", self.validation, 0.0, 0.9)
+        if not self.tasks:
+            raise InvalidInputError("--tasks", "there is no task", "Name one")
+
+    def command(self, sha256: str, *, out: str = "DATASET") -> str:
+        """Return the command that makes the same set again and compares its hash."""
+        words = ["better", "dataset", "--out", out, "--tasks", *self.tasks, "--regime", self.regime]
+        words += ["--demos", str(self.demos), "--sources", str(self.sources), "--seed", str(self.seed)]
+        words += ["--noise", f"{self.noise:g}", "--validation", f"{self.validation:g}"]
+        words += ["--pairs"] if self.pairs else []
+        return shell_line([*words, "--expect", sha256])
+
+
+_FORM = TypeAdapter(SetRecipe)
+
+
+def holds_recipe(out: Path) -> bool:
+    """Tell whether a folder holds the recipe of a dataset."""
+    try:
+        read_recipe(out)
+    except RecordError:
+        return False
+    return True
+
+
+def keep_recipe(recipe: SetRecipe, out: Path) -> None:
+    """Write a recipe into the folder of its dataset, where :func:`require_recipe` found no other one.
+
+    Raises what that function raises.
+    """
+    require_recipe(recipe, out)
+    text = json.dumps(asdict(recipe), indent=1) + "\n"
+    write_durably(out / "recipe.json", text.encode())
+
+
+def require_recipe(recipe: SetRecipe, out: Path) -> None:
+    """Refuse a folder that holds another dataset than that of a recipe with fewer ``demos``, or other files.
+
+    Raises:
+        RunConflictError: If the folder holds the dataset of another recipe.
+        RecordError: If the recipe in the folder cannot be read.
+    """
+    path = out / "recipe.json"
+    if path.exists():
+        there = read_recipe(out)
+        grown = SetRecipe(**{**asdict(there), "demos": max(there.demos, recipe.demos)})
+        different = first_difference(asdict(grown), asdict(recipe), "recipe")
+        if different is not None:
+            where, stored, asked = different
+            raise RunConflictError(
+                f"{out}: this folder holds another dataset: {where} is {stored} there and {asked} here. Give the same "
+                "arguments to resume it, or choose another folder."
+            )
+    elif out.exists() and any(not is_bookkeeping(p) for p in out.iterdir()):
+        raise RunConflictError(f"{out}: the folder holds other files and no dataset. Choose an empty or a new folder.")
+
+
+def read_recipe(out: Path) -> SetRecipe:
+    """Return the recipe of a dataset's folder; RecordError if there is none."""
+    path = out / "recipe.json"
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    return read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)

@@ -1,0 +1,48 @@
+"""Pictures of a training set: the start of one demonstration per condition, with what is said."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image, ImageDraw
+
+from betterbench.jobs import write_durably
+from betterbench.records import RunFolder
+from betterbench.sim.scenes.image_files import jpeg_bytes
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.tasks import TrialId
+
+SIZE = 256
+"""Side of a view [pixel]."""
+COLUMNS = 4
+MOST_VIEWS = 12
+"""Most conditions of a task that are shown."""
+_CAPTION = 44
+_LINE = 40
+
+
+def draw_sheet(run: RunFolder, trials: Sequence[TrialId], path: Path) -> None:
+    """Draw the first state of some records from the front, with condition and instruction below, and write a JPEG.
+
+    Raises:
+        RecordError: If a record or its scene cannot be read.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    shown = list(trials)[:MOST_VIEWS]
+    columns = min(COLUMNS, len(shown))
+    lines = -(-len(shown) // columns)
+    sheet = Image.new("RGB", (columns * SIZE, lines * (SIZE + _CAPTION)), "white")
+    draw = ImageDraw.Draw(sheet)
+    with LimitedView(quality="standard", size=SIZE) as view:
+        for i, trial in enumerate(shown):
+            record = run.read_record(trial.task, trial.condition, trial.seed)
+            view.open_of(run, record)
+            pixels = view.draw(record.qpos[0], "front", jitter=record.metadata.view_jitter)
+            x, y = i % columns * SIZE, i // columns * (SIZE + _CAPTION)
+            sheet.paste(Image.fromarray(pixels), (x, y))
+            said = textwrap.wrap(f"{trial.condition}: {record.metadata.instruction}", _LINE)[:3]
+            for number, line in enumerate(said):
+                draw.text((x + 4, y + SIZE + 2 + 13 * number), line, fill="black")
+    write_durably(path, jpeg_bytes(sheet, quality=88))

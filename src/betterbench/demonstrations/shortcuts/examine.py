@@ -1,0 +1,776 @@
+"""The shortcut audit: what goes together in a dataset beyond chance, and which variations take it apart."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.asked import AskedQuestion
+from betterbench.demonstrations.shortcuts.association import (
+    Association,
+    codes_of,
+    entropy_bits,
+    features_test,
+    permutation_test,
+)
+from betterbench.demonstrations.shortcuts.facts import EpisodeFacts, facts_of_condition
+from betterbench.demonstrations.shortcuts.instructions import share_told, whole_test
+from betterbench.demonstrations.shortcuts.pairs import WordPair, least_share, telling_pairs
+from betterbench.demonstrations.shortcuts.questions import (
+    COUNT,
+    FIRST_PLACE,
+    LANDMARK,
+    PAIRS,
+    QUESTIONS,
+    WHOLE,
+    WORD_OUTCOMES,
+    WORDS,
+    Question,
+    WordOutcome,
+    base_of,
+    handled_kinds,
+)
+from betterbench.demonstrations.shortcuts.reading import DataReading
+from betterbench.demonstrations.shortcuts.smallest import (
+    POWER,
+    STEPS,
+    Planted,
+    RuleCounts,
+    SmallestRule,
+    planted_question,
+    planted_word,
+    smallest_rule,
+)
+from betterbench.demonstrations.shortcuts.words import (
+    in_order,
+    instruction_words,
+    is_spaced,
+    names_a_place,
+    overlapping,
+    places_named,
+    shown_as,
+    without_joined,
+)
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.statistics.wording import plural
+from betterbench.tasks import get_task, task_names
+from betterbench.tasks.interventions import resolve_condition
+
+ALPHA = 0.05
+"""Level of the tests, over all questions of an audit together (Bonferroni).
+
+In sets of our own, whose states are known, the questions about pairs of words and whole instructions are corrected
+among themselves, and so are all others."""
+STRONG = 0.5
+"""Strength from which a finding counts: half of what could be known of one thing follows from the other. A finding also
+counts if one value alone, such as a single word, always goes with the same other value, or if two words or a whole
+instruction tell half of what their words alone leave open."""
+RARE = 0.05
+"""Share below which something counts as not shown by the data."""
+FEWEST = 8
+"""Fewest demonstrations of a group for which anything is said."""
+NEARLY_ALWAYS = 0.9
+"""Share of what is open about an outcome that a word tells where it is said, from which it counts as a sure sign."""
+MOST_LINES = 8
+MOST_WORDS = 1000
+"""Most words of a group that are asked about: those that the most episodes tell apart."""
+MOST_PAIRS = 20
+_NAMED = "the words name the objects; the whole instruction is compared among those that name them in the same order"
+_MOST_SHOWN = 80
+"""Most characters of an instruction in a finding."""
+
+Verdict = Literal["shortcut", "regularity", "none"]
+"""What was found: a rule that some variation breaks, or a stranger's test could; one that every variation of the task
+keeps, such as what a word means; or nothing beyond chance and :data:`STRONG`."""
+
+Rules = Mapping[str, Counter[str]]
+"""Per first value how often each second value was seen with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What the data say to one question.
+
+    Attributes:
+        question: Name of the question.
+        title: What was asked.
+        subject: The word that it is about, "" for questions about all things.
+        bits: Mutual information [bit].
+        strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; of whole
+        instructions, see
+            :class:`~betterbench.demonstrations.shortcuts.instructions.WholeTest`.
+        p_value: Of the permutation test; None where there is nothing to permute.
+        p_adjusted: The same, times the number of questions that were tested and are corrected together.
+        n: Observations.
+        verdict: What follows.
+        rules: What a learner could go by, for people.
+        seen: The same as counts: how often each second value was seen with each first one.
+        separating: Variations whose right behavior breaks the rule, with the observation that does.
+        meaning: Why the words mean what they go with, so that the rule is a regularity; "" if no reason is known.
+    """
+
+    question: str
+    title: str
+    subject: str
+    bits: float
+    strength: float
+    p_value: float | None
+    p_adjusted: float | None
+    n: int
+    verdict: Verdict
+    rules: tuple[str, ...]
+    seen: Mapping[str, Mapping[str, int]]
+    separating: tuple[tuple[str, str], ...]
+    meaning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupAudit:
+    """The findings on one task, or on one stranger's dataset.
+
+    Attributes:
+        group: Name of the task or of the dataset.
+        episodes: Demonstrations, or segments of some.
+        findings: What was found.
+        notes: What could not be asked, and why.
+        smallest: Per question the smallest rule that would have been found with so many demonstrations.
+        asked: What was tested, and what could not be and why.
+    """
+
+    group: str
+    episodes: int
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...] = ()
+    smallest: tuple[SmallestRule, ...] = ()
+    asked: tuple[AskedQuestion, ...] = ()
+
+    def of(self, question: str) -> tuple[Finding, ...]:
+        """Return the findings to a question."""
+        return tuple(f for f in self.findings if f.question == question)
+
+    @property
+    def not_shown(self) -> tuple[SmallestRule, ...]:
+        """The questions to which so few demonstrations could not have shown every strong rule."""
+        return tuple(rule for rule in self.smallest if rule.too_few)
+
+    @property
+    def shortcuts(self) -> tuple[Finding, ...]:
+        """What a learner could go by and some variation breaks."""
+        return tuple(f for f in self.findings if f.verdict == "shortcut")
+
+
+@dataclass(frozen=True, slots=True)
+class ShortcutAudit:
+    """The audit of a dataset.
+
+    Attributes:
+        source: What was audited.
+        facts_sha256: Hash of the facts that it rests on.
+        groups: One per task.
+        reading: How the data were read.
+    """
+
+    source: str
+    facts_sha256: str
+    groups: tuple[GroupAudit, ...]
+    reading: DataReading | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; how the data were read comes first."""
+        form = asdict(self)
+        del form["reading"]
+        read = {} if self.reading is None else {"read": self.reading.paragraph, "reading": asdict(self.reading)}
+        return {**read, **form, "alpha": ALPHA, "strong": STRONG, "power": POWER}
+
+
+def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
+    """Return the SHA-256 over all facts, whatever their order."""
+    lines = sorted(repr(facts) for facts in episodes)
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+
+def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
+    """Return what goes together in a dataset; a function of the facts alone.
+
+    Args:
+        source: What is audited.
+        episodes: What its demonstrations show.
+        reading: How they were read, which the audit repeats.
+
+    Raises InvalidInputError if there is no group with enough demonstrations.
+    """
+    groups: dict[str, list[EpisodeFacts]] = {}
+    for facts in sorted(episodes, key=lambda f: (f.group, f.episode)):
+        groups.setdefault(facts.group, []).append(facts)
+    audited = [_audit_group(name, found) for name, found in groups.items() if len(found) >= FEWEST]
+    if not audited:
+        most = max(map(len, groups.values()), default=0)
+        number = f"{most} demonstration{'' if most == 1 else 's'}"
+        problem = f"the largest group has {number}, and {FEWEST} are needed to say anything"
+        raise InvalidInputError(source, problem, "Give more demonstrations")
+    judged = list(_judged(audited))
+    few = {name: len(found) for name, found in groups.items() if len(found) < FEWEST}
+    if few and reading is not None:
+        told = ", ".join(f"{name} ({count})" for name, count in sorted(few.items()))
+        reading = replace(reading, left_out=(*reading.left_out, f"groups of fewer than {FEWEST}: {told}"))
+    return ShortcutAudit(source, facts_hash(episodes), tuple(judged), reading)
+
+
+@dataclass(frozen=True, slots=True)
+class _Raw:
+    """A finding before the correction.
+
+    Attributes:
+        finding: What was found.
+        rules: What it rests on.
+        certain: Whether one of the rules holds always, or nearly.
+        parts: Of a question about words, the words of the one or of the two that it is about.
+        columns: Numbers of these words.
+    """
+
+    finding: Finding
+    rules: Rules
+    certain: bool = False
+    parts: tuple[tuple[str, ...], ...] = ()
+    columns: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """A group of demonstrations, what was found in it and what was asked.
+
+    Attributes:
+        pairs: What was asked about pairs of words.
+        planted: Data with planted rules, for each question with a permutation test.
+        asked: What was tested, and what could not be.
+    """
+
+    name: str
+    episodes: Sequence[EpisodeFacts]
+    found: list[_Raw] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    pairs: list[_AskedPairs] = field(default_factory=list)
+    planted: list[_Asked] = field(default_factory=list)
+    asked: list[AskedQuestion] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """A question that was tested, for the smallest rule that would have been found."""
+
+    question: str
+    title: str
+    planted: Planted
+    counts: RuleCounts
+
+
+@dataclass(frozen=True, slots=True)
+class _AskedPairs:
+    """A question about pairs of words: of how many demonstrations, pairs and outcomes."""
+
+    question: str
+    title: str
+    n: int
+    pairs: int
+    outcomes: int
+
+
+def _audit_group(name: str, episodes: Sequence[EpisodeFacts]) -> _Group:
+    handled = handled_kinds(episodes)
+    group = _Group(name, episodes)
+    group.found.extend(raw for q in QUESTIONS if (raw := _answer(group, q, handled)) is not None)
+    for outcome in WORD_OUTCOMES.values():
+        group.found.extend(_answers_about_words(group, outcome))
+    group.found.extend(_constants(episodes))
+    return group
+
+
+def _draw(group: str, question: str) -> np.random.Generator:
+    digest = hashlib.sha256(f"shortcuts|{group}|{question}".encode()).digest()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(digest[:16], "little")))
+
+
+def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
+    """Return what a question about named things found, or None where there is nothing to ask."""
+    seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
+    if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
+        named = any(facts.privileged for facts in group.episodes)
+        reason = "it never differs" if seen else "no demonstration has it" if named else "objects have no names"
+        group.asked.append(AskedQuestion(q.name, q.title, len(seen), untested=reason))
+        return None
+    group.asked.append(AskedQuestion(q.name, q.title, len(seen)))
+    test = permutation_test(
+        [x for _, x, _ in seen],
+        [y for _, _, y in seen],
+        _draw(group.name, q.name),
+        blocks=[block for block, _, _ in seen],
+        within=q.within,
+    )
+    group.planted.append(_Asked(q.name, q.title, planted_question(test), RuleCounts(STRONG, _certain_rule)))
+    rules: dict[str, Counter[str]] = {}
+    for _, x, y in seen:
+        rules.setdefault(x, Counter())[y] += 1
+    lines = [q.rule.format(x=x, y=_shares(ys)) for x, ys in sorted(rules.items())]
+    if q.name == "order":
+        lines = [line for line in lines if not line.endswith("later")]
+    return _Raw(_finding(q.name, q.title, "", test.found, lines), rules)
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """Words of the instructions: those that are always said together are one.
+
+    Attributes:
+        words: The words of each, apart.
+        shown: How each is shown.
+        presence: (episodes, words) in which episodes each is said.
+    """
+
+    words: tuple[tuple[str, ...], ...]
+    shown: tuple[str, ...]
+    presence: npt.NDArray[np.bool_]
+
+
+def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
+    """Return the words that some demonstrations say and some do not; a note tells if some are left out."""
+    texts = {text: i for i, text in enumerate(sorted({facts.instruction for facts in known}))}
+    of_text = np.array([texts[facts.instruction] for facts in known], dtype=np.int64)
+    sizes = np.bincount(of_text, minlength=len(texts))
+    said: dict[str, int] = {}
+    for text, i in texts.items():
+        for word in instruction_words(text):
+            said[word] = said.get(word, 0) | 1 << i
+    said = without_joined(said)
+    alike: dict[int, list[str]] = {}
+    for word in sorted(said):
+        alike.setdefault(said[word], []).append(word)
+    rows = {where: np.flatnonzero([where >> i & 1 for i in range(where.bit_length())]) for where in alike}
+    counts = {where: int(sizes[rows[where]].sum()) for where in alike}
+    told = [where for where in alike if 2 <= counts[where] <= len(known) - 2]
+    if len(told) > MOST_WORDS:
+        ranked = sorted(told, key=lambda where: -min(counts[where], len(known) - counts[where]))[:MOST_WORDS]
+        note = f"of {len(told):,} words, the {MOST_WORDS:,} that tell the most episodes apart were asked about"
+        notes.extend([note] if note not in notes else [])
+        kept = set(ranked)
+        told = [where for where in told if where in kept]
+    presence = np.zeros((len(known), len(told)), dtype=np.bool_)
+    listed, shown = list(texts), []
+    for column, where in enumerate(told):
+        has = np.zeros(len(texts), dtype=np.bool_)
+        has[rows[where]] = True
+        presence[:, column] = has[of_text]
+        words = alike[where]
+        plain = all(map(is_spaced, words))
+        shown.append(" ".join(words[:6]) if plain else shown_as(words, listed[int(rows[where][0])]))
+    return _Said(tuple(tuple(alike[where]) for where in told), tuple(shown), presence)
+
+
+def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
+    """Return what the words of the instructions, pairs of them and whole instructions say about one outcome."""
+    known = [facts for facts in group.episodes if outcome.of(facts)]
+    outcomes = [outcome.of(facts) for facts in known]
+    if len(set(outcomes)) < 2:
+        reason = "it never differs" if known else outcome.missing
+        group.asked.append(AskedQuestion(outcome.name, outcome.title(WORDS), len(known), untested=reason))
+        return []
+    said = _said_in(known, group.notes)
+    raw: list[_Raw] = []
+    if outcome.is_place or not _picking_words(known):
+        raw += _answers_about_single_words(group, outcome, said, outcomes)
+        raw += _answers_about_pairs(group, outcome, said, outcomes)
+    else:  # words that name objects mean them: only what the instruction says beside their order can be a shortcut
+        for level in (WORDS, PAIRS):
+            question = AskedQuestion(outcome.question(level), outcome.title(level), len(known), untested=_NAMED)
+            group.asked.append(question)
+    return raw + _answers_about_instructions(group, outcome, (known, said, outcomes), raw)
+
+
+def _answers_about_single_words(
+    group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
+) -> list[_Raw]:
+    """Return what each word says about an outcome; words that are always said together are one."""
+    question, title = outcome.question(WORDS), outcome.title(WORDS)
+    if not said.words:
+        reason = "no word is said in some demonstrations and not in others"
+        group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
+        return []
+    raw, every = [], Counter(outcomes)
+    tested, null = features_test(said.presence, outcomes, _draw(group.name, question))
+    planted = planted_word(said.presence, outcomes, tested, null)
+    group.planted.append(_Asked(question, title, planted, RuleCounts(STRONG, _certain_word)))
+    group.asked.append(AskedQuestion(question, title, len(outcomes), plural(len(said.words), "word")))
+    for i, found in enumerate(tested):
+        seen = Counter(outcomes[row] for row in np.flatnonzero(said.presence[:, i]).tolist())
+        line = f"with “{said.shown[i]}”, {outcome.rule.format(y=_shares(seen))}"
+        finding = _finding(question, title, said.shown[i], found, [line])
+        rules = {" ".join(said.words[i]): seen}
+        raw.append(_Raw(finding, rules, _nearly_always(seen, every), (said.words[i],), (i,)))
+    return raw
+
+
+def _answers_about_pairs(group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]) -> list[_Raw]:
+    """Return the pairs of words that tell an outcome where neither word does."""
+    question, title = outcome.question(PAIRS), outcome.title(PAIRS)
+    codes, kinds = codes_of(outcomes)
+    pairs = telling_pairs(said.presence, codes, fewest=FEWEST) if len(said.words) > 1 else []
+    if not pairs:
+        reason = f"no two words are said together in {FEWEST} demonstrations or more, and apart too"
+        group.asked.append(AskedQuestion(question, title, len(outcomes), untested=reason))
+    else:
+        compared = plural(len(pairs), "pair of words", "pairs of words")
+        group.asked.append(AskedQuestion(question, title, len(outcomes), compared))
+    if len(said.words) > 1:
+        group.pairs.append(_AskedPairs(question, title, len(outcomes), len(pairs), kinds))
+    every = Counter(outcomes)
+    # Of pairs that are said in the same episodes, that with the longer words is shown.
+    length = [max(map(len, words)) for words in said.words]
+    pairs.sort(key=lambda pair: (pair.p_value, -min(length[pair.first], length[pair.second])))
+    raw: list[_Raw] = []
+    known = set[bytes]()
+    for pair in (p for p in pairs if p.p_value <= ALPHA):
+        both = said.presence[:, pair.first] & said.presence[:, pair.second]
+        if both.tobytes() in known or len(raw) == MOST_PAIRS:
+            continue
+        known.add(both.tobytes())
+        seen = Counter(outcomes[row] for row in np.flatnonzero(both).tolist())
+        columns = (pair.first, pair.second)
+        shown, parts = [said.shown[i] for i in columns], tuple(said.words[i] for i in columns)
+        line = f"with “{shown[0]}” and “{shown[1]}” together, {outcome.rule.format(y=_shares(seen))}"
+        finding = _finding(question, title, " + ".join(shown), _together(both, codes, kinds, pair), [line])
+        certain = pair.gain >= STRONG or _nearly_always(seen, every)
+        raw.append(_Raw(finding, {" ".join(itertools.chain(*parts)): seen}, certain, parts, columns))
+    return raw
+
+
+def _answers_about_instructions(
+    group: _Group,
+    outcome: WordOutcome,
+    data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
+    found: Sequence[_Raw],
+) -> list[_Raw]:
+    """Return what whole instructions say about an outcome beyond what was found of their words and pairs.
+
+    Args:
+        group: The group.
+        outcome: The outcome.
+        data: The demonstrations that have it, the words that they say, and the outcome of each.
+        found: What was found of words and pairs.
+    """
+    question, title = outcome.question(WHOLE), outcome.title(WHOLE)
+    known, said, outcomes = data
+    texts = [facts.instruction for facts in known]
+    telling = sorted({i for raw in found if _counts(raw, raw.finding.p_value) for i in raw.columns})
+    meant = _meant(outcome, known)
+    strata = [
+        f"{meant[text]}|{''.join('01'[int(has)] for has in row)}"
+        for text, row in zip(texts, said.presence[:, telling].tolist(), strict=True)
+    ]
+    whole = whole_test(texts, outcomes, strata, _draw(group.name, question))
+    if whole is None:
+        reason = "every instruction is given once" if len(set(texts)) > 1 else "there is one instruction"
+        group.asked.append(AskedQuestion(question, title, len(known), untested=reason))
+        return []
+    compared = plural(whole.instructions, "instruction")
+    if len(known) > len(whole.rows):
+        compared += f", {plural(len(known) - len(whole.rows), 'demonstration')} with an instruction of its own left out"
+    group.asked.append(AskedQuestion(question, title, len(whole.rows), compared))
+    counts = RuleCounts(math.inf, lambda joint: share_told(joint) >= STRONG)
+    group.planted.append(_Asked(question, title, planted_question(whole.test), counts))
+    rules: dict[str, Counter[str]] = {}
+    for row in whole.rows:
+        rules.setdefault(texts[row], Counter())[outcomes[row]] += 1
+    lines = [
+        f"with “{one_line(text, most=_MOST_SHOWN)}”, {outcome.rule.format(y=_shares(seen))}"
+        for text, seen in sorted(rules.items())
+    ]
+    strength = round(min(1.0, max(0.0, whole.share_told)), 6)
+    finding = _finding(question, title, "", replace(whole.beyond, strength=strength), lines)
+    return [_Raw(finding, rules)]
+
+
+def _meant(outcome: WordOutcome, known: Sequence[EpisodeFacts]) -> dict[str, str]:
+    """Return for each instruction what it says of an outcome by what its words mean.
+
+    Words for places mean places, where no variation tells otherwise. Words that pick objects out, in the order in which
+    they are said, mean which object comes first.
+    """
+    texts = {facts.instruction for facts in known}
+    if outcome.is_place or not any(step.word for facts in known for step in facts.steps):
+        unknown = not any(facts.privileged for facts in known)
+        return {text: places_named(text) if unknown else "" for text in texts}
+    words = _picking_words(known)
+    return {text: in_order(text, words) for text in texts}
+
+
+def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
+    """Return the words of instructions that pick objects out."""
+    return frozenset(word for facts in episodes for step in facts.steps for word in instruction_words(step.word))
+
+
+def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
+    """Return how the presence of both words goes with an outcome, with the p-value of the pair."""
+    joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
+    hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
+    bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
+    return Association(round(bits, 6), 0.0, round(min(1.0, bits / max(min(hx, hy), 1e-9)), 6), pair.p_value, len(both))
+
+
+def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
+    """Tell whether an outcome follows from what was seen: at least :data:`NEARLY_ALWAYS` of what was open about it."""
+    (value, count), n = seen.most_common(1)[0], sum(seen.values())
+    usual = every[value] / sum(every.values())
+    return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
+
+
+def _certain_word(joint: npt.NDArray[np.int64]) -> bool:
+    """Tell whether a word is a sure sign; ``joint`` holds the outcomes without and with it, (2, outcomes)."""
+    seen, every = (Counter({str(y): int(c) for y, c in enumerate(row)}) for row in (joint[1], joint.sum(axis=0)))
+    return _nearly_always(seen, every)
+
+
+def _certain_rule(joint: npt.NDArray[np.int64]) -> bool:
+    """Tell whether some value always goes with the same other one; ``joint`` holds how often each two go together."""
+    return _certain({str(x): Counter({str(y): int(c) for y, c in enumerate(row) if c}) for x, row in enumerate(joint)})
+
+
+_STRONG_SHARE = 0.8
+"""Share of demonstrations that a rule of strength :data:`STRONG` between two even words and two even places decides,
+in steps of :data:`~betterbench.demonstrations.shortcuts.smallest.STEPS`."""
+
+
+def _smallest_of(group: _Group, counts: Mapping[str, int]) -> tuple[SmallestRule, ...]:
+    """Return the smallest rule of each question that would have been found, corrected for the tests of its family."""
+    rules = []
+    for asked in group.planted:
+        units = int(asked.planted.block.max()) + 1
+        noun = "demonstrations" if units <= len(group.episodes) else "observations"
+        draw = _draw(group.name, f"{asked.question}|smallest rule")
+        planted, tests = asked.planted, counts[_family(group, asked.question)]
+        least, strong = (
+            planted.least_share(threshold, asked.counts, draw) for threshold in (planted.threshold(ALPHA, tests), -1.0)
+        )
+        rules.append(smallest_rule(asked.question, asked.title, units, noun, (least, strong)))
+    for pairs in group.pairs:
+        shares = (_least_share_of_pairs(pairs, counts[_family(group, pairs.question)]), _STRONG_SHARE)
+        rules.append(smallest_rule(pairs.question, pairs.title, pairs.n, "demonstrations", shares))
+    return tuple(rules)
+
+
+def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
+    """Return the smallest share of demonstrations that two even words together have to decide to be found."""
+    if asked.n // 4 < FEWEST:
+        return None
+    # Of two even words, the rule is tested in the half that has the first one: with and without the second.
+    corrected = tests * max(1, asked.pairs) * asked.outcomes
+    followed = least_share(asked.n // 2, corrected, ALPHA)
+    # Chance decides for one of two even outcomes: a share s that a rule decides makes (1 + s) / 2 follow it.
+    return None if followed is None else max(_STRONG_SHARE, math.ceil(STEPS * (2.0 * followed - 1.0)) / STEPS)
+
+
+def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
+    """Return what never differs: where a landmark stands, how many things there are, or the first place of all."""
+    raw = []
+    slots: dict[str, Counter[str]] = {}
+    for facts in episodes:
+        for kind, slot in facts.landmarks:
+            slots.setdefault(kind, Counter())[slot] += 1
+    for kind, found in sorted(slots.items()):
+        if len(found) == 1:
+            line = f"{kind} always stands at {next(iter(found))}"
+            raw.append(_constant(LANDMARK, "place of the target", kind, line, {kind: found}))
+    counts = Counter(str(len(f.standing)) for f in episodes if f.privileged)
+    if len(counts) == 1:
+        line = f"{next(iter(counts))} loose things stand on the table at the start"
+        raw.append(_constant(COUNT, "number of things at the start", "", line, {"": counts}))
+    places = Counter(f.steps[0].origin for f in episodes if not f.privileged and f.steps and f.steps[0].origin)
+    if len(places) == 1 and len({f.instruction for f in episodes}) > 1:
+        line = f"whatever is asked for, the gripper first closes at {next(iter(places))}"
+        raw.append(_constant(FIRST_PLACE, "first place", "", line, {"": places}))
+    return raw
+
+
+def _constant(question: str, title: str, subject: str, line: str, rules: Rules) -> _Raw:
+    n = sum(sum(found.values()) for found in rules.values())
+    return _Raw(Finding(question, title, subject, 0.0, 1.0, None, None, n, "none", (line,), {}, ()), rules)
+
+
+def _finding(question: str, title: str, subject: str, found: Association, lines: Sequence[str]) -> Finding:
+    more = len(lines) - MOST_LINES
+    shown = (*lines[:MOST_LINES], *([f"and {more} more"] if more > 0 else []))
+    return Finding(
+        question, title, subject, found.bits, found.strength, found.p_value, None, found.n, "none", shown, {}, ()
+    )
+
+
+def _shares(seen: Counter[str]) -> str:
+    """Return the values with their shares, the most frequent first."""
+    total = sum(seen.values())
+    ranked = sorted(seen.items(), key=lambda item: (-item[1], item[0]))
+    if len(ranked) == 1:
+        return ranked[0][0]
+    listed = [f"{value} ({100.0 * count / total:.0f} %)" for value, count in ranked[:3]]
+    return ", ".join(listed) + (f" and {len(ranked) - 3} more" if len(ranked) > 3 else "")
+
+
+def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
+    """Correct the p-values of all groups together, and give the verdicts."""
+    counts = Counter(_family(g, q.question) for g in groups for q in g.asked if not q.untested)
+    judged = []
+    for group in groups:
+        tests = _tests_of(group.name)
+        findings = []
+        for raw in group.found:
+            p = raw.finding.p_value
+            count = counts[_family(group, raw.finding.question)]
+            adjusted = None if p is None else round(min(1.0, p * count), 6)
+            seen = {x: dict(sorted(ys.items())) for x, ys in sorted(raw.rules.items())}
+            finding = replace(raw.finding, p_adjusted=adjusted, seen=seen)
+            findings.append(_verdict(finding, raw, tests, group.episodes))
+        clearest, smallest = _clearest(findings, group.found), _smallest_of(group, counts)
+        size, notes = len(group.episodes), tuple(group.notes)
+        judged.append(GroupAudit(group.name, size, clearest, notes, smallest, tuple(group.asked)))
+    return judged
+
+
+def _family(group: _Group, question: str) -> str:
+    """Return which questions are corrected together: of our own sets, those about several words by themselves."""
+    own = any(facts.privileged for facts in group.episodes)
+    return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
+
+
+def _clearest(findings: Sequence[Finding], found: Sequence[_Raw]) -> tuple[Finding, ...]:
+    """Return the findings; what is found of a run of characters that is part of a clearer one's is none.
+
+    In a script without spaces a part of a word, and a run that has a word in it, tell in part what the word tells.
+    """
+    verdicts = [finding.verdict for finding in findings]
+    ranked = sorted(
+        (i for i, raw in enumerate(found) if raw.parts and findings[i].verdict != "none"),
+        key=lambda i: (len(found[i].parts), -findings[i].strength),
+    )
+    kept: list[int] = []
+    for i in ranked:
+        about = base_of(findings[i].question)
+        clearer = (
+            j for j in kept if base_of(findings[j].question) == about and findings[j].strength > findings[i].strength
+        )
+        if any(_is_part(found[i].parts, found[j].parts) for j in clearer):
+            verdicts[i] = "none"
+        else:
+            kept.append(i)
+    return tuple(replace(finding, verdict=verdict) for finding, verdict in zip(findings, verdicts, strict=True))
+
+
+def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> bool:
+    """Tell whether each of the words of those overlaps with another one of these, and one at least by characters."""
+    if len(those) > len(these):
+        return False
+    return any(
+        all(overlapping(a, b) or set(a) & set(b) for a, b in zip(order, those, strict=False))
+        and any(overlapping(a, b) for a, b in zip(order, those, strict=False))
+        for order in itertools.permutations(these)
+    )
+
+
+def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
+    """Return what a right policy does in each variation of a task; None if it is no task of ours."""
+    if group not in task_names():
+        return None
+    names = [variation.name for variation in get_task(group).variations]
+    return {name: facts_of_condition(resolve_condition(group, name).condition) for name in names}
+
+
+def _counts(raw: _Raw, p_value: float | None) -> bool:
+    """Tell whether something that was found is significant, and strong or a sure sign."""
+    if p_value is not None and p_value > ALPHA:
+        return False
+    always = not raw.finding.question.endswith(WHOLE) and _certain(raw.rules)
+    return raw.finding.strength >= STRONG or raw.certain or always
+
+
+def _verdict(
+    finding: Finding, raw: _Raw, tests: Mapping[str, EpisodeFacts] | None, episodes: Sequence[EpisodeFacts]
+) -> Finding:
+    if not _counts(raw, finding.p_adjusted):
+        return finding
+    meaning = "the words name the place" if _names_its_place(finding, raw) else ""
+    if tests is None or meaning:
+        meaning = meaning or _meaning(finding, raw, episodes)
+        return replace(finding, verdict="regularity" if meaning else "shortcut", meaning=meaning)
+    broken = [(name, why) for name, facts in tests.items() if (why := _breaks(finding, raw, facts))]
+    return replace(finding, verdict="shortcut" if broken else "regularity", separating=tuple(broken))
+
+
+def _names_its_place(finding: Finding, raw: _Raw) -> bool:
+    """Tell whether one of two words that go with a place is in the name of that place, such as "upper"."""
+    if not finding.question.endswith(PAIRS):
+        return False
+    place = next(iter(raw.rules.values())).most_common(1)[0][0]
+    said = {word for part in raw.parts for word in part}
+    return any(names_a_place((word,)) for word in said & instruction_words(place))
+
+
+def _meaning(finding: Finding, raw: _Raw, episodes: Sequence[EpisodeFacts]) -> str:
+    """Return why the words of a finding mean what they go with, "" if no reason is known."""
+    outcome = WORD_OUTCOMES.get(base_of(finding.question))
+    if outcome is None or not raw.parts:
+        return ""
+    words = _picking_words(episodes)
+    if outcome.is_place or not words:
+        return "words for places mean places" if all(map(names_a_place, raw.parts)) else ""
+    return "the words name the objects" if all(set(part) <= words for part in raw.parts) else ""
+
+
+def _certain(rules: Rules) -> bool:
+    """Tell whether some value always goes with the same other one, of several that there are."""
+    if len({y for ys in rules.values() for y in ys}) < 2:
+        return False
+    return any(len(ys) == 1 and sum(ys.values()) >= FEWEST for ys in rules.values())
+
+
+def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
+    """Return what of a test does not go by a rule, or "" if all of it does."""
+    rules = raw.rules
+    if finding.question == COUNT:
+        there = str(len(test.standing))
+        things = "thing" if there == "1" else "things"
+        return "" if there in rules[""] else f"{there} loose {things} at the start"
+    if finding.question == LANDMARK:
+        moved = [slot for kind, slot in test.landmarks if kind in rules and slot not in rules[kind]]
+        return f"{finding.subject} stands at {moved[0]}" if moved else ""
+    if base_of(finding.question) in WORD_OUTCOMES:
+        return _breaks_words(finding.question, raw, test)
+    question = next(q for q in QUESTIONS if q.name == finding.question)
+    back: dict[str, Counter[str]] = {}
+    for x, ys in rules.items():
+        for y, count in ys.items():
+            back.setdefault(y, Counter())[x] += count
+    for _, x, y in question.pairs(test, None):
+        if (x in rules and _is_rare(rules[x], y)) or (question.either_way and y in back and _is_rare(back[y], x)):
+            return question.rule.format(x=x, y=y)
+    return ""
+
+
+def _breaks_words(question: str, raw: _Raw, test: EpisodeFacts) -> str:
+    outcome = WORD_OUTCOMES[base_of(question)]
+    there = outcome.of(test)
+    if not there:
+        return ""
+    if question.endswith(WHOLE):
+        seen = raw.rules.get(test.instruction)
+    else:
+        said = all(set(words) & test.words for words in raw.parts)
+        seen = next(iter(raw.rules.values())) if said else None
+    return outcome.rule.format(y=there) if seen and _is_rare(seen, there) else ""
+
+
+def _is_rare(seen: Counter[str], value: str) -> bool:
+    return seen[value] < RARE * sum(seen.values())

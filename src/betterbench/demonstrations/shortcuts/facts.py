@@ -1,0 +1,171 @@
+"""What the audit looks at: per demonstration the instruction, what was taken from where to where, and what stood where.
+
+Facts of records come from their states, facts of a condition from what it asks for, and facts of a stranger's dataset
+from actions, instruction and proprioception: then things have no names, and places are named by where they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import TypeAdapter
+
+from betterbench.demonstrations.shortcuts.words import instruction_words
+from betterbench.errors import RecordError
+from betterbench.json_form import read_form, strict_form
+from betterbench.records import Record, subgoal_segments
+from betterbench.tasks import Condition
+from betterbench.tasks.relations import RELATIONS
+
+HANDLED_ROLES = ("item", "distractor")
+"""Roles of what stands loose on the table; everything else is a landmark."""
+
+SET_OUT_M = 0.05
+"""Way of the tool after which the direction in which it set out is taken [m]."""
+HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and right", "right", "away and right")
+"""Directions seen from the robot, counterclockwise from above: x points away from it, y to its left."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ShownStep:
+    """One thing that was taken, and where it was put; a drawer that was moved has no origin.
+
+    Attributes:
+        thing: Its kind, "" where it is not known.
+        word: The word of the instruction that picks it out, "" where that is not known.
+        origin: Place that it was taken from.
+        target: Place that it was brought to.
+    """
+
+    thing: str
+    word: str
+    origin: str
+    target: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class EpisodeFacts:
+    """What one demonstration shows.
+
+    Attributes:
+        episode: Its name.
+        group: What it is compared with: its task.
+        instruction: What was said.
+        steps: What was done, in time.
+        standing: Kind and place of everything loose that stood on the table at the start.
+        landmarks: Kind and place of what cannot be picked and stands in a slot.
+        heading: Direction in which the gripper set out, "" where it is not known.
+    """
+
+    episode: str
+    group: str
+    instruction: str
+    steps: tuple[ShownStep, ...]
+    standing: tuple[tuple[str, str], ...] = ()
+    landmarks: tuple[tuple[str, str], ...] = ()
+    heading: str = ""
+
+    @property
+    def words(self) -> frozenset[str]:
+        """The words of the instruction, see :func:`~betterbench.demonstrations.shortcuts.words.instruction_words`."""
+        return instruction_words(self.instruction)
+
+    @property
+    def privileged(self) -> bool:
+        """Whether it is known what stood where."""
+        return bool(self.standing)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+
+_FACTS = TypeAdapter(EpisodeFacts)
+
+
+def read_facts(form: object, where: str) -> EpisodeFacts:
+    """Return the facts that a JSON form stands for; RecordError if it stands for none."""
+    return read_form(_FACTS, form, where=where, cure="Delete the file to derive it again", raises=RecordError)
+
+
+def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
+    """Return what a record shows, from its states and the slots of the condition that it was found to match.
+
+    Args:
+        record: The record.
+        condition: Condition whose scene the first state shows.
+    """
+    meta = record.metadata
+    goals = {goal.name: goal for goal in condition.instruction.subgoals}
+    segments = subgoal_segments(record, condition)
+    steps = [
+        _step(condition, s.object, s.target, s.region, goals[s.subgoal].word) for s in segments if s.subgoal in goals
+    ]
+    name = f"{meta.task}/{meta.condition}/{meta.seed}"
+    return _facts(condition, name, meta.instruction, steps, heading_of(record.ee_position))
+
+
+def facts_of_condition(condition: Condition) -> EpisodeFacts:
+    """Return what a correct episode of a condition shows; of several objects that a word can mean, the first."""
+    steps = []
+    taken: set[str] = set()
+    for goal in condition.instruction.subgoals:
+        names = [n for n in condition.resolve(goal.reference) if n not in taken]
+        # What is done already at the start is no step.
+        done = [n for n in condition.resolve(goal.reference) if n in condition.preplaced]
+        if not names or (done and goal.count <= len(done)):
+            continue
+        on_table = [n for n in names if n in condition.layout or not RELATIONS[goal.relation].carried]
+        if on_table:
+            taken.add(on_table[0])
+            steps.append(_step(condition, on_table[0], goal.target, goal.region, goal.word))
+    return _facts(condition, condition.id, condition.instruction.text, steps, "")
+
+
+def heading_of(positions: npt.NDArray[np.float64]) -> str:
+    """Return in which of eight directions, seen from above, a tool sets out, or "" if it stays where it is.
+
+    Args:
+        positions: (T, 3) positions of the tool [m].
+    """
+    away = positions[:, :2] - positions[0, :2]
+    far = np.flatnonzero(np.hypot(away[:, 0], away[:, 1]) >= SET_OUT_M)
+    if not far.size:
+        return ""
+    x, y = away[far[0]]
+    return HEADINGS[round(math.atan2(y, x) / (math.tau / len(HEADINGS))) % len(HEADINGS)]
+
+
+def _step(condition: Condition, name: str, target: str, region: str, word: str) -> ShownStep:
+    return ShownStep(
+        condition.object(name).kind, word, condition.layout.get(name, ""), _place(condition, target, region)
+    )
+
+
+def _facts(condition: Condition, name: str, said: str, steps: Iterable[ShownStep], heading: str) -> EpisodeFacts:
+    loose = {o.name for o in condition.objects if o.role in HANDLED_ROLES}
+    # A plate on which plates are put is picked nowhere: it is a landmark like a rack.
+    goals = condition.instruction.subgoals
+    anchors = {g.target for g in goals} - {n for g in goals for n in condition.resolve(g.reference)}
+    stands = [(n, slot) for n, slot in condition.layout.items()]
+    return EpisodeFacts(
+        name,
+        condition.task,
+        said,
+        tuple(steps),
+        tuple(sorted((condition.object(n).kind, slot) for n, slot in stands if n in loose - anchors)),
+        tuple(sorted((condition.object(n).kind, slot) for n, slot in stands if n not in loose or n in anchors)),
+        heading,
+    )
+
+
+def _place(condition: Condition, target: str, region: str) -> str:
+    kind = condition.object(target).kind
+    return f"{kind}, {region}" if region else kind

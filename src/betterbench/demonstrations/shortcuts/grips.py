@@ -1,0 +1,225 @@
+"""When a gripper closes and opens, and which of its ends is the closed one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.lerobot_choice import Grip, polarity_of
+from betterbench.demonstrations.shortcuts.lerobot_files import runs
+from betterbench.demonstrations.shortcuts.numbers import tokens
+from betterbench.errors import InvalidInputError
+
+SHORTEST_S = 0.3
+"""Time for which a gripper is closed or open at least [s]: shorter commands, as teleoperators give, are no grasps."""
+AGREEING = 0.9
+"""Share of the episodes that begin on one side from which that side counts as open."""
+WIDTH_M = (0.005, 0.15)
+"""Least and largest opening of a gripper whose numbers count as a width in meters [m]."""
+IDLE_SHARE = 0.1
+"""Range of a gripper, as a share of the largest one of the same column, below which it is the noise of an idle arm."""
+_BETWEEN = 0.1
+"""Share of the frames in the middle third of a range below which a gripper is at two ends, and not at rest."""
+_LEAST_RANGE = 1e-6
+
+_Floats = npt.NDArray[np.float64]
+_Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Jaws:
+    """How the numbers of a gripper are read.
+
+    Attributes:
+        low: Least value, without the lowest 1 %.
+        high: Largest value, without the highest 1 %.
+        between: Value between open and closed.
+        closed: ``low`` or ``high``.
+        because: Why that side is the closed one.
+        warning: What speaks against it, "" if nothing does.
+    """
+
+    low: float
+    high: float
+    between: float
+    closed: str
+    because: str
+    warning: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Still:
+    """Range of a gripper that counts as one that never moves, and the reason, "" if it is constant."""
+
+    low: float
+    high: float
+    reason: str = ""
+
+    @property
+    def told(self) -> str:
+        """The reason, for people."""
+        return f"which never moves (range {self.low:.3g} to {self.high:.3g}{self.reason})"
+
+
+def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
+    """Return which grippers never move, and why: those that are constant, and those of an idle arm with noise.
+
+    Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
+    differs in the side alone), or less than that range and changes sides faster than a gripper is closed and opened.
+    A gripper that is held at two ends moves however small its range is: its numbers may have other units.
+
+    Args:
+        grips: Each gripper with its numbers (T,) by episode.
+        shortest: Rows for which a gripper is closed or open at least.
+    """
+    ends = [_ends(np.concatenate(episodes)) for _, episodes in grips]
+    found: list[Still | None] = []
+    for (grip, episodes), (low, high) in zip(grips, ends, strict=True):
+        beside = [
+            (other_high - other_low, other.number.shown)
+            for (other, _), (other_low, other_high) in zip(grips, ends, strict=True)
+            if other is not grip and _sideless(other.number.column) == _sideless(grip.number.column)
+        ]
+        widest, shown = max(beside, default=(0.0, ""))
+        if high - low < _LEAST_RANGE * max(1.0, abs(high)):
+            found.append(Still(low, high))
+        elif high - low >= widest:
+            found.append(None)
+        else:
+            middle = (low + high) / 2.0
+            sides = [(episode > middle).astype(np.int64) for episode in episodes]
+            stays = [b - a for side in sides if side.min() < side.max() for a, b in runs(side)]
+            stay = float(np.median(stays)) if stays else 0.0
+            third = (high - low) / 6.0
+            between = float(np.mean(np.abs(np.concatenate(episodes) - middle) < third))
+            if high - low < IDLE_SHARE * widest and not (stay >= shortest and between < _BETWEEN):
+                found.append(Still(low, high, f", under {100.0 * IDLE_SHARE:.0f} % of that of {shown}"))
+            elif stays and stay < shortest:
+                found.append(Still(low, high, f", smaller than that of {shown}, and as fast as noise"))
+            else:
+                found.append(None)
+    return found
+
+
+def _sideless(column: str) -> tuple[str, ...]:
+    return tuple(word for word in tokens(column) if word not in ("left", "right", "l", "r") and not word.isdigit())
+
+
+def _ends(values: _Floats) -> tuple[float, float]:
+    """Return the range of numbers without the lowest and the highest 1 %; all of it if nearly all are equal."""
+    low, high = (float(value) for value in np.quantile(values, [0.01, 0.99]))
+    if high - low < _LEAST_RANGE:
+        low, high = float(values.min()), float(values.max())
+    return low, high
+
+
+def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
+    """Return how the numbers of a gripper that moves are read.
+
+    The closed end is told by the name ("width", "closed"), by numbers that are a width in meters, by LeRobot's rule for
+    ``gripper.pos`` (0 closed, 100 open), or by where episodes begin. The last two have to agree if both speak.
+
+    Args:
+        grip: The gripper.
+        episodes: Its numbers (T,) by episode.
+        side: The closed end as a user gives it, ``low`` or ``high``.
+        where: File that a message names.
+
+    Raises:
+        InvalidInputError: If nothing tells which end is the closed one, or two sources differ.
+    """
+    values = np.concatenate(episodes)
+    low, high = _ends(values)
+    between = _between(values, low, high)
+    share = float(np.mean([episode[0] > between for episode in episodes]))
+    begins = "high" if share >= AGREEING else "low" if share <= 1.0 - AGREEING else ""
+    most = max(share, 1.0 - share)
+    if side is not None:
+        return Jaws(low, high, between, side, "--closed")
+    strong = [told for told in (polarity_of(grip.number), _width(low, high)) if told is not None]
+    if strong:
+        if len({closed for closed, _ in strong}) > 1:
+            told = " and ".join(f"{closed} ({why})" for closed, why in strong)
+            raise InvalidInputError(where, f"{grip.number.shown} is closed at its {told} end", _cure(strong[0][0]))
+        closed, why = strong[0]
+        warning = ""
+        if begins == closed:
+            warning = f"{100.0 * most:.0f} % of the episodes begin with a closed gripper; is {closed} the closed end?"
+        return Jaws(low, high, between, closed, why, warning)
+    weak = []
+    if begins:
+        weak.append(("low" if begins == "high" else "high", f"{100.0 * most:.0f} % of the episodes begin open"))
+    if _is_percent(grip, low, high):
+        weak.append(("low", "LeRobot's gripper.pos is 0 when closed"))
+    if len({closed for closed, _ in weak}) != 1:
+        told = f"{low:.3g} to {high:.3g}, and {100.0 * share:.0f} % of the episodes begin at the high end"
+        if len(weak) > 1:
+            told = f"{weak[1][0]} by LeRobot's rule, and {weak[0][0]} if episodes begin open ({weak[0][1]})"
+        problem = f"which end of {grip.number.shown} is closed cannot be told ({told})"
+        raise InvalidInputError(where, problem, _cure("low"))
+    return Jaws(low, high, between, weak[0][0], "; ".join(why for _, why in weak))
+
+
+def _cure(side: str) -> str:
+    return f"Say which with --closed low or --closed high, such as --closed {side} for 0 closed and 1 open"
+
+
+def _width(low: float, high: float) -> tuple[str, str] | None:
+    """Return that low is closed if numbers are openings in meters, or None."""
+    least, most = WIDTH_M
+    ok = high <= most and low >= -0.01 and high - low >= least
+    return ("low", "the numbers are a width in meters") if ok else None
+
+
+def _is_percent(grip: Grip, low: float, high: float) -> bool:
+    """Tell whether numbers are LeRobot's ``gripper.pos``, in percent of the calibrated range."""
+    return tokens(grip.number.name)[-2:] == ["gripper", "pos"] and low >= -1.0 and 2.0 < high <= 101.0
+
+
+def _between(values: _Floats, low: float, high: float) -> float:
+    """Return the value that divides numbers into the two sets with the least variance within (Otsu)."""
+    counts, edges = np.histogram(np.clip(values, low, high), bins=64, range=(low, high))
+    middles = (edges[:-1] + edges[1:]) / 2.0
+    below = np.cumsum(counts)[:-1].astype(np.float64)
+    above = len(values) - below
+    sums = np.cumsum(counts * middles)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = below * above * (sums[:-1] / below - (sums[-1] - sums[:-1]) / above) ** 2
+    spread = np.nan_to_num(spread, nan=0.0)
+    best = np.flatnonzero(spread >= spread.max() * (1.0 - 1e-9))
+    cut = float(edges[1:-1][best].mean())  # the middle of an empty gap
+    return min(max(cut, low + 0.25 * (high - low)), low + 0.75 * (high - low))
+
+
+def held(values: _Floats) -> _Floats:
+    """Return commands (T,) in which a 0 among nothing but -1, 0 and 1 keeps the last command, as relative ones do."""
+    if not np.isin(values, (-1.0, 0.0, 1.0)).all() or not (values == 0.0).any() or not (values < 0.0).any():
+        return np.array(values)
+    last = np.maximum.accumulate(np.where(values != 0.0, np.arange(len(values)), -1))
+    first = values[np.flatnonzero(values)[0]]
+    return np.where(last >= 0, values[np.maximum(last, 0)], -first)
+
+
+def closed_in(values: _Floats, jaws: Jaws, shortest: int) -> _Bools:
+    """Return in which rows (T,) a gripper is closed; what is shorter than ``shortest`` rows counts as what was before.
+
+    At the beginning and the end of an episode nothing is too short.
+    """
+    closed = (values < jaws.between) if jaws.closed == "low" else (values > jaws.between)
+    for begin, end in runs(closed.astype(np.int64)):
+        if begin and end < len(closed) and end - begin < shortest:
+            closed[begin:end] = closed[begin - 1]
+    return np.asarray(closed, dtype=np.bool_)
+
+
+def edges_of(closed: _Bools) -> tuple[list[int], list[int]]:
+    """Return the rows in which a gripper closes, and those in which it opens; the last row if it stays closed."""
+    edges = (np.flatnonzero(closed[1:] != closed[:-1]) + 1).tolist()
+    closings = [edge for edge in edges if closed[edge]]
+    openings = [edge for edge in edges if not closed[edge]]
+    if closings and closed[-1]:
+        openings.append(len(closed) - 1)
+    return closings, openings

@@ -1,0 +1,91 @@
+"""Whole instructions as categories: what an instruction tells about an outcome that its words and pairs do not.
+
+Three or more words may fix an outcome together, or two words in so few demonstrations that no pair can be tested. A
+test of the whole instruction shows both. Where words or pairs already tell an outcome, demonstrations are compared
+only with those that agree in these words, so that no rule is found twice.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.association import Association, PermutationTest, codes_of, permutation_test
+
+FEWEST_SAID = 2
+"""Fewest demonstrations with one instruction for it to be compared: an instruction that is given once tells nothing."""
+
+_Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class WholeTest:
+    """The test of whole instructions against an outcome.
+
+    Attributes:
+        test: The association without any condition, which planted rules are compared with.
+        beyond: The association among demonstrations that agree in the words that already tell the outcome.
+        share_told: Share of the errors of the best guess from these words that the instruction avoids.
+        rows: Numbers of the demonstrations that were compared.
+        instructions: How many different instructions they have.
+    """
+
+    test: PermutationTest
+    beyond: Association
+    share_told: float
+    rows: tuple[int, ...]
+    instructions: int
+
+
+def whole_test(
+    instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
+) -> WholeTest | None:
+    """Return what whole instructions tell about an outcome, or None if there is nothing to compare.
+
+    Args:
+        instructions: Instruction of each demonstration.
+        outcomes: Outcome of each demonstration.
+        known: For each demonstration, which of the words that already tell the outcome it has, as a text.
+        draw: Where permutations are drawn from.
+    """
+    times = Counter(instructions)
+    rows = [i for i, text in enumerate(instructions) if times[text] >= FEWEST_SAID]
+    texts, ends, strata = ([values[i] for i in rows] for values in (instructions, outcomes, known))
+    if len(set(texts)) < 2 or len(set(ends)) < 2:
+        return None
+    test = permutation_test(texts, ends, draw)
+    several = len(set(strata)) > 1
+    beyond = permutation_test(texts, ends, draw, blocks=strata, within=True).found if several else test.found
+    usual = _joint(*codes_of(strata), test.y, test.sizes[1])
+    told = _avoided(_joint(test.x, test.sizes[0], test.y, test.sizes[1]), int(usual.max(axis=1).sum()))
+    return WholeTest(test, beyond, told, tuple(rows), test.sizes[0])
+
+
+def share_told(joint: _Ints) -> float:
+    """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
+
+    Each demonstration is guessed from the others of its category (leave one out); ties are half right.
+
+    Args:
+        joint: (categories, outcomes) how often each category goes with each outcome.
+    """
+    return _avoided(joint, int(joint.sum(axis=0).max()))
+
+
+def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
+    return np.asarray(np.bincount(x * ny + y, minlength=nx * ny).reshape(nx, ny), dtype=np.int64)
+
+
+def _avoided(joint: _Ints, usual: int) -> float:
+    """Return the share of errors that guesses from the category avoid, of a guess that is ``usual`` times right."""
+    ranked = np.sort(joint, axis=1)
+    most, second = ranked[:, -1:], ranked[:, -2:-1]
+    rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category
+    others = joint - 1
+    right = np.where(others > rest, 1.0, np.where((others == rest) & (others > 0), 0.5, 0.0))
+    n = int(joint.sum())
+    return (float((joint * right).sum()) - usual) / (n - usual) if usual < n else 0.0

@@ -1,0 +1,677 @@
+"""What a stranger's LeRobot dataset shows, versions 2.0 to 3.0: instruction, actions and proprioception, and no state.
+
+Objects have no names there. A place is where a gripper closes or opens. Which columns are the instruction, the gripper
+and the place is told by names, and refused where they do not tell; :class:`DataReading` says what was taken.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.facts import EpisodeFacts, ShownStep
+from betterbench.demonstrations.shortcuts.grips import SHORTEST_S, Jaws, closed_in, edges_of, held, jaws_of, still_ones
+from betterbench.demonstrations.shortcuts.lerobot_choice import ArmPlace, Columns, Grip, choose_grippers, choose_places
+from betterbench.demonstrations.shortcuts.lerobot_files import (
+    CURE,
+    FrameColumn,
+    Frames,
+    Tasks,
+    is_pointer,
+    numbers_in,
+    read_columns,
+    read_info,
+    read_json,
+    read_tasks,
+    runs,
+    task_columns,
+    texts_in,
+)
+from betterbench.demonstrations.shortcuts.lerobot_order import EpisodePart, FileOrder, joined
+from betterbench.demonstrations.shortcuts.numbers import NamedNumber, columns_of, find_column
+from betterbench.demonstrations.shortcuts.places import direction, in_plane, place_names, principal_plane
+from betterbench.demonstrations.shortcuts.reading import DataReading, GripperReading, PlaceReading, how_many
+from betterbench.errors import InvalidInputError, RecordError, one_line
+from betterbench.json_form import parse_json, read_bounded
+
+MOST_NUMBER = 1e6
+"""Largest number of a state or an action that is read.
+
+Meters, radians and degrees stay far below it, as do millimeters and the ticks of an encoder (4,096 to 65,536 a turn).
+"""
+NOT_FINITE = "a number that is not finite"
+BEYOND = f"a number beyond {MOST_NUMBER:,.0f} on either side of 0"
+MOST_EPISODES = 5000
+"""Most episodes that are read; the test needs no more."""
+USUAL_FPS = 10.0
+_MOST_FPS = 1e4
+_MOST_COUNT = 10**9
+_MOST_LISTED = 8
+_MAX_JSON_BYTES = 64 * 1024 * 1024
+_SPACES = {
+    "position": "",
+    "joints": " in joint space (places are the two principal components of the joints)",
+    "numbers": " (places are the two principal components of these numbers)",
+    "steps": " added up from the start of each episode",
+}
+
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What a user says about how a data set is read; what is not given is told by names.
+
+    Attributes:
+        instruction: Column with the instruction, of the frames or of the file of tasks.
+        grippers: Numbers of the grippers, one per arm.
+        places: Numbers of the places, as many for each gripper.
+        closed: End at which the grippers are closed.
+        seed: Seed of the sample that is taken of more than :data:`MOST_EPISODES` episodes.
+    """
+
+    instruction: str | None = None
+    grippers: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    closed: Literal["low", "high"] | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class LeRobotFacts:
+    """What a data set shows, and how it was read."""
+
+    facts: tuple[EpisodeFacts, ...]
+    reading: DataReading
+
+
+def is_lerobot_dataset(path: Path) -> bool:
+    """Tell whether a folder looks like a LeRobot dataset."""
+    return (path / "meta" / "info.json").is_file()
+
+
+def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
+    """Return what each episode of a LeRobot dataset shows, as :func:`read_lerobot` does with nothing chosen."""
+    return read_lerobot(path).facts
+
+
+def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
+    """Return what each episode of a LeRobot dataset shows, or each segment of one whose instruction changes.
+
+    With two arms there is a group of facts for each, and one about which of them closes its gripper first.
+
+    Args:
+        path: Folder of the data set.
+        choices: What a user says about how it is read.
+
+    Raises:
+        InvalidInputError: If the folder is no such dataset, or instruction, gripper or places cannot be told.
+        UnknownNameError: If a user names a column that there is not.
+        RecordError: If a file of it cannot be read.
+    """
+    given = choices if choices is not None else Choices()
+    info = read_info(path)
+    where = str(path / "meta" / "info.json")
+    numbers = columns_of(info["features"], _modality(path))
+    columns = Columns.of(numbers, where, steps=_says_steps(path))
+    grips = choose_grippers(columns, given.grippers)
+    places = choose_places(columns, grips, given.places)
+    said = _Said.of(path, info, given.instruction)
+    scanned = _scan(path, said)
+    chosen = _sample(scanned.episodes, given.seed)
+    widths = {
+        n.column: len(numbers[n.column]) for n in (*(g.number for g in grips), *(n for p in places for n in p.numbers))
+    }
+    episodes, odd = _read(scanned, chosen, grips, places, widths)
+    for reason, left in scanned.odd.items():
+        odd.setdefault(reason, []).extend(left)
+    _require_mostly_usable(path, odd, len(chosen) + sum(map(len, scanned.odd.values())))
+    shortest = _shortest(info)
+    values = [(grip, [e.grips[grip.arm] for e in episodes]) for grip in grips]
+    arms, still = [], []
+    for (grip, numbers_of), place, idle in zip(values, places, still_ones(values, shortest), strict=True):
+        if idle is None:
+            jaws = jaws_of(grip, numbers_of, given.closed, where)
+            arms.append(_Arm.of((grip, place), jaws, episodes, shortest))
+        else:
+            still.append(f"the gripper {grip.number.shown}, {idle.told}")
+    if not arms:
+        shown = ", ".join(grip.number.shown for grip in grips)
+        raise InvalidInputError(str(path), f"the gripper ({shown}) never moves", "Say which it is with --gripper")
+    name = f"LeRobot dataset {one_line(path.absolute().name, most=80)}"
+    facts: list[EpisodeFacts] = []
+    for arm in arms:
+        facts += _facts(f"{name}, {arm.grip.arm} arm" if len(grips) > 1 else name, arm, episodes)
+    if len(arms) > 1:
+        facts += _facts_on_arms(name, arms, episodes)
+    not_drawn = len(scanned.episodes) - len(chosen)
+    read = _Read(info, said, scanned, tuple(episodes), tuple(arms), tuple(still), odd, not_drawn, given.seed)
+    return LeRobotFacts(tuple(facts), _reading(read))
+
+
+def _modality(path: Path) -> Mapping[str, Any]:
+    file = path / "meta" / "modality.json"
+    return read_json(file) if file.exists() else {}
+
+
+def _says_steps(path: Path) -> bool:
+    """Tell whether ``meta/betterbench.json`` says that the actions are steps of the tool."""
+    file = path / "meta" / "betterbench.json"
+    if not file.is_file() or is_pointer(file):
+        return False
+    try:
+        form = parse_json(read_bounded(file, max_bytes=_MAX_JSON_BYTES, cure=CURE))
+        return str(form["layout"]["adapter"]["answer"]["space"]).startswith("ee_delta")
+    except (InvalidInputError, ValueError, KeyError, TypeError):
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class _Said:
+    """Where the instructions stand.
+
+    Attributes:
+        column: Column of the frames.
+        tasks: The texts of its numbers, None if it holds the texts themselves.
+        others: Further columns that may hold instructions.
+    """
+
+    column: str
+    tasks: Tasks | None
+    others: tuple[str, ...]
+
+    @classmethod
+    def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
+        """Return where they stand: in the file of tasks, or where a user says."""
+        features = info["features"]
+        texts = [
+            name
+            for name, feature in features.items()
+            if isinstance(feature, dict)
+            and (str(feature.get("dtype")) in ("string", "large_string") or name.startswith("annotation."))
+        ]
+        if named is None or named == "task_index":
+            tasks = read_tasks(path)
+            return cls("task_index", tasks, (*tasks.others, *texts))
+        if named in features:
+            numbers = str(features[named].get("dtype") if isinstance(features[named], dict) else "").startswith("int")
+            return cls(named, read_tasks(path) if numbers else None, ())
+        in_tasks = task_columns(path)
+        if named not in in_tasks:
+            find_column("--instruction", named, (*texts, *in_tasks, "task_index"))
+            return cls(named, None, ())
+        return cls("task_index", read_tasks(path, named), ())
+
+    @property
+    def source(self) -> str:
+        """Where they were read, for people."""
+        if self.tasks is None:
+            return f"column {self.column} of the frames"
+        return f"{self.tasks.source}, by {self.column} of the frames"
+
+    def codes(self, file: Path, column: FrameColumn, known: dict[str | None, int]) -> _Ints:
+        """Return the number of each row's instruction in ``known``, to which new ones are added.
+
+        It is -1 where the column has a number that is not finite. Raises RecordError if a number has no text.
+        """
+        texts = texts_in(file, self.column, column)
+        if texts is not None:
+            codes, listed = texts
+        else:
+            if self.tasks is None:
+                problem = f"{self.column} holds no texts"
+                raise RecordError(f"{file}: {problem}. Name a column with texts, or with numbers of tasks.")
+            values = numbers_in(file, self.column, column, 1)
+            finite = np.isfinite(values)
+            counts = np.clip(values[finite], -_MOST_COUNT, 2.0 * _MOST_COUNT)
+            unique, codes_of = np.unique(counts.astype(np.int64), return_inverse=True)
+            unknown = [int(n) for n in unique if int(n) not in self.tasks.texts]
+            if unknown:
+                raise RecordError(
+                    f"{file}: {self.column} has {unknown[0]}, and {self.tasks.source} names no such task. "
+                    "Write the file of tasks again."
+                )
+            listed = [self.tasks.texts[int(n)] for n in unique]
+            codes = np.full(len(values), len(listed) + 1, dtype=np.int64)
+            codes[finite] = codes_of
+        clean = [text if text is not None and text.strip() else None for text in (*listed, None)]
+        numbers = np.array([*(known.setdefault(text, len(known)) for text in clean), -1], dtype=np.int64)
+        return np.asarray(numbers[np.where(codes < 0, len(listed), codes)], dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """An episode: its rows by file in the order of its frames, and its segments (rows from its start, instruction)."""
+
+    index: int
+    parts: tuple[EpisodePart, ...]
+    segments: tuple[tuple[int, int, str], ...]
+
+    @property
+    def length(self) -> int:
+        """How many frames it has."""
+        return sum(map(len, self.parts))
+
+
+@dataclass(slots=True)
+class _Scanned:
+    """All episodes that can be read, and what cannot.
+
+    Attributes:
+        episodes: Those that can.
+        orders: The files whose rows had to be sorted, with their order.
+        short: Episodes of less than two frames.
+        silent: Episodes without an instruction.
+        pointers: Files that are pointers of Git LFS.
+        odd: Numbers of the episodes with numbers that cannot be used, by the reason.
+    """
+
+    episodes: list[_Stretch] = field(default_factory=list)
+    orders: dict[Path, FileOrder] = field(default_factory=dict)
+    short: int = 0
+    silent: int = 0
+    pointers: int = 0
+    odd: dict[str, list[int]] = field(default_factory=dict)
+
+    @property
+    def there(self) -> int:
+        """How many episodes the files hold."""
+        return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
+
+
+def _scan(path: Path, said: _Said) -> _Scanned:
+    """Return the episodes of all files with their instructions; RecordError if one stands there twice."""
+    frames = Frames.of(path)
+    frames.require_some(path)
+    found, known = _Scanned(pointers=len(frames.pointers)), dict[str | None, int]()
+    parts: dict[int, list[tuple[EpisodePart, list[tuple[int, int]]]]] = {}
+    for file in frames.files:
+        order = FileOrder.of(file)
+        if order.rows is not None:
+            found.orders[file] = order
+        codes = order.sort(said.codes(file, read_columns(file, {said.column: 1})[said.column], known))
+        for start, stop in runs(order.episodes):
+            lengths = [(b - a, int(codes[start + a])) for a, b in runs(codes[start:stop])]
+            parts.setdefault(int(order.episodes[start]), []).append((EpisodePart.of(file, order, start, stop), lengths))
+    texts = list(known)
+    for number, some in parts.items():
+        order_of_parts = joined(number, [part for part, _ in some])
+        said_in = [run for i in order_of_parts for run in some[i][1]]
+        stretch = _Stretch(number, tuple(some[i][0] for i in order_of_parts), _segments(said_in, texts))
+        if not all(part.finite for part in stretch.parts) or any(code < 0 for _, code in said_in):
+            found.odd.setdefault(f"{NOT_FINITE} (in {said.column} or the order of the frames)", []).append(number)
+        elif stretch.length < 2:
+            found.short += 1
+        elif not stretch.segments:
+            found.silent += 1
+        else:
+            found.episodes.append(stretch)
+    _require_mostly_usable(path, found.odd, found.there)
+    if not found.episodes and found.silent:
+        problem = f"none of {how_many(found.silent, 'episode')} has an instruction"
+        raise InvalidInputError(str(path), f"{problem} in {said.source}", "Name another column with --instruction")
+    if not found.episodes:
+        raise InvalidInputError(str(path / "data"), "it holds no episode of two frames or more", CURE)
+    return found
+
+
+def _require_mostly_usable(path: Path, odd: Mapping[str, Sequence[int]], of: int) -> None:
+    """Raise InvalidInputError if more than half of the episodes have numbers that cannot be used."""
+    count = sum(map(len, odd.values()))
+    if 2 * count > of:
+        reason = next(iter(odd))
+        problem = f"{count:,} of {how_many(of, 'episode')} cannot be used: episode {odd[reason][0]} has {reason}"
+        cure = "Name other columns with --gripper, --place or --instruction, or write these numbers again"
+        raise InvalidInputError(str(path), problem, cure)
+
+
+def _segments(lengths: Sequence[tuple[int, int]], texts: Sequence[str | None]) -> tuple[tuple[int, int, str], ...]:
+    """Return the segments of two frames or more that have an instruction, of runs of frames and the codes of texts."""
+    found, at = [], 0
+    for code, group in itertools.groupby(lengths, key=lambda run: run[1]):
+        size, text = sum(length for length, _ in group), texts[code] if code >= 0 else None
+        if text is not None and size >= 2:
+            found.append((at, at + size, text))
+        at += size
+    return tuple(found)
+
+
+def _sample(episodes: Sequence[_Stretch], seed: int) -> list[_Stretch]:
+    """Return at most :data:`MOST_EPISODES` episodes, each instruction in proportion, drawn by their rank."""
+    if len(episodes) <= MOST_EPISODES:
+        return list(episodes)
+    by_text: dict[str, list[_Stretch]] = {}
+    for episode in sorted(episodes, key=lambda e: e.index):
+        by_text.setdefault(episode.segments[0][2], []).append(episode)
+    exact = {text: MOST_EPISODES * len(group) / len(episodes) for text, group in by_text.items()}
+    shares = {text: int(share) for text, share in exact.items()}
+    by_rest = sorted(by_text, key=lambda text: (shares[text] - exact[text], text))
+    for text in by_rest[: MOST_EPISODES - sum(shares.values())]:
+        shares[text] += 1
+    draw = np.random.Generator(np.random.PCG64(seed))
+    chosen = [
+        group[int(rank)]
+        for text, group in sorted(by_text.items())
+        for rank in draw.permutation(len(group))[: shares[text]]
+    ]
+    return sorted(chosen, key=lambda e: (str(e.parts[0].file), e.parts[0].start))
+
+
+@dataclass(frozen=True, slots=True)
+class _Episode:
+    """The numbers of an episode: by arm those of the gripper (T,), and those of the place (T, d)."""
+
+    stretch: _Stretch
+    grips: Mapping[str, _Floats]
+    ways: Mapping[str, _Floats]
+
+
+def _read(
+    scanned: _Scanned,
+    chosen: Sequence[_Stretch],
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    widths: Mapping[str, int],
+) -> tuple[list[_Episode], dict[str, list[int]]]:
+    """Return the numbers of some episodes, and which of them have numbers that cannot be used, by the reason."""
+    odd: dict[str, list[int]] = {}
+    by_file: dict[Path, list[tuple[_Stretch, int]]] = {}
+    for stretch in chosen:
+        for i, part in enumerate(stretch.parts):
+            by_file.setdefault(part.file, []).append((stretch, i))
+    used = {name: sorted({n.index for n in _all(grips, places) if n.column == name}) for name in widths}
+    pieces: dict[int, dict[int, Mapping[str, _Floats]]] = {}
+    found: dict[int, _Episode] = {}
+    for file, some in by_file.items():
+        columns = read_columns(file, widths)
+        rows = {}
+        for name, width in widths.items():
+            values = numbers_in(file, name, columns[name], width).reshape(-1, width)[:, used[name]]
+            rows[name] = values[scanned.orders[file].rows] if file in scanned.orders else values
+        for stretch, i in some:
+            part, there = stretch.parts[i], pieces.setdefault(stretch.index, {})
+            there[i] = {name: values[part.start : part.stop] for name, values in rows.items()}
+            if len(there) == len(stretch.parts):
+                del pieces[stretch.index]
+                cut = {name: np.concatenate([there[k][name] for k in range(len(there))]) for name in widths}
+                reason = next(filter(None, itertools.starmap(_odd, cut.items())), "")
+                if reason:
+                    odd.setdefault(reason, []).append(stretch.index)
+                else:
+                    found[stretch.index] = _episode(stretch, grips, places, cut, used)
+    return [found[stretch.index] for stretch in chosen if stretch.index in found], odd
+
+
+def _odd(column: str, values: _Floats) -> str:
+    """Return why numbers cannot be used, "" if they can."""
+    if not np.isfinite(values).all():
+        return f"{NOT_FINITE} (in {column})"
+    return f"{BEYOND} (in {column})" if (np.abs(values) > MOST_NUMBER).any() else ""
+
+
+def _episode(
+    stretch: _Stretch,
+    grips: Sequence[Grip],
+    places: Sequence[ArmPlace],
+    cut: Mapping[str, _Floats],
+    used: Mapping[str, Sequence[int]],
+) -> _Episode:
+    """Return the numbers of an episode: ``cut`` has those (T, n) of each column that ``used`` lists."""
+
+    def of(number: NamedNumber) -> _Floats:
+        return cut[number.column][:, used[number.column].index(number.index)]
+
+    ways = {}
+    for place in places:
+        way = np.column_stack([of(n) for n in place.numbers])
+        ways[place.arm] = np.cumsum(way, axis=0) - way[0] if place.space == "steps" else way
+    return _Episode(stretch, {g.arm: held(of(g.number)) for g in grips}, ways)
+
+
+def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNumber]:
+    yield from (grip.number for grip in grips)
+    yield from (number for place in places for number in place.numbers)
+
+
+@dataclass(frozen=True, slots=True)
+class _Arm:
+    """What one arm does in each episode.
+
+    Attributes:
+        grip: Its gripper.
+        place: Where it is.
+        jaws: How its gripper is read.
+        closings: Rows in which the gripper closes, by episode.
+        openings: Rows in which it opens.
+        share_closed: Share of all rows in which it is closed.
+        points: Where it is, by episode; in the plane of all its rows if these are no positions.
+        span: Range of these points.
+    """
+
+    grip: Grip
+    place: ArmPlace
+    jaws: Jaws
+    closings: tuple[tuple[int, ...], ...]
+    openings: tuple[tuple[int, ...], ...]
+    share_closed: float
+    ways: tuple[_Floats, ...]
+    points: tuple[_Floats, ...]
+    span: float
+
+    @classmethod
+    def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
+        """Return what an arm does.
+
+        Args:
+            chosen: Its gripper and its place.
+            jaws: How its gripper is read.
+            episodes: The numbers of all episodes.
+            shortest: Rows for which a gripper is closed or open at least.
+        """
+        grip, place = chosen
+        grips, ways = [e.grips[grip.arm] for e in episodes], [e.ways[grip.arm] for e in episodes]
+        every = np.concatenate([way[:: max(1, len(way) // 50)] for way in ways])
+        exact = place.space in ("position", "steps")
+        points = [way[:, :2] if exact else way for way in ways]
+        if not exact:
+            plane = principal_plane(every)
+            points = [in_plane(way, plane) for way in ways]
+        span = float(max(np.ptp(np.concatenate([p[:: max(1, len(p) // 50)] for p in points]), axis=0).max(), 1e-9))
+        closed = [closed_in(values, jaws, shortest) for values in grips]
+        edges = [edges_of(rows) for rows in closed]
+        share = float(np.mean(np.concatenate(closed)))
+        return cls(
+            grip,
+            place,
+            jaws,
+            tuple(tuple(a) for a, _ in edges),
+            tuple(tuple(b) for _, b in edges),
+            share,
+            tuple(ways),
+            tuple(points),
+            span,
+        )
+
+    @property
+    def never(self) -> int:
+        """Episodes in which the gripper does not close."""
+        return sum(not rows for rows in self.closings)
+
+
+def _shortest(info: Mapping[str, Any]) -> int:
+    """Return the least number of frames in which a gripper is closed or open."""
+    return max(1, round(SHORTEST_S * (_rate(info) or USUAL_FPS)))
+
+
+def _rate(info: Mapping[str, Any]) -> float | None:
+    """Return the frames per second that a data set says it has, None if it says nothing that can be."""
+    fps = info.get("fps")
+    known = isinstance(fps, int | float) and not isinstance(fps, bool) and 0.0 < fps < _MOST_FPS
+    return float(fps) if known and fps is not None else None
+
+
+def _facts(group: str, arm: _Arm, episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
+    """Yield what one arm does in each segment of each episode."""
+    exact = arm.place.space in ("position", "steps")
+    names = []
+    for edges in (arm.closings, arm.openings):
+        where = [way[row] for way, rows in zip(arm.ways, edges, strict=True) for row in rows]
+        given = iter(place_names(where, exact=exact))
+        names.append([[(row, next(given)) for row in rows] for rows in edges])
+    for i, episode in enumerate(episodes):
+        for begin, end, text in episode.stretch.segments:
+            last = end == episode.stretch.length
+            origins = [name for row, name in names[0][i] if begin <= row < end]
+            targets = [name for row, name in names[1][i] if begin <= row < end or (last and row == end)]
+            count = max(len(origins), len(targets))
+            # The first origin is that of the first step, and the last target that of the last one.
+            origins += [""] * (count - len(origins))
+            targets = [""] * (count - len(targets)) + targets
+            steps = tuple(ShownStep("", "", a, b) for a, b in zip(origins, targets, strict=True))
+            heading = direction(arm.points[i][begin:end], arm.span)
+            yield EpisodeFacts(_name(episode, begin), group, text, steps, heading=heading)
+
+
+def _name(episode: _Episode, begin: int) -> str:
+    name = f"episode {episode.stretch.index}"
+    return f"{name}, from frame {begin}" if len(episode.stretch.segments) > 1 else name
+
+
+def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode]) -> Iterator[EpisodeFacts]:
+    """Yield which arm closes its gripper first in each segment of each episode."""
+    for i, episode in enumerate(episodes):
+        for begin, end, text in episode.stretch.segments:
+            closings = [(row, arm.grip.arm) for arm in arms for row in arm.closings[i] if begin <= row < end]
+            steps = (ShownStep(f"{min(closings)[1]} arm", "", "", ""),) if closings else ()
+            yield EpisodeFacts(_name(episode, begin), group, text, steps)
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """All that was read of a data set, to be told.
+
+    Attributes:
+        still: The grippers that never move, with the reason.
+        odd: Episodes that were left out for their numbers, by the reason.
+        not_drawn: How many episodes were left out by the sample.
+    """
+
+    info: Mapping[str, Any]
+    said: _Said
+    scanned: _Scanned
+    episodes: tuple[_Episode, ...]
+    arms: tuple[_Arm, ...]
+    still: tuple[str, ...]
+    odd: Mapping[str, Sequence[int]]
+    not_drawn: int
+    seed: int
+
+    @property
+    def listed(self) -> int | None:
+        """Episodes that the data set says it has, None if it says nothing that can be."""
+        total = self.info.get("total_episodes")
+        known = isinstance(total, int) and not isinstance(total, bool) and 0 < total <= _MOST_COUNT
+        return total if known else None
+
+
+def _reading(read: _Read) -> DataReading:
+    """Return how a data set was read."""
+    segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
+    observations = ""
+    if segments > episodes:
+        changing = sum(len(e.stretch.segments) > 1 for e in read.episodes)
+        observations = f", compared as {segments:,} segments, because the instruction changes within {changing:,}"
+    texts = Counter(text for e in read.episodes for _, _, text in e.stretch.segments)
+    instruction = f"{read.said.source}, {len(texts):,} different"
+    if read.said.others:
+        shown = ", ".join(one_line(other, most=60) for other in read.said.others[:4])
+        instruction += f" (also there: {shown}; --instruction COLUMN reads another one)"
+    return DataReading(
+        episodes,
+        max(read.listed or 0, read.scanned.there),
+        observations,
+        instruction,
+        tuple(map(_gripper, read.arms)),
+        tuple(map(_place, read.arms)),
+        about=tuple(_about(read.scanned)),
+        left_out=tuple(_left_out(read)),
+        warnings=tuple(_warnings(read)),
+    )
+
+
+def _about(scanned: _Scanned) -> Iterator[str]:
+    """Yield how the frames were put in order, where their files did not have them so."""
+    for key, group in sorted(Counter(order.key for order in scanned.orders.values()).items()):
+        by = f"by episode_index and {key}" if key else "by episode_index alone: no column tells the order of the frames"
+        yield f"Order of the frames: the rows of {how_many(group, 'file')} had to be sorted, {by}"
+    split = sum(len(stretch.parts) > 1 for stretch in scanned.episodes)
+    if split:
+        yield f"Order of the frames: {how_many(split, 'episode')} with frames in several files had to be joined"
+
+
+def _left_out(read: _Read) -> Iterator[str]:
+    """Yield what was not read, and why."""
+    scanned = read.scanned
+    if (read.listed or 0) > scanned.there:
+        yield f"{how_many((read.listed or 0) - scanned.there, 'episode')} whose frames are not in the folder"
+    if scanned.pointers:
+        what = "file that is a pointer" if scanned.pointers == 1 else "files that are pointers"
+        yield f"{scanned.pointers:,} {what} of Git LFS (run git lfs pull to fetch them)"
+    if scanned.short:
+        yield f"{how_many(scanned.short, 'episode')} of less than two frames"
+    if scanned.silent:
+        yield f"{how_many(scanned.silent, 'episode')} without an instruction"
+    for reason, left in sorted(read.odd.items()):
+        numbers = ", ".join(map(str, sorted(left)[:_MOST_LISTED])) + (", ..." if len(left) > _MOST_LISTED else "")
+        shown = f"episode {numbers}" if len(left) == 1 else f"episodes {numbers}"
+        yield f"{how_many(len(left), 'episode')} with {reason}: {shown}"
+    if read.not_drawn:
+        was = "was" if read.not_drawn == 1 else "were"
+        drawn = f"{how_many(read.not_drawn, 'episode')} that {was} not drawn"
+        yield f"{drawn} (each instruction in proportion, seed {read.seed})"
+    yield from read.still
+
+
+def _warnings(read: _Read) -> Iterator[str]:
+    """Yield what may make the findings wrong."""
+    total = read.info.get("total_episodes")
+    if read.listed is None and total is not None:
+        yield "total_episodes in meta/info.json is no count of episodes"
+    elif 0 < (read.listed or 0) < read.scanned.there:
+        yield f"meta/info.json says {how_many(read.listed or 0, 'episode')}, and the files hold {read.scanned.there:,}"
+    if _rate(read.info) is None:
+        fps = read.info.get("fps")
+        found = "is missing" if fps is None else f"is {one_line(repr(fps), most=40)}, which is no rate"
+        yield f"fps in meta/info.json {found}; {USUAL_FPS:.0f} frames per second were assumed"
+    for arm in read.arms:
+        of_arm = f" of the {arm.grip.arm} arm" if len(read.arms) > 1 else ""
+        if arm.never:
+            yield f"the gripper{of_arm} never closes in {arm.never:,} of {how_many(len(read.episodes), 'episode')}"
+        if arm.jaws.warning:
+            yield arm.jaws.warning
+
+
+def _gripper(arm: _Arm) -> GripperReading:
+    jaws = arm.jaws
+    source = f"{arm.grip.number.shown} (by {arm.grip.by})"
+    return GripperReading(
+        arm.grip.arm, source, round(jaws.low, 6), round(jaws.high, 6), jaws.closed, jaws.because,
+        round(arm.share_closed, 6), arm.never,
+    )  # fmt: skip
+
+
+def _place(arm: _Arm) -> PlaceReading:
+    numbers = arm.place.numbers
+    if len(numbers) <= 3 or arm.place.space in ("position", "steps"):
+        shown = ", ".join(n.shown for n in numbers)
+    else:
+        shown = f"{len(numbers)} numbers of {numbers[0].column}, {numbers[0].shown} to {numbers[-1].shown}"
+    return PlaceReading(arm.grip.arm, f"{shown}{_SPACES[arm.place.space]} (by {arm.place.by})", arm.place.space)

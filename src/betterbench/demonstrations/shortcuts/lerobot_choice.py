@@ -1,0 +1,303 @@
+"""Which numbers of a LeRobot dataset are its grippers and the places of its arms: told by names, or refused."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.demonstrations.shortcuts.numbers import (
+    NamedNumber,
+    NumberRole,
+    arm_in,
+    named_numbers,
+    parts_of,
+    tokens,
+)
+from betterbench.errors import InvalidInputError, one_line
+
+MOST_SHOWN = 8
+STEPS = "+"
+"""What stands before a number of ``--place`` whose sum is a place."""
+
+_ACTIONS = ("action", "actions")
+_STATES = ("observation.state", "state")
+_NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object", "depth"}
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """The numbers of a data set, with what each of them is.
+
+    Attributes:
+        numbers: By column.
+        parts: What they are, likewise.
+        where: File that names them.
+        steps: Whether the actions are known to be steps of the tool, so that their sums are places.
+    """
+
+    numbers: Mapping[str, tuple[NamedNumber, ...]]
+    parts: Mapping[str, Sequence[NumberRole]]
+    where: str
+    steps: bool = False
+
+    @classmethod
+    def of(cls, numbers: Mapping[str, tuple[NamedNumber, ...]], where: str, *, steps: bool) -> Columns:
+        """Return the columns with what their numbers are."""
+        return cls(numbers, {name: parts_of(found) for name, found in numbers.items()}, where, steps)
+
+    @property
+    def actions(self) -> list[str]:
+        """Columns of actions, those for all numbers first."""
+        other = [name for name in self.numbers if name.startswith(("action.", "actions."))]
+        return [name for name in _ACTIONS if name in self.numbers] + sorted(other)
+
+    @property
+    def states(self) -> list[str]:
+        """Columns of proprioception, those for all numbers first."""
+        usual = [name for name in _STATES if name in self.numbers]
+        left = self.numbers.keys() - {*usual, *self.actions, "timestamp"}
+        return usual + sorted(name for name in left if not _NO_STATE & set(tokens(name)))
+
+    def pairs(self, column: str) -> list[tuple[NamedNumber, NumberRole]]:
+        """Return the numbers of a column with what they are."""
+        return list(zip(self.numbers[column], self.parts[column], strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """The number that tells how far the gripper of an arm is closed, and why that one."""
+
+    arm: str
+    number: NamedNumber
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPlace:
+    """The numbers that tell where an arm is, what they are (as in ``PlaceReading``), and why these."""
+
+    arm: str
+    numbers: tuple[NamedNumber, ...]
+    space: str
+    by: str
+
+
+def choose_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
+    """Return one gripper per arm: those that a user names, or those that have such a name.
+
+    Raises:
+        InvalidInputError: If none has such a name, or two of one arm have.
+        UnknownNameError: If a user names a number that there is not.
+    """
+    if named:
+        return _named_grippers(columns, named)
+    found: dict[str, Grip] = {}
+    for kind, pool in itertools.product(("gripper", "finger"), (columns.actions, columns.states)):
+        for column in () if found else pool:
+            for grip in _grippers_in(columns, column, kind):
+                found.setdefault(grip.arm, grip)
+    if not found:
+        raise InvalidInputError(columns.where, _why_no_gripper(columns), _cure_gripper(columns))
+    if len(found) > 1 and "" in found:
+        problem = f"grippers with and without an arm: {', '.join(grip.number.shown for grip in found.values())}"
+        raise InvalidInputError(columns.where, problem, "Name one per arm with --gripper")
+    return tuple(found[arm] for arm in sorted(found))
+
+
+def _named_grippers(columns: Columns, named: Sequence[str]) -> tuple[Grip, ...]:
+    found = []
+    for text in named:
+        numbers = named_numbers("--gripper", text, columns.numbers)
+        if len(numbers) != 1:
+            problem = f"{one_line(text, most=80)} has {len(numbers)} numbers"
+            which = ", ".join(str(n.index) for n in numbers[:MOST_SHOWN]) + (
+                ", ..." if len(numbers) > MOST_SHOWN else ""
+            )
+            cure = f"Give one of them, as COLUMN[N], where N is its number ({which})" if which else "Give a number"
+            raise InvalidInputError("--gripper", problem, cure)
+        found.append(Grip(_arm(numbers[0]), numbers[0], "--gripper"))
+    if len({grip.arm for grip in found}) < len(found):
+        found = [Grip(str(i), grip.number, grip.by) for i, grip in enumerate(found, start=1)]
+    return tuple(found)
+
+
+def _arm(number: NamedNumber) -> str:
+    return next((arm for label in (*number.labels, number.column) if (arm := arm_in(label))), "")
+
+
+def _grippers_in(columns: Columns, column: str, kind: str) -> list[Grip]:
+    """Return the grippers of a column, one per arm; InvalidInputError if an arm has two."""
+    by_arm: dict[str, list[tuple[NamedNumber, NumberRole]]] = {}
+    hands = {part.arm for part in columns.parts[column] if part.kind == "hand"}
+    for number, part in columns.pairs(column):
+        if part.kind == kind and not (kind == "finger" and part.arm in hands):
+            by_arm.setdefault(part.arm, []).append((number, part))
+    found = []
+    for arm, group in by_arm.items():
+        bases = {re.sub(r"[\W_]*\d+\]?$", "", number.labels[0].lower()) for number, _ in group}
+        if kind == "finger" and len(group) > 2:
+            continue  # a hand of several fingers is no gripper
+        # Two fingers have one name with two numbers, and stand side by side.
+        apart = (
+            len({number.labels[0] for number, _ in group}) < len(group) or group[-1][0].index > group[0][0].index + 1
+        )
+        if len(group) > 2 or (len(group) == 2 and (len(bases) > 1 or apart)):
+            shown = ", ".join(f"{number.name} ({number.index})".strip() for number, _ in group[:MOST_SHOWN])
+            problem = f"{len(group)} numbers of {column} have the name of a gripper: {shown}"
+            cure = f"Say which one with --gripper '{column}[N]', where N is its number, as in brackets"
+            raise InvalidInputError(columns.where, problem, cure)
+        number, part = group[0]
+        _require_agreement(columns, number, part)
+        found.append(Grip(arm, number, part.by + (", the first of two fingers" if len(group) == 2 else "")))
+    return found
+
+
+def _require_agreement(columns: Columns, number: NamedNumber, part: NumberRole) -> None:
+    """Raise InvalidInputError if two names of a number say different things."""
+    for label, by, kind in zip(number.labels, number.by, part.kinds, strict=True):
+        if kind in ("body", "hand", "x", "y", "z") or (kind == "joint" and part.kinds[0] == "gripper"):
+            problem = (
+                f"{number.column}[{number.index}] is a gripper by {part.by}, and {one_line(label, most=80)!r} by {by}"
+            )
+            raise InvalidInputError(columns.where, problem, "Correct one of them, or say which number with --gripper")
+
+
+def _why_no_gripper(columns: Columns) -> str:
+    """Return why no number can be taken for a gripper."""
+    pool = columns.actions or columns.states
+    if not pool:
+        return "the dataset has no column action and no proprioception"
+    numbers = columns.numbers[pool[0]]
+    hands = [n.shown for n, part in columns.pairs(pool[0]) if part.kind in ("hand", "finger")]
+    if hands:
+        shown = ", ".join(hands[:3]) + (" and more" if len(hands) > 3 else "")
+        return f"no number has the name of a gripper; {shown} belong to hands with several joints"
+    unnamed = not any(n.name for n in numbers)
+    tail = "its numbers have no names" if unnamed else f"none of the names of its {len(numbers)} numbers says so"
+    return f"no number has the name of a gripper; {pool[0]} was looked at first, and {tail}"
+
+
+def _cure_gripper(columns: Columns) -> str:
+    pool = columns.actions or columns.states
+    column = pool[0] if pool else "COLUMN"
+    counted = f" ({_span(len(columns.numbers[column]))})" if pool else ", counted from 0"
+    told = f"--gripper '{column}[N]', where N is the number that closes the gripper{counted}"
+    return f"Say which number it is with {told}, or with --gripper '{column}:NAME'"
+
+
+def _span(count: int) -> str:
+    return f"0 to {count - 1}"
+
+
+def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
+    """Return where the arm of each gripper is: as a user says, by positions of its end effector, or by its joints.
+
+    Raises:
+        InvalidInputError: If an arm has no such numbers, or two sets of them.
+        UnknownNameError: If a user names a number that there is not.
+    """
+    if named:
+        return _named_places(columns, grips, named)
+    return tuple(_place_of(columns, grip, alone=len(grips) == 1) for grip in grips)
+
+
+def _named_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
+    sums = {text.startswith(STEPS) for text in named}
+    if len(sums) > 1:
+        raise InvalidInputError("--place", "some numbers are steps and some are not", "Give a + before all or none")
+    numbers = [n for text in named for n in named_numbers("--place", text.removeprefix(STEPS), columns.numbers)]
+    each, rest = divmod(len(numbers), len(grips))
+    if rest or each < 2:
+        problem = f"{len(numbers)} numbers are given for {len(grips)} grippers"
+        raise InvalidInputError("--place", problem, "Give two or three numbers (x, y, z) per gripper, in their order")
+    space = "steps" if sums == {True} else "position" if each <= 3 else "numbers"
+    cut = [tuple(numbers[i * each : (i + 1) * each]) for i in range(len(grips))]
+    return tuple(ArmPlace(grip.arm, some, space, "--place") for grip, some in zip(grips, cut, strict=True))
+
+
+def _place_of(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
+    """Return the place of one arm."""
+    states = columns.states
+    for column in states:
+        for arm in _arms(columns, column, "xyz", grip.arm, alone=alone):
+            found = _axes(columns, column, arm)
+            if found is not None:
+                return ArmPlace(grip.arm, found[0], "position", found[1])
+    for column in states:
+        for arm in _arms(columns, column, ("joint",), grip.arm, alone=alone):
+            joints = [(n, part) for n, part in columns.pairs(column) if part.kind == "joint" and part.arm == arm]
+            if len(joints) >= 2:
+                return ArmPlace(grip.arm, tuple(n for n, _ in joints), "joints", joints[0][1].by)
+    if columns.steps and not states:
+        for column in columns.actions:
+            found = _axes(columns, column, grip.arm)
+            if found is not None:
+                return ArmPlace(
+                    grip.arm, found[0], "steps", "names in meta/info.json; meta/betterbench.json says steps"
+                )
+    return _unnamed(columns, grip, alone=alone)
+
+
+def _arms(columns: Columns, column: str, kinds: Sequence[str], arm: str, *, alone: bool) -> tuple[str, ...]:
+    """Return the arm of a column that belongs to a gripper, none if that cannot be told."""
+    there = {part.arm for part in columns.parts[column] if part.kind in kinds}
+    if arm in there and not (arm == "" and len(there) > 1):
+        return (arm,)
+    if alone and len(there) == 1 and (arm == "" or there == {""}):
+        return tuple(there)
+    return ()
+
+
+def _axes(columns: Columns, column: str, arm: str) -> tuple[tuple[NamedNumber, ...], str] | None:
+    """Return x, y and, if there is one, z of an arm; InvalidInputError if one stands twice."""
+    found = {
+        axis: [(n, part) for n, part in columns.pairs(column) if part.kind == axis and part.arm == arm]
+        for axis in "xyz"
+    }
+    if not found["x"] or not found["y"]:
+        return None
+    for axis, numbers in found.items():
+        if len(numbers) > 1:
+            shown = ", ".join(f"{column}[{n.index}]" for n, _ in numbers[:MOST_SHOWN])
+            of = f" of the {arm} arm" if arm else ""
+            problem = f"{len(numbers)} numbers{of} are called {axis}: {shown}"
+            raise InvalidInputError(columns.where, problem, "Say which ones with --place, x first, then y")
+    return tuple(n for axis in "xyz" for n, _ in found[axis]), found["x"][0][1].by
+
+
+def _unnamed(columns: Columns, grip: Grip, *, alone: bool) -> ArmPlace:
+    """Return all numbers of the state if it has no names, and there is one gripper; InvalidInputError otherwise."""
+    syntax = "with its own column and numbers, x first, counted from 0"
+    cure = f"Say where the gripper is with --place 'COLUMN[0,1,2]', {syntax}"
+    if not columns.states:
+        problem = "the dataset has no proprioception (observation.state)"
+        more = f", or --place '+COLUMN[0,1,2]', {syntax}, if the actions are steps of the tool"
+        raise InvalidInputError(columns.where, problem, "Give one with proprioception" + more)
+    column = next((name for name in _STATES if name in columns.numbers), columns.states[0])
+    pairs = columns.pairs(column)
+    left = [n for n, part in pairs if part.kind not in ("gripper", "finger") and n != grip.number]
+    if not left:
+        raise InvalidInputError(columns.where, f"all numbers of {column} are of the gripper", "Correct their names")
+    telling = [(n, part) for n, part in pairs if part.kind in ("x", "y", "z", "joint", "body", "hand")]
+    if not alone or telling:
+        of = f"the {grip.arm} arm" if grip.arm else "the gripper"
+        problem = f"no names tell where {of} is ({grip.number.shown} is its gripper)"
+        own = [n for n, part in telling if part.arm in (grip.arm, "") or not grip.arm]
+        if own:
+            problem += f"; {column} has {', '.join(n.shown for n in own[:MOST_SHOWN])}"
+        raise InvalidInputError(columns.where, problem, cure)
+    return ArmPlace(grip.arm, tuple(left), "numbers", f"{column} has no names that tell")
+
+
+def polarity_of(number: NamedNumber) -> tuple[str, str] | None:
+    """Return on which side a gripper is closed by its name, ``low`` or ``high``, and the word that says so."""
+    for label in number.labels:
+        words = set(tokens(label))
+        opened = words & {"open", "opened", "opening", "openness", "width", "aperture", "gap", "distance"}
+        closed = words & {"close", "closed", "closing", "closure", "closedness"}
+        if bool(opened) != bool(closed):
+            word = min(opened or closed)
+            return ("low" if opened else "high"), f"its name has “{word}”"
+    return None

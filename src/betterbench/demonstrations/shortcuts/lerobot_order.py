@@ -1,0 +1,123 @@
+"""The order of the frames of a LeRobot dataset: a file may hold its rows in any order, and an episode several files."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.lerobot_files import (
+    column_names,
+    numbers_in,
+    read_columns,
+    require_finite_column,
+)
+from betterbench.errors import RecordError
+
+_KEYS = ("frame_index", "timestamp")
+"""Columns that tell the order of the frames of an episode, the first one that is there."""
+_MOST_INDEX = 2**53
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+_Floats = npt.NDArray[np.float64]
+_Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class FileOrder:
+    """The rows of a file, sorted by episode and by frame.
+
+    Attributes:
+        episodes: (rows,) number of the episode of each sorted row.
+        frames: (rows,) value of ``key`` of each sorted row, zeros without a key.
+        key: Column that tells the order within an episode, "" if none does: then it is the order of the file.
+        rows: (rows,) row of the file of each sorted row, None if the file is sorted.
+    """
+
+    episodes: _Ints
+    frames: _Floats
+    key: str
+    rows: _Ints | None
+
+    @classmethod
+    def of(cls, file: Path) -> FileOrder:
+        """Return the order of the rows of a file; RecordError if its columns cannot be read."""
+        names = column_names(file)
+        keys = [key for key in _KEYS if key in names]
+        columns = read_columns(file, dict.fromkeys(("episode_index", *keys), 1))
+        numbers = numbers_in(file, "episode_index", columns["episode_index"], 1)
+        require_finite_column(file, "episode_index", numbers)
+        episodes = np.clip(numbers, -_MOST_INDEX, _MOST_INDEX).astype(np.int64)
+        frames, key = np.zeros(len(episodes)), ""
+        for name in keys:
+            values = numbers_in(file, name, columns[name], 1)
+            if np.isfinite(values).any():
+                frames, key = values, name
+                break
+        later, apart = np.diff(frames), np.diff(episodes)
+        if bool(((apart > 0) | ((apart == 0) & ~(later < 0.0))).all()):
+            return cls(episodes, frames, key, None)
+        rows = np.lexsort((frames, episodes)).astype(np.int64)
+        return cls(episodes[rows], frames[rows], key, rows)
+
+    def sort(self, values: npt.NDArray[ScalarT]) -> npt.NDArray[ScalarT]:
+        """Return values (rows, ...) of the file in this order."""
+        return values if self.rows is None else np.asarray(values[self.rows])
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodePart:
+    """The sorted rows [start, stop) of a file that belong to one episode.
+
+    Attributes:
+        file: File.
+        start: First row.
+        stop: Row after the last one.
+        key: Column that tells the order of its frames, "" if none does.
+        first: Value of this column in the first row.
+        last: Value in the last row.
+        finite: Whether it is a finite number in all of them.
+    """
+
+    file: Path
+    start: int
+    stop: int
+    key: str
+    first: float
+    last: float
+    finite: bool
+
+    @classmethod
+    def of(cls, file: Path, order: FileOrder, start: int, stop: int) -> EpisodePart:
+        """Return a part of an episode; RecordError if a frame stands there twice."""
+        frames = order.frames[start:stop]
+        same = np.flatnonzero(np.diff(frames) == 0.0) if order.key == "frame_index" else np.zeros(0, dtype=np.int64)
+        if same.size:
+            frame = f"(frame_index {frames[same[0]]:.0f})"
+            raise RecordError(f"{file}: episode {order.episodes[start]} stands in the data twice {frame}. {_CURE}.")
+        return cls(file, start, stop, order.key, float(frames[0]), float(frames[-1]), bool(np.isfinite(frames).all()))
+
+    def __len__(self) -> int:
+        """How many rows it has."""
+        return self.stop - self.start
+
+
+_CURE = "Fetch the files again, or remove the rows that are there twice"
+
+
+def joined(episode: int, parts: Sequence[EpisodePart]) -> list[int]:
+    """Return the order of the parts of an episode; RecordError if two of them hold frames of the same time."""
+    order = sorted(range(len(parts)), key=lambda i: (parts[i].first, i))
+    for a, b in itertools.pairwise(order):
+        before, after = parts[a], parts[b]
+        if not (before.finite and after.finite):
+            continue  # such an episode is left out
+        if not before.key or before.key != after.key or not before.last < after.first:
+            raise RecordError(f"{parts[max(a, b)].file}: episode {episode} stands in the data twice. {_CURE}.")
+    return order

@@ -1,0 +1,104 @@
+"""The audit and the prediction as Markdown, for cards and for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from betterbench.demonstrations.shortcuts.asked import tested_text, untested_text
+from betterbench.demonstrations.shortcuts.examine import ALPHA, STRONG, Finding, GroupAudit, ShortcutAudit
+from betterbench.demonstrations.shortcuts.prediction import Prediction
+from betterbench.demonstrations.shortcuts.reading import DataReading
+from betterbench.demonstrations.shortcuts.smallest import POWER, share_text
+from betterbench.quoting import markdown_table, markdown_text
+from betterbench.statistics.wording import plural
+
+ABOUT = (
+    "A **shortcut** is a rule that the data let a learner go by and that some variation breaks; a regularity is a rule "
+    "that all variations keep, such as what a word means. Strength is mutual information above chance, as a share of "
+    f"what one of the two can tell of the other. A rule counts from {STRONG:g}, or if one value always goes with the "
+    "same other one, or if two words tell half of what each alone leaves open; and if its test, corrected for all "
+    f"questions, gives p ≤ {ALPHA:g}. Of whole instructions, strength is the share of wrong guesses that it avoids; "
+    "they are compared among demonstrations that agree in the words that already tell the outcome. Words that "
+    "name the place that they go with are no shortcut."
+)
+
+
+SMALLEST = (
+    "Smallest rule that the same test would have found: the share of the demonstrations that it decides, where chance "
+    f"decides the others, so that it is found in at least {100.0 * POWER:.0f} % of all data sets with these counts. "
+    "A weaker rule may be there and stay unseen."
+)
+
+
+def audit_lines(audit: ShortcutAudit) -> list[str]:
+    """Return the findings of an audit, one section per group."""
+    lines = [] if audit.reading is None else [*_reading_lines(audit.reading), ""]
+    lines += [ABOUT, ""]
+    for group in audit.groups:
+        lines += [f"### {markdown_text(group.group)}", "", *_group_lines(group), ""]
+    return lines
+
+
+def _reading_lines(reading: DataReading) -> list[str]:
+    """Return the paragraph with which an audit begins; a stranger's names are no markup."""
+    return [markdown_text(reading.paragraph)]
+
+
+def _group_lines(group: GroupAudit) -> Iterator[str]:
+    found = [f for f in group.findings if f.verdict != "none"]
+    tested = sum(not question.untested for question in group.asked)
+    shown = (
+        plural(len(group.shortcuts), "shortcut"),
+        plural(group.episodes, "demonstration"),
+        plural(tested, "question"),
+    )
+    yield "{} in {}; {} tested.".format(*shown)
+    yield from ("", f"Tested: {markdown_text(tested_text(group.asked))}.")
+    if untested := untested_text(group.asked):
+        yield from ("", f"Not tested: {markdown_text(untested)}.")
+    for note in group.notes:
+        yield ""
+        yield f"{markdown_text(note[:1].upper() + note[1:])}."
+    if found:
+        yield from _finding_lines(found)
+    if group.smallest:
+        yield from ("", SMALLEST, "")
+        head = ("what goes together", "compared", "smallest rule that would be found")
+        rows = ((r.title, f"{r.n} {r.noun}", share_text(r.least_share)) for r in group.smallest)
+        yield from markdown_table(head, (tuple(map(markdown_text, row)) for row in rows))
+
+
+def _finding_lines(found: list[Finding]) -> Iterator[str]:
+    yield ""
+    head = ("what goes together", "verdict", "bits", "strength", "p", "what a learner can go by", "broken by")
+    ordered = sorted(found, key=lambda f: (f.verdict != "shortcut", -f.strength, f.question, f.subject))
+    yield from markdown_table(head, (tuple(map(markdown_text, _cells(f))) for f in ordered))
+
+
+def _cells(f: Finding) -> tuple[str, ...]:
+    p = "never differs" if f.p_adjusted is None else f"{f.p_adjusted:.4f}"
+    broken = f.meaning or ", ".join(name for name, _ in f.separating) or "none"
+    return f.title, f.verdict, f"{f.bits:.2f}", f"{f.strength:.2f}", p, "; ".join(f.rules), broken
+
+
+def doubt(audit: ShortcutAudit, prediction: Prediction) -> str:
+    """Return that variations which break no found rule are not shown to be safe, or an empty text."""
+    safe = sum(forecast.risk == 0.0 for forecast in prediction.variations)
+    unseen = {group.group: len(group.not_shown) for group in audit.groups if group.not_shown}
+    if not safe or not unseen:
+        return ""
+    tested = sum(len(group.smallest) for group in audit.groups)
+    return (
+        f"{plural(safe, 'variation')} without a found rule may still be at risk: for {sum(unseen.values())} of "
+        f"{plural(tested, 'question')} there are too few demonstrations to show every strong rule"
+    )
+
+
+def prediction_lines(prediction: Prediction, *, most: int | None = None) -> list[str]:
+    """Return the ranking of the variations, the likeliest failures first; the first ``most`` of them."""
+    rows = []
+    for f in prediction.variations[:most]:
+        because = "; ".join(f.because) or "it breaks no rule that was found"
+        cells = (str(f.rank), f"{f.task}/{f.variation}", f"{f.risk:.2f}", f.label or "–", because)
+        rows.append(tuple(map(markdown_text, cells)))
+    return markdown_table(("rank", "variation", "risk", "label", "because"), rows)

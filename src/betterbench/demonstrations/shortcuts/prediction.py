@@ -1,0 +1,258 @@
+"""The prediction: which variations a learner of a dataset fails, and how, said before anyone trains on it.
+
+It follows from the audit alone. A variation that breaks what the data let a learner go by is at risk, the more rules it
+breaks and the stronger they are; one that breaks none is not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+import betterbench
+from betterbench.demonstrations.shortcuts.examine import Finding, ShortcutAudit
+from betterbench.demonstrations.shortcuts.questions import (
+    COUNT,
+    FIRST_OBJECT,
+    FIRST_PLACE,
+    HEADING,
+    LANDMARK,
+    LAST_PLACE,
+    SEQUENCE,
+    base_of,
+)
+from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers the failure modes
+from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
+from betterbench.jobs.durable import write_durably
+from betterbench.json_form import dump_json, open_ordinary, read_bounded, read_form, read_ordinary, strict_form
+from betterbench.tasks import SUITE_VERSION, get_task, task_names
+from betterbench.tasks.labels import Label
+
+WEIGHTS = {
+    "word_place": 0.9,
+    "thing_place": 0.8,
+    "first_step": 0.7,
+    "thing_target": 0.7,
+    "order": 0.6,
+    "landmark_place": 0.6,
+    LANDMARK: 0.6,
+    FIRST_PLACE: 0.4,
+    LAST_PLACE: 0.4,
+    HEADING: 0.4,
+    FIRST_OBJECT: 0.4,
+    SEQUENCE: 0.4,
+    "bystander_place": 0.2,
+    COUNT: 0.3,
+}
+"""Chance that a learner goes by a rule of full strength, per question: our guess, and not a measurement. Rules of two
+words and of whole instructions have the weight of those of single words.
+
+A rule about what a word or a thing is tied to costs the whole trial; one about what stands around seldom matters."""
+
+_LEXICAL, _LAYOUT = Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS
+_INERTIA, _ORDER, _COLLAPSE = Label.BEHAVIORAL_INERTIA, Label.ORDER_VIOLATION, Label.SEMANTIC_FEATURE_COLLAPSE
+_CAUSAL, _PHASE, _HALT = Label.CAUSAL_CONFUSION, Label.PHASE_CONFLICT, Label.EARLY_HALT
+LABELS: Mapping[str, tuple[Label, ...]] = {
+    "word_place": (_COLLAPSE, _LEXICAL, _LAYOUT),
+    "thing_place": (_COLLAPSE, _LAYOUT, _LEXICAL),
+    "first_step": (_INERTIA, _ORDER, _PHASE),
+    "thing_target": (_INERTIA, _LAYOUT),
+    "order": (_ORDER, _INERTIA),
+    "landmark_place": (_LAYOUT,),
+    LANDMARK: (_LAYOUT,),
+    FIRST_PLACE: (_LEXICAL, _INERTIA),
+    LAST_PLACE: (_INERTIA, _PHASE),
+    HEADING: (_LEXICAL, _INERTIA),
+    FIRST_OBJECT: (_INERTIA, _ORDER),
+    SEQUENCE: (_ORDER, _INERTIA),
+    "bystander_place": (_CAUSAL, _LAYOUT),
+    COUNT: (_PHASE, _CAUSAL),
+}
+"""How a learner that goes by a rule fails, the likeliest first; only what a variation can bring out is said of it."""
+
+NAMESPACE = "betterbench-prediction"
+"""Namespace of signatures made by ``ssh-keygen -Y``."""
+_MAX_BYTES = 8 * 1024 * 1024
+_CURE = "Give a file that better dataset or better shortcuts wrote"
+
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What is predicted of one variation.
+
+    Attributes:
+        rank: Place in the ranking, from 1: the likeliest failure.
+        risk: 0 to 1; 0 where the data hold no rule that the variation breaks, or no demonstration of the task.
+        label: The likeliest label of the failures, "" where the risk is 0.
+        because: The rules that it breaks, each with what breaks it.
+    """
+
+    rank: int
+    task: str
+    variation: str
+    axis: str
+    risk: Share
+    label: str
+    because: tuple[str, ...]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """The ranking of all variations, for one dataset.
+
+    Attributes:
+        source: What was audited.
+        facts_sha256: Hash of the facts that were found in it.
+        dataset_sha256: Hash of the demonstrations, "" where there is none.
+        tasks: Tasks that the data demonstrate.
+        variations: One per variation of these tasks, in the order of the ranking.
+        sha256: Hash of everything else.
+    """
+
+    format: Literal["betterbench-prediction"]
+    schema_version: Literal[1]
+    betterbench: str
+    suite: str
+    source: str
+    facts_sha256: _Sha256
+    dataset_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]
+    tasks: tuple[str, ...]
+    variations: tuple[Forecast, ...]
+    sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+
+    def sealed(self) -> Prediction:
+        """Return the prediction with the hash of its content."""
+        form = asdict(self)
+        del form["sha256"]
+        return replace(self, sha256=hashlib.sha256(dump_json(form)).hexdigest())
+
+    def file_bytes(self) -> bytes:
+        """Return the file, JSON."""
+        return (json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n").encode()
+
+    def of(self, task: str, variation: str) -> Forecast:
+        """Return the forecast of one variation; KeyError if there is none."""
+        return {(f.task, f.variation): f for f in self.variations}[task, variation]
+
+
+_FORM = TypeAdapter(Prediction)
+
+
+def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
+    """Return which variations of the audited tasks a learner of the dataset fails, the likeliest failure first.
+
+    Raises InvalidInputError if no audited group is a task that is known here.
+    """
+    groups = {group.group: group for group in audit.groups if group.group in task_names()}
+    if not groups:
+        cure = "A prediction needs demonstrations of tasks of the suite"
+        raise InvalidInputError(audit.source, "none of what it demonstrates is a task known here", cure)
+    found = []
+    for name, group in groups.items():
+        for variation in get_task(name).variations:
+            broken = [(f, why) for f in group.shortcuts for test, why in f.separating if test == variation.name]
+            risk = 1.0
+            for finding, _ in broken:
+                risk *= 1.0 - WEIGHTS[base_of(finding.question)] * finding.strength
+            label = _label(name, variation.name, [finding for finding, _ in broken])
+            because = tuple(f"{finding.title}: {why}" for finding, why in broken)
+            found.append(
+                Forecast(0, name, variation.name, variation.axis.value, round(1.0 - risk, 6), str(label), because)
+            )
+    found.sort(key=lambda f: (-f.risk, f.task, f.variation))
+    ranked = tuple(replace(forecast, rank=rank) for rank, forecast in enumerate(found, start=1))
+    version, suite = betterbench.__version__, str(SUITE_VERSION)
+    return Prediction(
+        "betterbench-prediction",
+        1,
+        version,
+        suite,
+        audit.source,
+        audit.facts_sha256,
+        dataset_sha256,
+        tuple(groups),
+        ranked,
+    ).sealed()
+
+
+def _label(task: str, variation: str, broken: list[Finding]) -> str:
+    """Return the label that the broken rules speak for most, of those that the variation can bring out."""
+    if not broken:
+        return ""
+    exposed = exposed_labels(task, variation)
+    votes: Counter[Label] = Counter()
+    for finding in broken:
+        question = base_of(finding.question)
+        for place, label in enumerate(LABELS[question]):
+            if label in exposed:
+                votes[label] += round(1000.0 * WEIGHTS[question] * finding.strength / (1 + place))
+    if votes:
+        return str(max(votes, key=lambda label: (votes[label], str(label))))
+    others = [label for label in exposed if label != _HALT]
+    return str(next(iter(others), _HALT if _HALT in exposed else Label.WRONG_OBJECT))
+
+
+def read_prediction(path: Path) -> Prediction:
+    """Return a prediction from its file.
+
+    Raises RecordError if the file is no prediction, or was changed after it was written.
+    """
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    found = read_form(_FORM, data, where=str(path), cure=_CURE, raises=RecordError)
+    if found.sealed().sha256 != found.sha256:
+        raise RecordError(f"{path}: it was changed after it was written: its hash does not fit. {_CURE}.")
+    return found
+
+
+def write_prediction(path: Path, prediction: Prediction) -> None:
+    """Write a prediction, and remove a signature beside it that is of another one: it would call this one forged."""
+    data = prediction.file_bytes()
+    if not path.exists() or read_ordinary(path) != data:
+        _signature_of(path).unlink(missing_ok=True)
+    write_durably(path, data)
+
+
+def _signature_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.sig")
+
+
+def sign(path: Path, key: Path) -> Path:
+    """Sign a file with an SSH key, as ``ssh-keygen -Y sign`` does, and return the file of the signature.
+
+    Raises:
+        MissingDependencyError: If there is no ssh-keygen.
+        InvalidInputError: If the key cannot be used.
+    """
+    signature = _signature_of(path)
+    try:
+        open_ordinary(key).close()  # ssh-keygen would wait for a pipe
+    except (OSError, ValueError) as error:
+        problem = f"{key} cannot be read ({getattr(error, 'strerror', None) or error})"
+        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key") from error
+    command = ["ssh-keygen", "-Y", "sign", "-n", NAMESPACE, "-f", str(key)]
+    try:
+        done = subprocess.run(  # noqa: S603 - the user's own key; the file goes in, and the signature comes out
+            command, capture_output=True, input=read_ordinary(path), check=False
+        )
+    except FileNotFoundError as error:
+        problem = "ssh-keygen is not installed. Install OpenSSH, or leave out --sign."
+        raise MissingDependencyError(problem) from error
+    if done.returncode or not done.stdout:
+        problem = last_line(done.stderr.decode(errors="replace")) or f"ssh-keygen ended with {done.returncode}"
+        raise InvalidInputError("--sign", problem, "Give the file of a private SSH key without a passphrase")
+    write_durably(signature, done.stdout)
+    return signature

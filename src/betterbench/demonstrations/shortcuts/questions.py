@@ -1,0 +1,202 @@
+"""What the audit asks of a dataset: which two things could go together, and what each demonstration says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
+from betterbench.demonstrations.shortcuts.words import instruction_words
+
+Pair = tuple[str, str]
+"""What goes together with what in one observation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """One thing that a learner could go by.
+
+    Attributes:
+        name: Its name in files.
+        title: What is asked, for people.
+        rule: How a finding is worded: what is known, and what follows from it.
+        pairs: The observations of a demonstration; the kinds that are ever handled, or None to leave out none.
+        within: Whether observations are exchanged within a demonstration and not between demonstrations.
+        either_way: Whether the second value also tells the first.
+    """
+
+    name: str
+    title: str
+    rule: str
+    pairs: Callable[[EpisodeFacts, frozenset[str] | None], list[tuple[str, str, str]]]
+    within: bool = False
+    either_way: bool = False
+
+
+def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
+    """Return the kinds of thing that are ever taken from a place."""
+    return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
+
+
+def _word_place(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    del handled
+    return [(f"{facts.episode}:{i}", s.word, s.origin) for i, s in enumerate(facts.steps) if s.word and s.origin]
+
+
+def _thing_place(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    return [(facts.episode, kind, slot) for kind, slot in facts.standing if handled is None or kind in handled]
+
+
+def _bystander_place(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    return [(facts.episode, kind, slot) for kind, slot in facts.standing if handled is None or kind not in handled]
+
+
+def _first_step(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    del handled
+    kinds = [step.thing for step in facts.steps if step.thing and step.origin]
+    if len(set(kinds)) < 2:
+        return []
+    return [(facts.episode, kind, _ordinal(i)) for i, kind in enumerate(kinds, start=1)]
+
+
+def _order(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    del handled
+    kinds = list(dict.fromkeys(step.thing for step in facts.steps if step.thing and step.origin))
+    found = []
+    for i, earlier in enumerate(kinds):
+        for later in kinds[i + 1 :]:
+            pair = " and ".join(sorted((earlier, later)))
+            block = f"{facts.episode}:{pair}"
+            found += [(block, f"{pair}: {earlier}", "earlier"), (block, f"{pair}: {later}", "later")]
+    return found
+
+
+def _thing_target(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    del handled
+    carried = [s for s in facts.steps if s.thing and s.origin and s.target]
+    return [(f"{facts.episode}:{i}", s.thing, s.target) for i, s in enumerate(carried)]
+
+
+def _landmark_place(facts: EpisodeFacts, handled: frozenset[str] | None) -> list[tuple[str, str, str]]:
+    where = " and ".join(f"{kind} at {slot}" for kind, slot in facts.landmarks)
+    if not where:
+        return []
+    return [(facts.episode, where, slot) for kind, slot in facts.standing if handled is None or kind in handled]
+
+
+def _ordinal(number: int) -> str:
+    return {1: "first", 2: "second", 3: "third", 4: "fourth"}.get(number, f"step {number}")
+
+
+QUESTIONS = (
+    Question("word_place", "word and place", "“{x}” is taken from {y}", _word_place),
+    Question("thing_place", "thing and place", "{x} stands at {y}", _thing_place, within=True, either_way=True),
+    Question(
+        "bystander_place", "bystander and place", "{x} stands at {y}", _bystander_place, within=True, either_way=True
+    ),
+    Question("first_step", "thing and step", "{x} is handled {y}", _first_step, within=True),
+    Question("order", "order of two things", "of {x} is handled {y}", _order, within=True),
+    Question("thing_target", "thing and target", "{x} is brought to {y}", _thing_target),
+    Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place),
+)
+"""The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
+
+
+@dataclass(frozen=True, slots=True)
+class WordOutcome:
+    """What a demonstration does, which words may tell.
+
+    Attributes:
+        name: Name of the question about single words.
+        what: The outcome, for people.
+        rule: How a finding is worded, with the outcome as ``{y}``.
+        of: The outcome of a demonstration, "" if it has none.
+        missing: Why no demonstration may have the outcome.
+        is_place: Whether it is a place, a direction or a side, which a word such as "left" may mean.
+    """
+
+    name: str
+    what: str
+    rule: str
+    of: Callable[[EpisodeFacts], str]
+    missing: str
+    is_place: bool = True
+
+    def question(self, level: str) -> str:
+        """Return the name of the question about words, pairs of words or whole instructions."""
+        return self.name + level
+
+    def title(self, level: str) -> str:
+        """Return the title of the question about words, pairs of words or whole instructions."""
+        return f"{_LEVELS[level]} and {self.what}"
+
+
+def _arm(facts: EpisodeFacts) -> str:
+    """Return the arm that acts first; facts about arms alone have steps without places."""
+    step = facts.steps[0] if facts.steps and not facts.privileged else None
+    return step.thing if step is not None and not step.origin and not step.target else ""
+
+
+def _is_named(facts: EpisodeFacts) -> bool:
+    """Tell whether the objects have names; facts about arms alone have arms in their place."""
+    return facts.privileged or any(step.thing and step.origin for step in facts.steps)
+
+
+def _first_object(facts: EpisodeFacts) -> str:
+    """Return the object that is taken first, of several; of a single one, if the instruction does not name it."""
+    taken = [step for step in facts.steps if step.thing and step.origin]
+    several = len({step.thing for step in taken}) > 1
+    return taken[0].thing if taken and (several or not instruction_words(taken[0].word) & facts.words) else ""
+
+
+def _sequence(facts: EpisodeFacts) -> str:
+    """Return the order of the objects of a demonstration, or of the places that they are taken from if unnamed."""
+    taken = [step.thing if _is_named(facts) else step.origin for step in facts.steps if step.origin]
+    order = list(dict.fromkeys(name for name in taken if name))
+    return ", then ".join(order) if len(order) > 1 else ""
+
+
+COUNT, LANDMARK = "count", "landmark"
+"""The questions whether the number of things at the start, or the place of a landmark, ever differs.
+
+They are no associations and need no test.
+"""
+FIRST_PLACE, LAST_PLACE, HEADING = "words_first_place", "words_last_place", "words_heading"
+FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
+"""Questions about every word of the instructions: where the gripper goes first and last, how it sets out, which object
+comes first, in which order, and which arm."""
+
+WORDS, PAIRS, WHOLE = "", "_together", "_whole"
+"""What follows the name of a question about words in that about words, pairs of them and whole instructions."""
+_LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
+
+_NO_GRASP = "no demonstration has it"
+WORD_OUTCOMES = {
+    outcome.name: outcome
+    for outcome in (
+        WordOutcome(
+            FIRST_PLACE,
+            "first place",
+            "first taken from {y}",
+            lambda f: f.steps[0].origin if f.steps else "",
+            _NO_GRASP,
+        ),
+        WordOutcome(
+            LAST_PLACE, "last target", "last brought to {y}", lambda f: f.steps[-1].target if f.steps else "", _NO_GRASP
+        ),
+        WordOutcome(HEADING, "first motion", "the gripper sets out {y}", lambda f: f.heading, _NO_GRASP),
+        WordOutcome(
+            FIRST_OBJECT, "first object", "{y} is handled first", _first_object, "objects have no names", is_place=False
+        ),
+        WordOutcome(
+            SEQUENCE, "order", "the order is {y}", _sequence, "no demonstration takes two or more", is_place=False
+        ),
+        WordOutcome(ARM, "arm", "the {y} closes its gripper first", _arm, "no arms are compared"),
+    )
+}
+"""The outcomes that words, pairs of words and whole instructions are held against."""
+
+
+def base_of(question: str) -> str:
+    """Return the name of the question about single words for one about pairs or whole instructions; others stay."""
+    return question.removesuffix(PAIRS).removesuffix(WHOLE)

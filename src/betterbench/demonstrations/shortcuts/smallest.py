@@ -1,0 +1,315 @@
+"""The smallest rule that an audit would have found: what as few demonstrations as these could not have shown.
+
+Planted data answer it. They keep the counts of the real ones (who says what how often, what happens how often) and so
+the same permutations, the same correction and the same threshold. In a share of the demonstrations the outcome follows
+from the word or the object, in the others chance decides. The smallest share that is found often enough is reported.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.demonstrations.shortcuts.association import (
+    PERMUTATIONS,
+    Association,
+    PermutationTest,
+    codes_of,
+    counts_log_counts,
+    joint_counts,
+    shuffled_inside,
+)
+
+POWER = 0.8
+"""Share of planted data sets in which a rule has to be found."""
+REPLICATES = 400
+"""Planted data sets per size of a rule."""
+_ENOUGH = POWER + 1.645 * math.sqrt(POWER * (1.0 - POWER) / REPLICATES)
+"""Share of the planted data sets from which the true share is at least :data:`POWER`, with a confidence of 95 %."""
+STEPS = 20
+"""Sizes that are tried: a rule that decides 1/20, 2/20, ... of the demonstrations."""
+_MOST_WORDS = 20
+"""Most frequencies of words that are tried as the best placed one."""
+_CHUNK = 2_000_000
+"""Numbers that are planted at once."""
+
+_Bools = npt.NDArray[np.bool_]
+_Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
+
+Certain = Callable[[_Ints], bool]
+"""Whether a weak association counts all the same, because some value is a sure sign; from the joint counts (nx, ny)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RuleCounts:
+    """Which significant associations an audit reports.
+
+    Attributes:
+        strong: Strength from which all count.
+        certain: Which weaker ones count.
+    """
+
+    strong: float
+    certain: Certain
+
+
+@dataclass(frozen=True, slots=True)
+class SmallestRule:
+    """The smallest rule of one question that the audit would have found.
+
+    Attributes:
+        question: Name of the question.
+        title: What was asked.
+        n: Demonstrations, or observations in them, that the test compares.
+        noun: What these are called.
+        least_share: Smallest share of them in which the rule decides the outcome, chance deciding the others, so that
+            the audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule
+            without an exception is found.
+        strong_share: Smallest share from which a rule is strong enough to count, as often, if nothing is asked of its
+            p-value: what more demonstrations would find.
+        sentence: What ``least_share`` says, in words.
+    """
+
+    question: str
+    title: str
+    n: int
+    noun: str
+    least_share: float | None
+    strong_share: float | None
+    sentence: str
+
+    @property
+    def too_few(self) -> bool:
+        """Whether there are too few demonstrations to find every strong rule, by more than a step."""
+        if self.least_share is None:
+            return True
+        return self.strong_share is not None and self.least_share - self.strong_share > 1.5 / STEPS
+
+
+def smallest_rule(
+    question: str, title: str, n: int, noun: str, shares: tuple[float | None, float | None]
+) -> SmallestRule:
+    """Return the smallest rule of a question with its sentence; ``shares`` are the least and the strong one."""
+    return SmallestRule(question, title, n, noun, *shares, f"{title}: {said_of(shares[0], f'{n} {noun}')}")
+
+
+def said_of(share: float | None, of: str) -> str:
+    """Return what a share means in words."""
+    if share is None:
+        return f"with {of}, not even a rule without an exception would be found"
+    if share >= 1.0:
+        return f"with {of}, only a rule without an exception would be found"
+    return f"with {of}, a rule would be found if it decides at least {100.0 * share:.0f} % of them"
+
+
+def most_permutations(level: float, tests: int) -> int:
+    """Return how many permutations may reach as much as the data so that a corrected p-value is at most a level.
+
+    Negative if even none is too many: the smallest p-value, times the number of tests, is above the level.
+    """
+    least = 1.0 / (1 + PERMUTATIONS)
+    most = int(level / (least * tests)) + 1
+    while most >= 0 and round((1 + most) * least * tests, 6) > level:
+        most -= 1
+    return most
+
+
+@dataclass(frozen=True, slots=True)
+class Planted:
+    """Data with a planted rule: the counts of a question, and its outcomes arranged so that a rule holds.
+
+    Attributes:
+        y: (n,) outcome of each observation.
+        perfect: (n,) first values arranged so that they decide the outcomes as far as their counts allow.
+        block: (n,) number of the unit of each observation: what the rule holds or does not hold for.
+        sizes: How many first and second values there are.
+        within: Whether first values are exchanged inside each unit, or between units.
+        null: (PERMUTATIONS,) what the test compares with [bit].
+        expected: Mutual information by chance [bit].
+    """
+
+    y: _Ints
+    perfect: _Ints
+    block: _Ints
+    sizes: tuple[int, int]
+    within: bool
+    null: _Floats
+    expected: float
+
+    def rows(self, share: float, rows: int, draw: np.random.Generator) -> _Ints:
+        """Return planted first values, (rows, n): those of a share of the units as they are, the others by chance."""
+        units = int(self.block.max()) + 1
+        free = units - round(share * units)
+        chosen = np.argsort(draw.random((rows, units)), axis=1)[:, :free]
+        if self.within:
+            by_chance = np.zeros((rows, units), dtype=np.bool_)
+            np.put_along_axis(by_chance, chosen, values=True, axis=1)
+            return np.where(
+                by_chance[:, self.block], shuffled_inside(self.perfect, self.block, rows, draw), self.perfect
+            )
+        each = np.tile(self.perfect[np.unique(self.block, return_index=True)[1]], (rows, 1))
+        moved = np.take_along_axis(each, chosen, axis=1)
+        np.put_along_axis(each, np.sort(chosen, axis=1), moved, axis=1)
+        return each[:, self.block]
+
+    def threshold(self, level: float, tests: int) -> float:
+        """Return the mutual information [bit] above which a corrected p-value is at most a level."""
+        most = most_permutations(level, tests)
+        if most < 0:
+            return math.inf
+        place = len(self.null) - 1 - most
+        return float(np.partition(self.null, place)[place])
+
+    def share_found(self, share: float, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float:
+        """Return the share of planted data sets in which the audit finds a rule that decides a share of the units."""
+        replicates = 1 if share >= 1.0 else REPLICATES
+        at_once = max(1, _CHUNK // max(len(self.y), self.sizes[0] * self.sizes[1]))
+        found = 0
+        for start in range(0, replicates, at_once):
+            joint = joint_counts(self.rows(share, min(at_once, replicates - start), draw), self.y, self.sizes)
+            bits, smaller = _bits(joint)
+            room = smaller - self.expected
+            strength = np.where(room > 1e-9, (bits - self.expected) / np.maximum(room, 1e-9), 0.0)
+            significant = bits - 1e-9 > threshold
+            strong = strength >= counts.strong
+            found += int((significant & strong).sum())
+            found += sum(counts.certain(joint[row]) for row in np.flatnonzero(significant & ~strong))
+        return found / replicates
+
+    def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:
+        """Return the smallest share of units that a rule has to decide to be found, in steps, or None if none is."""
+        if self.share_found(1.0, threshold, counts, draw) < 1.0:
+            return None
+        units = int(self.block.max()) + 1
+        # A single unit that chance decides has none to exchange with: the rule would have no exception.
+        decided = {round(step / STEPS * units) for step in range(STEPS + 1)} - ({0, units - 1} if units > 1 else {0})
+        shares = [number / units for number in sorted(decided)]
+        low, high = -1, len(shares) - 1  # not enough, enough
+        while high - low > 1:
+            middle = (low + high) // 2
+            enough = self.share_found(shares[middle], threshold, counts, draw) >= _ENOUGH
+            low, high = (low, middle) if enough else (middle, high)
+        return round(shares[high], 2)
+
+
+def planted_question(test: PermutationTest) -> Planted:
+    """Return the data of a question, arranged so that its first values decide the second ones."""
+    perfect = _matched_inside(test) if test.within else _matched_between(test)
+    return Planted(test.y, perfect, test.block, test.sizes, test.within, test.null, test.found.expected_bits)
+
+
+def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[Association], null: _Floats) -> Planted:
+    """Return the data of a question about words, arranged so that the word that can tell the most decides the outcome.
+
+    Args:
+        presence: (episodes, words) whether an episode says a word.
+        outcome: The outcome of each episode.
+        found: What was found of each word.
+        null: (PERMUTATIONS,) the most mutual information of any word [bit].
+    """
+    y, kinds = codes_of(outcome)
+    counts = presence.sum(axis=0)
+    first = {int(count): i for i, count in reversed(list(enumerate(counts)))}  # one word per frequency
+    even = sorted(first, key=lambda count: (abs(2 * count - len(y)), count))[:_MOST_WORDS]
+    block = np.arange(len(y))
+    best: tuple[float, _Ints, int] | None = None
+    for count in even:
+        x = np.repeat(np.array([1, 0]), [count, len(y) - count])
+        bits, perfect = _best_order(x, [(int(v),) for v in y], lambda x: x, y, (2, kinds))
+        if best is None or bits > best[0] + 1e-9:
+            best = bits, perfect, first[count]
+    assert best is not None, "a question about words has words"  # noqa: S101 - narrows the type
+    return Planted(y, best[1], block, (2, kinds), False, null, found[best[2]].expected_bits)
+
+
+def _matched_between(test: PermutationTest) -> _Ints:
+    """Return first values that go with the outcomes of their demonstrations."""
+    units = int(test.block.max()) + 1
+    x = test.x[np.unique(test.block, return_index=True)[1]]
+    ranked = np.argsort(-np.bincount(x, minlength=test.sizes[0]), kind="stable")
+    place = np.argsort(ranked)
+    x = x[np.argsort(place[x], kind="stable")]
+    outcomes: list[list[int]] = [[] for _ in range(units)]
+    for unit, value in zip(test.block.tolist(), test.y.tolist(), strict=True):
+        outcomes[unit].append(value)
+    told = [tuple(sorted(values)) for values in outcomes]
+    return _best_order(x, told, lambda each: each[test.block], test.y, test.sizes)[1]
+
+
+def _best_order(
+    x: _Ints,
+    outcomes: Sequence[tuple[int, ...]],
+    spread: Callable[[_Ints], _Ints],
+    y: _Ints,
+    sizes: tuple[int, int],
+) -> tuple[float, _Ints]:
+    """Return the most mutual information [bit] of sorted first values with sorted outcomes, and these values.
+
+    The outcomes are sorted by how frequent they are, beginning with any of the most frequent ones.
+    """
+    frequent = Counter(outcomes)
+    kinds = sorted(frequent, key=lambda kind: (-frequent[kind], kind))
+    best, found = -1.0, spread(x)
+    for turn in range(min(len(kinds), _MOST_WORDS)):
+        rank = {kind: i for i, kind in enumerate([*kinds[turn:], *kinds[:turn]])}
+        each = np.empty(len(x), dtype=np.int64)
+        each[np.argsort(np.array([rank[told] for told in outcomes]), kind="stable")] = x
+        values = spread(each)
+        bits = float(_bits(joint_counts(values[None, :], y, sizes))[0][0])
+        if bits > best + 1e-9:
+            best, found = bits, values
+    return best, found
+
+
+def _matched_inside(test: PermutationTest) -> _Ints:
+    """Return first values that go with the second ones inside each demonstration, by one list for all of them."""
+
+    def by_count(values: _Ints, size: int) -> list[int]:
+        return list(map(int, np.argsort(-np.bincount(values, minlength=size), kind="stable")))
+
+    firsts, seconds = by_count(test.x, test.sizes[0]), by_count(test.y, test.sizes[1])
+    partner = dict(zip(seconds, firsts, strict=False))
+    perfect = test.x.copy()
+    order = np.argsort(test.block, kind="stable")
+    for rows in np.split(order, np.cumsum(np.bincount(test.block))[:-1]):
+        left = sorted(test.x[rows].tolist(), key=firsts.index)
+        open_rows = []
+        for row in rows.tolist():
+            wanted = partner.get(int(test.y[row]), -1)
+            if wanted in left:
+                left.remove(wanted)
+                perfect[row] = wanted
+            else:
+                open_rows.append(row)
+        for row, value in zip(sorted(open_rows, key=lambda r: seconds.index(int(test.y[r]))), left, strict=True):
+            perfect[row] = value
+    return perfect
+
+
+def _bits(joint: _Ints) -> tuple[_Floats, _Floats]:
+    """Return the mutual information [bit] of joint counts (rows, nx, ny), and the smaller of the two entropies."""
+    n = int(joint[0].sum())
+    logs = counts_log_counts(n)
+    first, second = (logs[joint.sum(axis=axis)].sum(axis=1) for axis in (2, 1))
+    bits = np.maximum(0.0, (logs[joint].sum(axis=(1, 2)) + logs[n] - first - second) / n)
+    return bits, (logs[n] - np.maximum(first, second)) / n
+
+
+def shares_line(rules: Iterable[SmallestRule]) -> str:
+    """Return the questions by their smallest rule in one line, those to which none could be found first."""
+    groups: dict[float | None, list[str]] = {}
+    for rule in rules:
+        groups.setdefault(rule.least_share, []).append(rule.title)
+    ranked = sorted(groups.items(), key=lambda item: -2.0 if item[0] is None else -item[0])
+    return "; ".join(f"{share_text(share)}: {', '.join(titles)}" for share, titles in ranked)
+
+
+def share_text(share: float | None) -> str:
+    """Return a share for a table ("85 %"), or that no rule would be found."""
+    return "none, however strong" if share is None else f"{100.0 * share:.0f} %"

@@ -1,0 +1,259 @@
+"""What the operator asks for, gathered from browser and devices between control steps; callable from any thread.
+
+One page drives, the first that is opened; others look on until one of them takes over. Nothing that a page or a device
+sends can block or break the loop: what cannot be read is told in one line, and held keys that are not renewed lapse.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal, get_args
+
+from pydantic import BaseModel, Field, TypeAdapter
+
+from betterbench.demonstrations.teleop.steering import is_finite
+from betterbench.errors import BetterError, one_line
+from betterbench.geometry import Pose
+from betterbench.json_form import read_form
+
+Tap = Literal["gripper", "undo", "restart", "save", "discard"]
+"""What happens once per press."""
+TAPS: tuple[str, ...] = get_args(Tap)
+
+HELD_FOR_S = 0.6
+"""Time after which held keys and axes that were not renewed count as let go [s]; the page renews them every 0.2 s."""
+MARK = "better-teleop:"
+"""What the text begins with that the page sends."""
+DEAD_ZONE = 0.12
+"""Deflection of an axis below which it counts as at rest."""
+MOST_TAPS = 32
+"""Presses that wait for a control step, at most; further ones come from no hand and are dropped."""
+NO_PUSH = (0.0,) * 6
+
+KEYS: dict[str, tuple[int, float]] = {
+    "KeyW": (0, 1.0),
+    "KeyS": (0, -1.0),
+    "KeyA": (1, 1.0),
+    "KeyD": (1, -1.0),
+    "KeyR": (2, 1.0),
+    "KeyF": (2, -1.0),
+    "KeyJ": (3, -1.0),
+    "KeyL": (3, 1.0),
+    "KeyI": (4, 1.0),
+    "KeyK": (4, -1.0),
+    "KeyQ": (5, 1.0),
+    "KeyE": (5, -1.0),
+}
+"""Component and sign of each key that pushes: forward, left, up, roll, pitch and yaw, seen from the viewer."""
+TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
+SLOW = 0.25
+"""What holding Shift leaves of the speed."""
+
+_Number = Annotated[float, Field(ge=-1.0, le=1.0)]
+
+
+class _Sent(BaseModel, extra="forbid", allow_inf_nan=False):
+    """What the page sends: keys held, how often each tap was made since it was opened, and axes in [-1, 1]."""
+
+    held: Annotated[list[Annotated[str, Field(max_length=20)]], Field(max_length=20)] = []
+    taps: dict[Annotated[str, Field(max_length=20)], Annotated[int, Field(ge=0)]] = {}
+    push: Annotated[list[_Number], Field(max_length=6, min_length=6)] = list(NO_PUSH)
+    slow: bool = False
+    n: int = 0
+
+
+_SENT = TypeAdapter(_Sent)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlInput:
+    """What was asked for since the last control step.
+
+    Attributes:
+        taps: Buttons and keys, in order.
+        drag: Where the gizmo was dragged, or where a leader arm is; None if nowhere.
+        is_dragging: Whether the gizmo is still held.
+        push: How hard the tool is pushed: forward, left, up, roll, pitch and yaw as the viewer sees it, each in
+            [-1, 1].
+        closed: Whether a leader arm holds its gripper closed; None without one.
+        driver: Number of the page that drives; None while no page is open.
+    """
+
+    taps: tuple[Tap, ...] = ()
+    drag: Pose | None = None
+    is_dragging: bool = False
+    push: tuple[float, ...] = NO_PUSH
+    closed: bool | None = None
+    driver: int | None = None
+
+
+@dataclass(slots=True)
+class _Push:
+    values: tuple[float, ...]
+    at_s: float
+
+
+@dataclass(slots=True)
+class Controls:
+    """Gathers what is asked for; ``take`` is called once per control step."""
+
+    driver: int | None = None
+    """Number of the page that drives."""
+    problems: list[str] = field(default_factory=list)
+    """What could not be read, one line each, until it is taken."""
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _pages: list[int] = field(default_factory=list)
+    _taps: list[Tap] = field(default_factory=list)
+    _counts: dict[int, dict[str, int]] = field(default_factory=dict)
+    _drag: Pose | None = None
+    _is_dragging: bool = False
+    _pushes: dict[str, _Push] = field(default_factory=dict)
+    _closed: bool | None = None
+    _grip: int = 0
+    _tool: Pose | None = None
+
+    def connected(self, page: int) -> bool:
+        """Note that a page was opened, and tell whether it drives."""
+        with self._lock:
+            self._pages.append(page)
+            if self.driver is None:
+                self.driver = page
+            return self.driver == page
+
+    def disconnected(self, page: int) -> bool:
+        """Note that a page was closed; whatever it held is let go. Tell whether it drove."""
+        with self._lock:
+            self._pages = [p for p in self._pages if p != page]
+            self._counts.pop(page, None)
+            drove = self.driver == page
+            if drove:
+                self._let_go()
+                self.driver = self._pages[0] if self._pages else None
+            return drove
+
+    def take_over(self, page: int) -> None:
+        """Let another page drive."""
+        with self._lock:
+            if page in self._pages and page != self.driver:
+                self._let_go()
+                self.driver = page
+
+    def tapped(self, page: int | None, tap: Tap) -> bool:
+        """Note a press of a button of a page, None for a device; False if the page does not drive."""
+        with self._lock:
+            if page is not None and page != self.driver:
+                return False
+            self._taps = [*self._taps, tap][:MOST_TAPS]
+            return True
+
+    def dragged(self, page: int, pose: Pose, *, is_over: bool) -> bool:
+        """Note where the gizmo is; False if the page does not drive."""
+        with self._lock:
+            if page != self.driver:
+                return False
+            if is_finite(pose):
+                self._drag, self._is_dragging = pose, not is_over
+            else:
+                self._tell("the gizmo's pose is not finite and was left out")
+            return True
+
+    def sent(self, page: int, text: str, now_s: float) -> bool:
+        """Take in what the script of a page sends; False if the page does not drive and asks for something."""
+        try:
+            data = text.removeprefix(MARK).encode(errors="replace")
+            form: _Sent = read_form(_SENT, data, where="page", cure="Reload the page")
+        except BetterError as problem:
+            with self._lock:
+                self._tell(str(problem))
+            return True
+        with self._lock:
+            # What was tapped before the page drove is not done afterward.
+            known = self._counts.setdefault(page, {})
+            made: list[Tap] = [
+                tap for tap in get_args(Tap) for _ in range(min(8, max(0, form.taps.get(tap, 0) - known.get(tap, 0))))
+            ]
+            known.update(form.taps)
+            push = _push_of(form)
+            if page != self.driver:
+                return not (made or any(push))
+            self._taps = [*self._taps, *made][:MOST_TAPS]
+            self._pushes["page"] = _Push(push, now_s)
+            return True
+
+    def pushed(self, device: str, values: Sequence[float], now_s: float) -> None:
+        """Take in how a device is deflected: six numbers in [-1, 1]; what is not finite is left out."""
+        with self._lock:
+            if len(values) != 6 or not all(map(math.isfinite, values)):
+                self._tell(f"{device}: a number is not finite and was left out; the arm holds still")
+                self._pushes.pop(device, None)
+                return
+            self._pushes[device] = _Push(tuple(calmed(v) for v in values), now_s)
+
+    def led(self, pose: Pose, *, closed: bool) -> None:
+        """Take in where a leader arm is; what is not finite is left out."""
+        with self._lock:
+            if is_finite(pose):
+                self._drag, self._closed = pose, closed
+            else:
+                self._tell("leader arm: a number is not finite and was left out; the arm holds still")
+
+    def complain(self, problem: str) -> None:
+        """Note what went wrong with a device, in one line."""
+        with self._lock:
+            self._tell(problem)
+
+    def hold_from(self, tool: Pose) -> None:
+        """Let a leader arm take hold anew, from where the tool is sent now."""
+        with self._lock:
+            self._grip += 1
+            self._tool, self._drag = tool, None
+
+    def grip(self) -> tuple[int, Pose | None]:
+        """Return how often a leader arm had to take hold, and where the tool was sent then; None before the start."""
+        with self._lock:
+            return self._grip, self._tool
+
+    def take(self, now_s: float) -> ControlInput:
+        """Return what was asked for since the last call."""
+        with self._lock:
+            for device in [d for d, push in self._pushes.items() if now_s - push.at_s > HELD_FOR_S]:
+                del self._pushes[device]
+            summed = [sum(push.values[i] for push in self._pushes.values()) for i in range(6)]
+            push = tuple(max(-1.0, min(1.0, v)) for v in summed)
+            asked = ControlInput(tuple(self._taps), self._drag, self._is_dragging, push, self._closed, self.driver)
+            self._taps, self._drag = [], None
+            return asked
+
+    def take_problems(self) -> list[str]:
+        """Return what could not be read since the last call."""
+        with self._lock:
+            found, self.problems = self.problems, []
+            return found
+
+    def _let_go(self) -> None:
+        self._taps, self._drag, self._is_dragging = [], None, False
+        self._pushes.pop("page", None)
+
+    def _tell(self, problem: str) -> None:
+        line = one_line(problem, most=200)
+        if line not in self.problems and len(self.problems) < 5:
+            self.problems.append(line)
+
+
+def calmed(value: float) -> float:
+    """Return a deflection without its dead zone, in [-1, 1]."""
+    size = max(0.0, min(1.0, abs(value)) - DEAD_ZONE) / (1.0 - DEAD_ZONE)
+    return math.copysign(size, value) if size else 0.0
+
+
+def _push_of(form: _Sent) -> tuple[float, ...]:
+    values = [calmed(v) for v in form.push]
+    for key in form.held:
+        if key in KEYS:
+            component, sign = KEYS[key]
+            values[component] += sign
+    scale = SLOW if form.slow else 1.0
+    return tuple(scale * max(-1.0, min(1.0, v)) for v in values)

@@ -1,0 +1,106 @@
+"""The gate of the page: who does not know the token in its address, or comes from another site, gets one line.
+
+The token is the first part of the path: the page's own connection goes to the address of the page, so it carries it
+too, and no cookie is needed, which a server on another port could read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hmac
+import importlib
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http import HTTPStatus
+from typing import Any
+
+from betterbench.demonstrations.teleop.incoming import MAX_MESSAGE_BYTES, IncomingMessages
+from betterbench.policies.serving.callers import is_own_host, is_own_origin
+
+OPEN_TIMEOUT_S = 5.0
+"""How long a connection may take to say what it wants [s]."""
+_HEADERS = {
+    "Referrer-Policy": "no-referrer",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+}
+_REFUSED = "This page is not for you: open the address that better teleop has printed, with its token.\n"
+
+
+_UNREADABLE = "This request cannot be read.\n"
+
+
+def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: Any) -> Any:  # noqa: ANN401
+    """Return the answer of what stands behind the gate; a refusal where a request makes that raise an error.
+
+    A header that stands twice or a path of strange bytes would be a traceback of the server.
+    """
+    try:
+        return None if inner is None else inner(connection, request)
+    except Exception:  # noqa: BLE001 - whatever viser does not expect
+        return connection.respond(HTTPStatus.BAD_REQUEST, _UNREADABLE)
+
+
+class Gate:
+    """Lets in who knows the token and comes from the page itself.
+
+    Attributes:
+        token: What the path of each request has to begin with.
+        is_closed: Whether a server stands behind it. A server without it must not be used.
+    """
+
+    def __init__(self, host: str, incoming: IncomingMessages) -> None:
+        """Draw a token for a server that listens on an interface, and reads only some messages."""
+        self._host, self.token, self.is_closed = host, secrets.token_urlsafe(24), False
+        self._incoming = incoming
+
+    def path_inside(self, path: str) -> str | None:
+        """Return what follows the token in the path of a request; None without the right token."""
+        plain, mark, query = path.partition("?")
+        given, _, rest = plain.removeprefix("/").partition("/")
+        if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):
+            return None
+        return f"/{rest}{mark}{query}"
+
+    def admits(self, request: Any) -> str | None:  # noqa: ANN401 - of websockets
+        """Return the path of a request that may come in; None for one that may not."""
+        hosts = request.headers.get_all("Host")
+        if not is_own_host(hosts, self._host) or not is_own_origin(request.headers.get_all("Origin"), hosts):
+            return None
+        return self.path_inside(request.path)
+
+    @contextmanager
+    def before_servers(self) -> Iterator[None]:
+        """Stand before every websocket server that is started meanwhile; viser has no place for a gate."""
+        module = importlib.import_module("websockets.asyncio.server")
+        serve = module.serve
+
+        @functools.wraps(serve)
+        def gated(handler: Any, *arguments: Any, **options: Any) -> Any:  # noqa: ANN401
+            options["process_request"] = self._process(options.get("process_request"))
+            options["open_timeout"], options["max_size"] = OPEN_TIMEOUT_S, MAX_MESSAGE_BYTES
+            self.is_closed = True
+            return serve(self._incoming.before(handler), *arguments, **options)
+
+        module.serve = gated  # type: ignore[attr-defined]
+        try:
+            yield
+        finally:
+            module.serve = serve  # type: ignore[attr-defined]
+
+    def _process(self, inner: Callable[[Any, Any], Any] | None) -> Callable[[Any, Any], Any]:
+        def process(connection: Any, request: Any) -> Any:  # noqa: ANN401
+            path = self.admits(request)
+            if path is None:
+                response = connection.respond(HTTPStatus.FORBIDDEN, _REFUSED)
+            else:
+                response = _asked(inner, connection, dataclasses.replace(request, path=path))
+            if response is not None:
+                for name, value in _HEADERS.items():
+                    response.headers[name] = value
+            return response
+
+        return process

@@ -1,0 +1,184 @@
+"""A LeRobot leader arm: read by lerobot's own teleoperator class, and followed by the tool of the simulated arm.
+
+The leader is another arm than the robot, with five joints and another reach. So its tool is what is followed: where it
+was moved and turned since it took hold, in the frame of its base, is where the robot's tool is moved and turned.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from betterbench.demonstrations.teleop.controls import Controls
+from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.geometry import Pose, Vector, from_axis_angle, multiply, normalize, turn_between
+from betterbench.installation import missing_packages
+
+LEADERS = ("so101_leader", "so100_leader")
+"""Leader arms whose kinematics are known here."""
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+SCALE = 1.5
+"""How far the robot's tool moves for each meter of the leader's: about the ratio of their reaches."""
+CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
+"""Positions of the leader's gripper (0 closed to 100 open) at which that of the robot is told to close and to open."""
+RATE_HZ = 50.0
+MOST_FAILURES = 25
+"""Readings in a row that may fail before the leader counts as gone: half a second."""
+
+# Screws of the SO-101 with all joints at zero, new calibration (TheRobotStudio SO-ARM100, so101_new_calib.xml,
+# Apache-2.0): a point on each axis [m] and its direction, and where the middle of the gripper then is.
+_SCREWS: tuple[tuple[Vector, Vector], ...] = (
+    ((0.03884, 0.0, 0.0624), (0.0, 0.0, -1.0)),
+    ((0.06923, -0.01828, 0.1166), (0.0, 1.0, 0.0)),
+    ((0.09723, -0.01828, 0.22917), (0.0, 1.0, 0.0)),
+    ((0.23213, -0.01828, 0.23437), (0.0, 1.0, 0.0)),
+    ((0.29323, -0.00018, 0.23437), (-1.0, 0.0, 0.0)),
+)
+_TOOL_AT_ZERO: Vector = (0.39136, -0.00001, 0.22647)
+
+
+def leader_tool(degrees: Mapping[str, float]) -> Pose:
+    """Return the pose of the tool of an SO-101 in the frame of its base, from its joint angles [degree] by name.
+
+    The frame of the tool is parallel to that of the base where all joints are at zero. InvalidInputError if an angle is
+    missing or not finite.
+    """
+    pose = Pose()
+    for name, (point, axis) in zip(JOINTS, _SCREWS, strict=True):
+        angle = degrees.get(name, math.nan)
+        if not math.isfinite(angle):
+            raise InvalidInputError("leader arm", f"{name} is {angle}", "Check its cables and its calibration")
+        turn = from_axis_angle([math.radians(angle) * v for v in axis])
+        pose = pose @ Pose(point) @ Pose((0.0, 0.0, 0.0), turn) @ Pose((-point[0], -point[1], -point[2]))
+    return pose @ Pose(_TOOL_AT_ZERO)
+
+
+class Follower:
+    """Turns readings of a leader into where the robot's tool is to be, from where both were when it took hold."""
+
+    def __init__(self) -> None:
+        """Wait to take hold."""
+        self._leader: Pose | None = None
+        self._robot = Pose()
+        self._closed = False
+
+    def take_hold(self, robot: Pose, leader: Pose) -> None:
+        """Begin to follow from here: ``T_base_tcp`` of the robot, and the tool of the leader."""
+        self._robot, self._leader = robot, leader
+
+    def follow(self, leader: Pose, gripper: float) -> tuple[Pose, bool]:
+        """Return the target of the robot's tool, and whether its gripper is to be closed.
+
+        ``gripper`` is the position of the leader's, 0 closed to 100 open. InvalidInputError before it took hold.
+        """
+        if self._leader is None:
+            raise InvalidInputError("leader arm", "it has not taken hold", "Call take_hold first")
+        there, began = leader.position, self._leader.position
+        x, y, z = (r + SCALE * (a - b) for r, a, b in zip(self._robot.position, there, began, strict=True))
+        turn = turn_between(self._leader.quaternion, leader.quaternion)
+        if gripper < CLOSED_BELOW or gripper > OPEN_ABOVE:
+            self._closed = gripper < CLOSED_BELOW
+        return Pose((x, y, z), normalize(multiply(turn, self._robot.quaternion))), self._closed
+
+
+def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - lerobot's Teleoperator
+    """Return a connected teleoperator of lerobot.
+
+    Args:
+        kind: One of :data:`LEADERS`.
+        port: Serial port of the arm.
+        name: Id under which lerobot keeps its calibration.
+
+    Raises:
+        MissingDependencyError: If lerobot, or what it needs for these motors, is not installed.
+        InvalidInputError: If the arm is unknown, cannot be reached, or is not calibrated.
+    """
+    if kind not in LEADERS:
+        raise InvalidInputError("--leader", f"{kind!r} is unknown", f"Use one of {', '.join(LEADERS)}")
+    if not port:
+        raise InvalidInputError("--leader", "its serial port is missing", "Give --leader-port, such as /dev/ttyACM0")
+    try:
+        configs = importlib.import_module("lerobot.teleoperators.config")
+        makers = importlib.import_module("lerobot.teleoperators.utils")
+        for module in (kind, "so_leader"):  # where lerobot 0.4 and 0.6 register them
+            try:
+                importlib.import_module(f"lerobot.teleoperators.{module}")
+                break
+            except ModuleNotFoundError as problem:
+                if problem.name != f"lerobot.teleoperators.{module}":
+                    raise
+        made = makers.make_teleoperator_from_config(
+            configs.TeleoperatorConfig.get_choice_class(kind)(port=port, id=name, use_degrees=True)
+        )
+    except Exception as problem:  # an installation that does not fit together fails in many ways
+        raise missing_packages(
+            f"--leader needs lerobot with its Feetech motors ({one_line(problem)})", "lerobot[feetech]"
+        ) from problem
+    try:
+        made.connect(calibrate=False)
+        is_calibrated = bool(made.is_calibrated)
+    except Exception as problem:
+        cure = "Check that it is plugged in and powered, and that --leader-port names it (lerobot-find-port)"
+        raise InvalidInputError("--leader-port", f"{port}: {one_line(problem)}", cure) from problem
+    if not is_calibrated:
+        made.disconnect()
+        call = f"lerobot-calibrate --teleop.type={kind} --teleop.port={port} --teleop.id={name}"
+        raise InvalidInputError("--leader", f"{kind} {name!r} is not calibrated", f"Run {call}")
+    return made
+
+
+class LeaderThread:
+    """Reads a connected leader into the controls until it is closed or gone."""
+
+    def __init__(self, leader: Any, controls: Controls) -> None:  # noqa: ANN401 - lerobot's Teleoperator
+        """Start reading."""
+        self._leader, self._controls = leader, controls
+        self._is_over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="teleop leader", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading and disconnect."""
+        self._is_over.set()
+        self._thread.join(timeout=0.3)
+        try:
+            self._leader.disconnect()
+        except Exception as problem:  # noqa: BLE001 - lerobot raises what it likes, and nothing is left to save
+            self._controls.complain(f"leader arm: {problem}")
+
+    def _run(self) -> None:
+        follower = Follower()
+        held: int | None = None
+        failures = 0
+        while not self._is_over.wait(1.0 / RATE_HZ):
+            try:
+                tool, gripper = self._read()
+            except BetterError as problem:
+                self._controls.complain(f"{problem} The arm holds still.")
+                continue
+            except Exception as problem:  # noqa: BLE001 - what a bus of motors raises
+                failures += 1
+                if failures >= MOST_FAILURES:
+                    self._controls.complain(f"leader arm: {one_line(problem)}. It is not followed any more.")
+                    return
+                continue
+            failures = 0
+            grip, robot = self._controls.grip()
+            if robot is None:
+                continue
+            if held != grip:
+                held = grip
+                follower.take_hold(robot, tool)
+            pose, closed = follower.follow(tool, gripper)
+            self._controls.led(pose, closed=closed)
+
+    def _read(self) -> tuple[Pose, float]:
+        """Return the leader's tool in the frame of its base and its gripper, 0 closed to 100 open."""
+        read = {name.removesuffix(".pos"): float(v) for name, v in self._leader.get_action().items()}
+        gripper = read.get("gripper", math.nan)
+        if not math.isfinite(gripper):
+            raise InvalidInputError("leader arm", f"gripper is {gripper}", "Check its cables")
+        return leader_tool(read), gripper

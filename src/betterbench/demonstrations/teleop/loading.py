@@ -1,0 +1,52 @@
+"""Making the session of a start, which takes seconds: at once, or in a thread so that the loop goes on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from betterbench.demonstrations.making.starts import Start
+from betterbench.demonstrations.teleop.session import TeleopSession
+
+
+class SessionLoader:
+    """Makes one session at a time.
+
+    A loader that works ``apart`` does so in a thread of its own, which is left alone when the command ends.
+    """
+
+    def __init__(self, make: Callable[[Start], TeleopSession], *, apart: bool = False) -> None:
+        self._make, self._apart = make, apart
+        self._thread: threading.Thread | None = None
+        self._made: TeleopSession | None = None
+        self._problem: BaseException | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a session is being made now."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def begin(self, start: Start) -> None:
+        """Begin to make the session of a start; the one before has been taken."""
+        if not self._apart:
+            self._made = self._make(start)
+            return
+        self._thread = threading.Thread(target=self._work, args=(start,), name="teleop loading", daemon=True)
+        self._thread.start()
+
+    def take(self) -> TeleopSession | None:
+        """Return the session once it is made, and raise what making it raised; None while it is not."""
+        if self.is_busy:
+            return None
+        self._thread = None
+        made, problem = self._made, self._problem
+        self._made = self._problem = None
+        if problem is not None:
+            raise problem
+        return made
+
+    def _work(self, start: Start) -> None:
+        try:
+            self._made = self._make(start)
+        except BaseException as problem:  # noqa: BLE001 - it is raised where the session is taken
+            self._problem = problem

@@ -1,0 +1,392 @@
+"""The page in the browser: the scene in three dimensions, the gizmo, the panel and the camera images.
+
+viser serves the page and nothing else; the page asks nobody but this process for anything. What the person does goes
+into the :class:`~betterbench.demonstrations.teleop.controls.Controls`, and what is shown comes from the loop; neither
+waits for the other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import importlib
+import io
+import json
+import logging
+import math
+import socket
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import numpy as np
+
+from betterbench.demonstrations.teleop.controls import KEYS, MARK, TAP_KEYS, Controls, Tap
+from betterbench.demonstrations.teleop.gate import Gate
+from betterbench.demonstrations.teleop.incoming import IncomingMessages, InputKind
+from betterbench.demonstrations.teleop.steering import SLOWEST
+from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.geometry import Pose
+from betterbench.installation import missing_extra
+from betterbench.quoting import markup_text
+
+GIZMO = "/tool"
+GIZMO_M = 0.20
+"""Length of the arrows of the gizmo [m]."""
+EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
+"""Where the person stands at first, and looks [m]: behind the robot's right shoulder, so that "forward" is away."""
+PANEL_PX, IMAGES_PX = 380, 300
+STOP_S = 0.5
+"""How long the pages are waited for at the end [s]."""
+TOLD_EVERY_S = 3.0
+"""Least time between two notices to a page that it does not drive [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class PanelState:
+    """What the panel says; only what has changed is sent.
+
+    Attributes:
+        title: Which demonstration this is.
+        subgoals: Text of each subgoal, and whether it is done.
+        share: Share of the episode's steps that are used.
+        status: What is going on, in a few words.
+        tone: "go", "wait", "good" or "bad": the color of the status.
+        notice: What keeps the tool from where it is wanted, or what could not be done; "" if nothing.
+        said: The last messages, newest last.
+        undo_to: What an undo comes back to.
+        closed: Whether the gripper is to be closed.
+        can_save: Whether the episode can be saved.
+        height: Height of the tool above the table, in words; "" if there is none.
+        images: What is known of camera images that are late; "" if they come in time.
+    """
+
+    title: str
+    instruction: str
+    subgoals: tuple[tuple[str, bool], ...]
+    share: float
+    clock: str
+    status: str
+    tone: str
+    notice: str
+    said: tuple[str, ...]
+    undo_to: str
+    closed: bool
+    can_save: bool
+    height: str = ""
+    images: str = ""
+
+
+def load_viser() -> Any:  # noqa: ANN401 - a module
+    """Return viser; MissingDependencyError without it."""
+    try:
+        return importlib.import_module("viser")
+    except ImportError as problem:
+        raise missing_extra(
+            "The page of teleoperation is shown with viser, which is not installed", "teleop"
+        ) from problem
+
+
+def free_port(host: str, port: int) -> int:
+    """Return a port that can be listened on: the given one, or any for 0; InvalidInputError if it cannot be had."""
+    if not 0 <= port <= 65535:
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 0 to 65535; 0 takes any free one")
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+            return int(probe.getsockname()[1])
+    except OSError as problem:
+        reason = problem.strerror or str(problem)
+        cure = "Stop what listens there, or choose another: --port 0 takes any free one"
+        raise InvalidInputError("--host, --port", f"cannot listen on {host}:{port} ({reason})", cure) from problem
+
+
+class Page:
+    """One viser server with the page of a teleoperation."""
+
+    def __init__(self, controls: Controls, *, host: str, port: int, cameras: Sequence[str]) -> None:
+        """Listen, and build the page.
+
+        Raises:
+            MissingDependencyError: If viser is not installed.
+            InvalidInputError: If the port is taken.
+        """
+        viser = load_viser()
+        self._controls, self._host = controls, host
+        wanted = free_port(host, port)
+        logging.getLogger("websockets").setLevel(logging.CRITICAL)  # a tab that closes in the middle is no news
+        self._incoming = IncomingMessages(controls.complain)
+        self._gate = Gate(host, self._incoming)
+        with contextlib.redirect_stdout(io.StringIO()), self._gate.before_servers():  # viser prints a banner
+            self._server = viser.ViserServer(host=host, port=wanted, label="better teleop", verbose=False)
+        self.port = int(self._server.get_port())
+        if not self._gate.is_closed:
+            self._server.stop()
+            raise MissingDependencyError(
+                f"this version of viser ({viser.__version__}) starts its server in a way that better teleop does not "
+                "know, so that anybody could drive. Install the version of the extra 'teleop'"
+            )
+        if self.port != wanted:  # somebody was faster, and viser took the next one
+            self._server.stop()
+            raise InvalidInputError("--port", f"{wanted} was taken meanwhile", "Run the same command again")
+        self._stopping = threading.Thread(target=self._server.stop, name="teleop page", daemon=True)
+        self._told: dict[int, float] = {}
+        self._shown: PanelState | None = None
+        self._bodies: dict[int, Any] = {}
+        self._poses: dict[int, bytes] = {}
+        self._gizmo: Any = None
+        self._gizmo_at: Pose | None = None
+        self._build_scene()
+        self._build_panel()
+        self._images = self._build_images(cameras)
+        self._server.on_client_connect(self._connected)
+        self._server.on_client_disconnect(self._disconnected)
+
+    @property
+    def url(self) -> str:
+        """The address of the page, with its token."""
+        name = "localhost" if self._host == "127.0.0.1" else f"[{self._host}]" if ":" in self._host else self._host
+        return f"http://{name}:{self.port}/{self._gate.token}"
+
+    @property
+    def view_yaw(self) -> float:
+        """Heading [rad] in which the page that drives looks, seen from above; 0 is away from the robot's base."""
+        client = self._server.get_clients().get(self._controls.driver if self._controls.driver is not None else -1)
+        if client is None:
+            return 0.0
+        along = np.asarray(client.camera.look_at) - np.asarray(client.camera.position)
+        if not np.isfinite(along).all() or float(np.hypot(along[0], along[1])) < 1e-6:
+            return 0.0
+        return float(math.atan2(along[1], along[0]))
+
+    @property
+    def speed(self) -> float:
+        """Share of the full speed that the slider asks for, within its limits."""
+        return max(SLOWEST, min(1.0, float(self._speed.value) / 100.0))
+
+    def close(self) -> None:
+        """Close all connections and stop listening; a page that does not answer is waited for for :data:`STOP_S`."""
+        with contextlib.redirect_stdout(io.StringIO()):  # viser says that it has stopped
+            self._stopping.start()
+            self._stopping.join(STOP_S)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether it still waits for a page to close."""
+        return self._stopping.is_alive()
+
+    def show_scene(self, files: Mapping[int, bytes]) -> None:
+        """Show the bodies of another scene, given as GLB by number."""
+        with self._server.atomic():
+            for node in self._bodies.values():
+                node.remove()
+            self._poses = {}
+            self._bodies = {n: self._server.scene.add_glb(f"/bodies/{n}", data) for n, data in files.items()}
+
+    def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
+        """Show where the bodies are, (n, 3) [m] and (n, 4), and the gizmo; None leaves it to who is dragging it."""
+        with self._server.atomic():
+            for number, node in self._bodies.items():
+                pose = np.concatenate([positions[number], quaternions[number]]).round(5)
+                if self._poses.get(number) != pose.tobytes():
+                    self._poses[number] = pose.tobytes()
+                    node.position, node.wxyz = pose[:3], pose[3:]
+            if gizmo is not None and gizmo != self._gizmo_at:
+                self._gizmo.position, self._gizmo.wxyz = gizmo.position, gizmo.quaternion
+            self._gizmo_at = gizmo
+
+    def show(self, shown: PanelState) -> None:
+        """Show what the panel says."""
+        if shown == self._shown:
+            return
+        before, self._shown = self._shown, shown
+        head, foot = _head(shown), _foot(shown)
+        if before is None or _head(before) != head:
+            self._head.content = head
+        if before is None or _foot(before) != foot:
+            self._foot.content = foot
+        if before is None or before.closed != shown.closed:
+            self._gripper.label = f"{'Open' if shown.closed else 'Close'} gripper  ␣"
+        if before is None or before.undo_to != shown.undo_to:
+            self._undo.label = f"Undo to {shown.undo_to}  Z"
+        if before is None or before.can_save != shown.can_save:
+            self._save.disabled = not shown.can_save
+
+    def show_image(self, camera: str, image: np.ndarray) -> None:
+        """Show the image of a camera, (height, width, 3) uint8; called by the thread that renders."""
+        self._images[camera].image = image
+
+    def _connected(self, client: Any) -> None:  # noqa: ANN401 - viser's
+        if not self._controls.connected(client.client_id):
+            self._tell(client.client_id, again=True)
+
+    def _disconnected(self, client: Any) -> None:  # noqa: ANN401
+        self._told.pop(client.client_id, None)
+        self._controls.disconnected(client.client_id)
+
+    def _tell(self, page: int, *, again: bool = False) -> None:
+        """Tell a page that it does not drive, but not at every motion of the mouse."""
+        now = time.monotonic()
+        client = self._server.get_clients().get(page)
+        if client is None or (not again and now - self._told.get(page, 0.0) < TOLD_EVERY_S):
+            return
+        self._told[page] = now
+        text = "Another page drives. Press “Drive from this page” to take over."
+        client.add_notification("Looking on", text, auto_close_seconds=6.0, color="yellow")
+
+    def _build_scene(self) -> None:
+        scene = self._server.scene
+        scene.set_up_direction("+z")
+        scene.world_axes.visible = False
+        scene.configure_environment_map("studio", environment_intensity=0.35)
+        scene.configure_default_lights(enabled=True, cast_shadow=True)
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = EYE_M, LOOK_AT_M
+        self._gizmo = scene.add_transform_controls(GIZMO, scale=GIZMO_M, line_width=3.0, depth_test=False, opacity=0.9)
+
+        async def moved(event: Any) -> None:  # noqa: ANN401
+            at, turn = event.target.position, event.target.wxyz
+            pose = Pose(tuple(map(float, at)), tuple(map(float, turn)))  # type: ignore[arg-type] # three and four
+            if not self._controls.dragged(event.client_id, pose, is_over=event.phase == "end"):
+                self._gizmo_at = None  # it jumps back
+                self._tell(event.client_id)
+
+        self._gizmo.on_update(moved)
+
+    def _build_panel(self) -> None:
+        gui = self._server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, dark_mode=True, brand_color=(46, 134, 222))
+        gui.set_panel_label("better teleop")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(PANEL_PX)
+        self._head = gui.add_html("")
+        self._gripper = self._button("Close gripper  ␣", "gripper", "blue", "Space does the same.")
+        self._undo = self._button("Undo", "undo", "orange", "Z does the same. What is undone is not in the record.")
+        self._foot = gui.add_html("")
+        self._save = self._button("Save  ⏎", "save", "green", "Writes the demonstration; the next start follows.")
+        self._save.disabled = True
+        self._button("Reset to the start", "restart", "gray", "Begins this demonstration again.")
+        self._button("Discard, next start", "discard", "red", "Nothing is written; this start comes again later.")
+        self._speed = gui.add_slider(
+            "speed [%]", min=round(100 * SLOWEST), max=100, step=5, initial_value=60, hint="Share of the full speed."
+        )
+        take = gui.add_button("Drive from this page", color="gray", hint="Takes over from another page.")
+
+        async def taken(event: Any) -> None:  # noqa: ANN401
+            self._controls.take_over(event.client_id)
+
+        take.on_click(taken)
+        self._expect(take, "button")
+        self._expect(self._speed, "number")
+        with gui.add_folder("Keys", expand_by_default=True):
+            gui.add_html(_KEY_TABLE)
+        text = gui.add_text("", MARK + "{}")
+
+        async def typed(event: Any) -> None:  # noqa: ANN401
+            if not self._controls.sent(event.client_id, str(event.target.value), time.monotonic()):
+                self._tell(event.client_id)
+
+        text.on_update(typed)
+        self._expect(text, "text")
+        gui.add_html(_script())
+
+    def _button(self, label: str, tap: Tap, color: Any, hint: str) -> Any:  # noqa: ANN401
+        button = self._server.gui.add_button(label, color=color, hint=hint)
+
+        async def pressed(event: Any) -> None:  # noqa: ANN401
+            if not self._controls.tapped(event.client_id, tap):
+                self._tell(event.client_id)
+
+        button.on_click(pressed)
+        self._expect(button, "button")
+        return button
+
+    def _expect(self, element: Any, kind: InputKind) -> None:  # noqa: ANN401
+        """Let in the values of an element; viser tells its number to the page and not here."""
+        self._incoming.expect(element._impl.uuid, kind)
+
+    def _build_images(self, cameras: Sequence[str]) -> dict[str, Any]:
+        if not cameras:
+            return {}
+        gui = self._server.gui
+        panel = gui.add_panel()
+        empty = np.full((256, 256, 3), 40, dtype=np.uint8)
+        with panel.add_tab("Cameras"):
+            made = {name: gui.add_image(empty, label=name, format="jpeg", jpeg_quality=85) for name in cameras}
+        panel.dock_left()
+        panel.set_width(IMAGES_PX)
+        return made
+
+
+_COLORS = {"go": "#2e86de", "wait": "#8395a7", "good": "#20bf6b", "bad": "#eb3b5a"}
+
+
+def _head(shown: PanelState) -> str:
+    """Return the upper part of the panel: what is asked for, and which subgoals are done."""
+    rows = "".join(
+        f'<div style="padding:2px 0;color:{"#20bf6b" if done else "inherit"}">'
+        f"<b>{'✔' if done else '○'}</b>&ensp;{markup_text(text)}</div>"
+        for text, done in shown.subgoals
+    )
+    return (
+        f'<div style="padding:4px 10px;font-size:13px;line-height:1.4">'
+        f'<div style="opacity:.65;font-size:12px">{markup_text(shown.title)}</div>'
+        f'<div style="font-size:16px;font-weight:600;margin:6px 0">{markup_text(shown.instruction)}</div>{rows}</div>'
+    )
+
+
+def _foot(shown: PanelState) -> str:
+    """Return the lower part of the panel: what is going on, and what was said."""
+    color = _COLORS[shown.tone]
+    notice = markup_text(shown.notice)
+    said = "".join(f'<div style="opacity:.7">{markup_text(line)}</div>' for line in shown.said)
+    percent = f"{100.0 * min(1.0, shown.share):.0f}"
+    return (
+        f'<div style="padding:4px 10px;font-size:13px;line-height:1.4">'
+        f'<div style="height:4px;background:#8884;border-radius:2px;margin-bottom:6px">'
+        f'<div style="height:4px;width:{percent}%;background:{color};border-radius:2px"></div></div>'
+        f'<div><b style="color:{color}">{markup_text(shown.status)}</b>'
+        f'<span style="float:right;opacity:.65">{markup_text(shown.clock)}</span></div>'
+        f'<div style="opacity:.8">{markup_text(shown.height)}</div>'
+        f'<div style="opacity:.65">{markup_text(shown.images)}</div>'
+        f'<div style="color:#f7b731;min-height:18px">{notice}</div>{said}</div>'
+    )
+
+
+def _script() -> str:
+    """Return an element that runs the script of the page as soon as it is shown.
+
+    viser has no place for scripts, and those in its HTML elements are not run; an image that cannot be loaded is.
+    """
+    source = resources.files("betterbench.demonstrations.teleop").joinpath("page.js").read_text()
+    source = source.replace("__PUSH_KEYS__", json.dumps(list(KEYS))).replace("__TAP_KEYS__", json.dumps(TAP_KEYS))
+    return f'<img src="data:," alt="" style="display:none" onerror="{html.escape(source, quote=True)}">'
+
+
+def _keys(rows: Sequence[tuple[str, str]]) -> str:
+    cells = "".join(
+        f'<tr><td style="padding:1px 12px 1px 0"><b>{markup_text(k)}</b></td><td>{markup_text(t)}</td></tr>'
+        for k, t in rows
+    )
+    return f'<table style="margin:0 10px;font-size:12px">{cells}</table>'
+
+
+_KEY_TABLE = _keys(
+    (
+        ("W A S D", "away, left, back, right, as you look"),
+        ("R F", "up, down"),
+        ("Q E", "turn left, right"),
+        ("I K, J L", "tilt, roll"),
+        ("Shift", "a quarter of the speed"),
+        ("Space", "close or open the gripper"),
+        ("Z", "undo to the last subgoal"),
+        ("Enter", "save"),
+        ("gamepad", "sticks, triggers; A gripper, B undo, Start save"),
+        ("SpaceMouse", "six axes; left button gripper, right button undo"),
+    )
+)

@@ -1,0 +1,348 @@
+"""The loop of a teleoperation: at the control rate it takes what is asked for, steps the session and shows the result.
+
+It waits for nobody. Time stands still while no page is open, and while the person asks for nothing and nothing moves;
+then the record gets no rows either, so that a demonstration holds no pauses for thought.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from betterbench.demonstrations.making.attempt import DemonstrationAttempt
+from betterbench.demonstrations.making.starts import Start
+from betterbench.demonstrations.teleop.cameras import CameraThread
+from betterbench.demonstrations.teleop.controls import ControlInput, Controls, Tap
+from betterbench.demonstrations.teleop.loading import SessionLoader
+from betterbench.demonstrations.teleop.page import PanelState
+from betterbench.demonstrations.teleop.session import Command, TeleopSession
+from betterbench.demonstrations.teleop.store import DemonstrationStore, can_keep
+from betterbench.errors import BetterError, StorageError
+from betterbench.geometry import Pose, distance, from_axis_angle, multiply, normalize, rotate
+from betterbench.sim.scenes.glb import body_files
+
+PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
+"""Speed of a target that is pushed at full deflection and full speed [m/s, rad/s]."""
+PUSH_LEAD_M = 0.06
+"""How far a pushed target may lead the tool [m]: it stops soon after the key is let go."""
+WAIT_STEPS = 10
+"""Control steps without a wish and without motion after which time stands still: 0.5 s."""
+SAID_LINES = 3
+
+
+class Display(Protocol):
+    """What the loop shows things on; the page in the browser is one."""
+
+    @property
+    def view_yaw(self) -> float:
+        """Heading [rad] in which the person looks."""
+
+    @property
+    def speed(self) -> float:
+        """Share of the full speed that is asked for."""
+
+    def show_scene(self, files: dict[int, bytes]) -> None:
+        """Show another scene."""
+
+    def show_state(self, positions: np.ndarray, quaternions: np.ndarray, gizmo: Pose | None) -> None:
+        """Show where everything is."""
+
+    def show(self, shown: PanelState) -> None:
+        """Show what the panel says."""
+
+
+class Station:
+    """One person's work: start after start is demonstrated into one store."""
+
+    def __init__(
+        self,
+        store: DemonstrationStore,
+        controls: Controls,
+        display: Display,
+        *,
+        name: str,
+        cameras: CameraThread | None = None,
+        loads_apart: bool = False,
+    ) -> None:
+        """Set up the first start that is due.
+
+        Args:
+            store: Where demonstrations go.
+            controls: What the person asks for.
+            display: Shows everything.
+            name: Who demonstrates.
+            cameras: Draws the live images.
+            loads_apart: Make scenes in a thread, so that the loop goes on and can be ended meanwhile.
+        """
+        self._loader = SessionLoader(lambda start: TeleopSession(store.scene(start)), apart=loads_apart)
+        self._store, self._controls, self._display, self._cameras = store, controls, display, cameras
+        self._name = name
+        self._said: deque[str] = deque(maxlen=SAID_LINES)
+        self._do: dict[Tap, Callable[[], None]] = {
+            "gripper": self._turn_gripper,
+            "undo": self._undo,
+            "restart": self._restart,
+            "save": self._save,
+            "discard": self._discard,
+        }
+        self._driver: int | None = None
+        self.start: Start | None = None
+        self.session: TeleopSession | None = None
+        self._found: DemonstrationAttempt | None = None
+        self._target: Pose | None = None
+        self._closed, self._is_waiting = False, True
+        self._still_for, self._undone = WAIT_STEPS, 0
+        self._began_s, self._starts = 0.0, 0
+        self._begin_next()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether every demonstration asked for is saved."""
+        return self.start is None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a thread is making a scene."""
+        return self._loader.is_busy
+
+    @property
+    def is_loading(self) -> bool:
+        """Whether the scene of the start is being made."""
+        return self.session is None and self.start is not None
+
+    def run(self, stopped: threading.Event) -> None:
+        """Go on until the event is set; a step that comes late is not made up for."""
+        period = 0.05 if self.session is None else 1.0 / self.session.scene.control_rate_hz
+        due = time.monotonic()
+        while not stopped.is_set():
+            self.tick(time.monotonic())
+            due = max(due + period, time.monotonic() - period)
+            stopped.wait(max(0.0, due - time.monotonic()))
+
+    def tick(self, now_s: float) -> None:
+        """Do what is due at one control step."""
+        asked = self._controls.take(now_s)
+        for problem in self._controls.take_problems():
+            self._say(problem)
+        if self.is_loading:
+            self._receive()
+        else:
+            self._obey(asked.taps)
+        session = self.session
+        if session is not None:
+            self._follow(session, asked)
+        self._show(asked)
+
+    def _obey(self, taps: Sequence[Tap]) -> None:
+        """Do what was tapped, up to the tap that another start follows: the later ones were not meant for that."""
+        for tap in taps:
+            before = self._starts
+            self._do[tap]()
+            if self._starts != before:
+                return
+
+    def _follow(self, session: TeleopSession, asked: ControlInput) -> None:
+        """Take a control step toward what is asked for, unless time stands still."""
+        if asked.driver != self._driver:  # who drives now has asked for nothing yet
+            self._driver, self._target = asked.driver, None
+            self._controls.hold_from(session.state.commanded_pose)
+        if asked.closed is not None:
+            self._closed = asked.closed
+        if asked.drag is not None:
+            self._target = asked.drag
+        elif any(asked.push):
+            self._target = self._pushed(session, asked.push)
+        is_due = self._closed != (session.state.gripper_command > 0.0) or not session.is_waiting(self._target)
+        self._still_for = 0 if is_due else self._still_for + 1
+        self._is_waiting = asked.driver is None or session.phase != "going" or self._still_for > WAIT_STEPS
+        if self._is_waiting:
+            return
+        try:
+            session.step(Command(self._target, self._closed, self._display.speed))
+        except BetterError as problem:
+            self._target = None
+            self._say(str(problem))
+        if session.phase != "going":
+            self._judge(session)
+
+    def _pushed(self, session: TeleopSession, push: tuple[float, ...]) -> Pose:
+        """Return the target moved by a control step of pushing, as the person looks at it."""
+        state, period = session.state, 1.0 / session.scene.control_rate_hz
+        base = self._target or state.commanded_pose
+        if distance(base.position, state.ee_pose.position) > PUSH_LEAD_M:
+            base = state.commanded_pose
+        yaw = self._display.view_yaw
+        view = normalize((math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)))
+        speed = self._display.speed * period
+        dx, dy, dz = rotate(view, [PUSH_M_S * speed * v for v in push[:3]])
+        turn = from_axis_angle(rotate(view, [PUSH_RAD_S * speed * v for v in push[3:]]))
+        moved = base.translated(dx, dy, dz)
+        return session.reach.within(Pose(moved.position, normalize(multiply(turn, moved.quaternion))))[0]
+
+    def _turn_gripper(self) -> None:
+        if self.session is not None and self.session.phase == "going":
+            self._closed = not self._closed
+
+    def _undo(self) -> None:
+        if self.session is None:
+            return
+        before = self.session.steps
+        to = self.session.undo()
+        self._undone += before - self.session.steps
+        self._let_go(self.session)
+        self._say(f"undone to {to}: {before - self.session.steps} steps are gone")
+
+    def _restart(self) -> None:
+        if self.session is None:
+            return
+        self._undone += self.session.steps
+        self.session.restart()
+        self._let_go(self.session)
+        self._say("back at the start")
+
+    def _discard(self) -> None:
+        if self.start is not None:
+            self._store.put_off(self.start)
+            self._say("discarded; this start comes again after the others")
+            self._begin_next()
+
+    def _save(self) -> None:
+        session, start = self.session, self.start
+        if session is None or start is None:
+            return
+        found = self._found
+        if found is None or not can_keep(found):
+            reason = "the subgoals are not done" if found is None else found.note.reason
+            self._say(f"not saved: {reason}")
+            return
+        wall = {
+            "total_s": round(time.monotonic() - self._began_s, 3),
+            "steps": float(session.steps),
+            "undone_steps": float(self._undone),
+        }
+        try:
+            path = self._store.save(start, session.scene, found, wall)
+        except (StorageError, OSError) as problem:
+            self._say(f"not saved, and not lost: {problem} Then press Save again.")
+            return
+        self._say(f"saved {path.relative_to(self._store.run.path)}")
+        self._begin_next()
+
+    def _judge(self, session: TeleopSession) -> None:
+        """Look at an episode that has ended."""
+        self._found = session.finished(self._name)
+        if session.phase == "step_limit":
+            self._say("the steps are used up: undo, or reset")
+        elif self._found.note.failure:
+            kept = "it can be saved, with this note" if can_keep(self._found) else "undo, and do it again"
+            self._say(f"{self._found.note.failure}: {self._found.note.reason} ({kept})")
+
+    def _begin_next(self) -> None:
+        self.start = self._store.due()
+        self.session = None
+        self._found, self._target = None, None
+        self._closed, self._is_waiting = False, True
+        self._still_for, self._undone = WAIT_STEPS, 0
+        self._began_s = time.monotonic()
+        self._starts += 1
+        if self.start is None:
+            return
+        self._loader.begin(self.start)
+        self._receive()
+
+    def _receive(self) -> None:
+        """Take over the session of the start if it is made; what was asked for meanwhile is forgotten."""
+        session = self._loader.take()
+        if session is None:
+            return
+        self.session, self._began_s = session, time.monotonic()
+        self._controls.hold_from(session.state.commanded_pose)
+        self._display.show_scene(body_files(session.scene.model))
+
+    def _let_go(self, session: TeleopSession) -> None:
+        """Ask for nothing, with the gripper as the state has it."""
+        self._found = None
+        self._target = None
+        self._closed = session.state.gripper_command > 0.0
+        self._still_for = WAIT_STEPS
+        self._controls.hold_from(session.state.commanded_pose)
+
+    def _say(self, text: str) -> None:
+        self._said.append(text)
+
+    def _show(self, asked: ControlInput) -> None:
+        session = self.session
+        if session is None:
+            shown = _all_saved if self.start is None else _loading
+            self._display.show(shown(self._store, tuple(self._said)))
+            return
+        positions, quaternions = session.scene.body_poses()
+        gizmo = None if asked.is_dragging else (self._target or session.state.commanded_pose)
+        if gizmo is not None:
+            gizmo = session.reach.within(gizmo)[0]
+        self._display.show_state(positions, quaternions, gizmo)
+        self._display.show(self._shown(session, asked))
+        if self._cameras is not None:
+            with contextlib.suppress(RuntimeError):
+                self._cameras.look(session.scene)
+
+    def _shown(self, session: TeleopSession, asked: ControlInput) -> PanelState:
+        start, state = self.start, session.state
+        status, tone = self._status(session, asked)
+        title = "" if start is None else f"{start.task} · {start.condition} · seed {start.seed}"
+        subgoals = session.scene.condition.instruction.subgoals
+        return PanelState(
+            f"{title} · {self._store.saved} of {self._store.planned} saved",
+            session.scene.condition.instruction.text,
+            tuple((g.name.replace("_", " "), done) for g, done in zip(subgoals, session.truth.subgoals, strict=True)),
+            session.steps / session.limit,
+            f"{state.time_s:.1f} s of {session.limit / session.scene.control_rate_hz:.0f} s",
+            status,
+            tone,
+            session.notice,
+            tuple(self._said),
+            session.undo_to.replace("_", " "),
+            self._closed,
+            self._found is not None and can_keep(self._found),
+            f"tool {100.0 * state.ee_pose.position[2]:.0f} cm above the table",
+            self._images_text(),
+        )
+
+    def _images_text(self) -> str:
+        """Return that the camera images are late, which nothing waits for; empty if they are not."""
+        late_s = 0.0 if self._cameras is None else self._cameras.late_s
+        return f"camera images are {late_s:.0f} s late; steering does not wait for them" if late_s else ""
+
+    def _status(self, session: TeleopSession, asked: ControlInput) -> tuple[str, str]:
+        if session.phase == "success":
+            found = self._found
+            return ("done: save it", "good") if found is not None and can_keep(found) else ("did not last", "bad")
+        if session.phase == "step_limit":
+            return "out of steps", "bad"
+        if asked.driver is None:
+            return "paused: no page is open", "wait"
+        held = session.state.held
+        holds = f" · holds {held.replace('_', ' ')}" if held else ""
+        if not self._is_waiting:
+            return f"recording{holds}", "go"
+        return (f"waiting for you{holds}" if session.steps else "ready: drag the gizmo or press a key"), "wait"
+
+
+def _loading(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:
+    title = f"{store.saved} of {store.planned} saved"
+    return PanelState(
+        title, "The next start is being set up.", (), 0.0, "", "loading", "wait", "", said, "the start", False, False
+    )
+
+
+def _all_saved(store: DemonstrationStore, said: tuple[str, ...]) -> PanelState:
+    title = f"{store.saved} of {store.planned} saved"
+    text = "Every demonstration that was asked for is saved. Stop with Ctrl-C; a larger --demos asks for more."
+    return PanelState(title, text, (), 1.0, "", "all saved", "good", "", said, "the start", False, False)

@@ -1,0 +1,164 @@
+"""Where teleoperated demonstrations go: an ordinary run folder, with the starts that are still due."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from betterbench.demonstrations.making.attempt import TELEOPERATED, DemonstrationAttempt
+from betterbench.demonstrations.making.failure import FailureKind
+from betterbench.demonstrations.making.production import Method
+from betterbench.demonstrations.making.starts import Start, planned_starts
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation.planning.manifest import run_context
+from betterbench.evaluation.planning.plan import Plan, Trial
+from betterbench.evaluation.running.lost import reopen_lost
+from betterbench.interface.actions import EE_DELTA
+from betterbench.jobs.durable import on_disk
+from betterbench.json_form import file_digest
+from betterbench.records import Journal, JournalEntry, RunFolder
+from betterbench.sim.scenes import Scene
+from betterbench.sim.scenes.stage import quality_preset
+from betterbench.tasks import Expected, get_task
+
+FIRST_TELEOPERATED_SEED = 500_000_000
+"""First seed of teleoperated demonstrations unless another one is asked for: far from those of other demonstrators."""
+ADVICE: tuple[FailureKind, ...] = ("outside support",)
+"""What may be wrong with a demonstration that a person gives and wants to keep: it is noted beside it."""
+
+
+@dataclass(frozen=True, slots=True)
+class TeleopPlan:
+    """What is to be demonstrated.
+
+    Attributes:
+        tasks: Names of the tasks.
+        demos: Demonstrations per training condition.
+        condition: The one training condition, or None for all.
+        first_seed: Seed from which starts are chosen.
+        quality: Render preset of the stored scenes.
+    """
+
+    tasks: tuple[str, ...]
+    demos: int = 1
+    condition: str | None = None
+    first_seed: int = FIRST_TELEOPERATED_SEED
+    quality: str = "standard"
+
+    def starts(self) -> tuple[Start, ...]:
+        """Return the planned starts, those of all conditions in turn.
+
+        Raises:
+            InvalidInputError: If a number is out of range, or no task has the condition.
+            UnknownNameError: If there is no such task.
+        """
+        tasks = [get_task(name) for name in dict.fromkeys(self.tasks)]
+        if not tasks:
+            raise InvalidInputError("--tasks", "no task is named", "Name one, as better list tasks shows them")
+        if self.condition is not None:
+            for task in tasks:
+                task.train(self.condition)
+        found = [s for task in tasks for s in planned_starts(task, self.demos, first_seed=self.first_seed)]
+        kept = [s for s in found if self.condition in (None, s.condition)]
+        return tuple(sorted(kept, key=lambda s: s.number))
+
+
+class DemonstrationStore:
+    """A run folder that a person fills, locked while it is open.
+
+    Raises:
+        InvalidInputError: If a number is out of range.
+        UnknownNameError: If there is no such task or condition.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+        StorageError: If the disk is full.
+    """
+
+    def __init__(self, out: Path, wanted: TeleopPlan) -> None:
+        """Open the run, or make it."""
+        self.wanted = wanted
+        self._starts = wanted.starts()
+        plan, context = _plan(wanted, self._starts)
+        with on_disk(out), ExitStack() as stack:
+            self.run = RunFolder.start(out, plan, context=context)
+            self._journal: Journal = stack.enter_context(self.run.journal())
+            reopen_lost(self.run, self._journal)
+            self._open = stack.pop_all()
+        self._put_off: list[Start] = []
+
+    def __enter__(self) -> Self:
+        """Return the store."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the folder back."""
+        self._open.close()
+
+    @property
+    def planned(self) -> int:
+        """Number of demonstrations asked for."""
+        return len(self._starts)
+
+    @property
+    def saved(self) -> int:
+        """Number of demonstrations saved."""
+        return sum(self._journal.is_done(s.trial) for s in self._starts)
+
+    def due(self) -> Start | None:
+        """Return the start to demonstrate next, or None once all are; those that were put off come last."""
+        left = [s for s in self._starts if not self._journal.is_done(s.trial)]
+        first = [s for s in left if s not in self._put_off]
+        if not first:
+            self._put_off = []
+        return next(iter(first or left), None)
+
+    def put_off(self, start: Start) -> None:
+        """Let a start come after the others."""
+        self._put_off.append(start)
+
+    def scene(self, start: Start) -> Scene:
+        """Return the scene of a start."""
+        task = get_task(start.task)
+        quality = quality_preset(self.wanted.quality)
+        return Scene(task, task.train(start.condition), seed=start.seed, action_space=EE_DELTA, quality=quality)
+
+    def save(self, start: Start, scene: Scene, attempt: DemonstrationAttempt, wall: dict[str, float]) -> Path:
+        """Write a demonstration durably, and return the file of its record.
+
+        Raises:
+            InvalidInputError: If it did not succeed.
+            StorageError: If the disk is full; nothing is lost then, and it can be saved again.
+        """
+        note = attempt.note
+        if not can_keep(attempt):
+            raise InvalidInputError(str(start.trial), f"is no demonstration: {note.reason}", "Undo, and do it again")
+        with on_disk(self.run.path):
+            path = self.run.write_record(attempt.record)
+            stored = self.run.keep_scene(scene)
+            message = f"{note.failure}: {note.reason}" if note.failure else None
+            digest = file_digest(path)
+            self._journal.append(
+                JournalEntry(start.task, start.condition, None, start.seed, "done", message, wall, {}, digest, stored)
+            )
+        return path
+
+
+def can_keep(attempt: DemonstrationAttempt) -> bool:
+    """Tell whether a demonstration may be saved: it succeeded and goes on to hold."""
+    return attempt.record.outcome.success and (attempt.note.accepted or attempt.note.failure in ADVICE)
+
+
+def _plan(wanted: TeleopPlan, starts: Sequence[Start]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return plan and context of a run, as ``run.json`` holds them."""
+    order = sorted(starts, key=lambda s: (s.task, s.condition, s.number))
+    trials = tuple(Trial(s.task, s.condition, None, None, None, s.seed, Expected.SUCCEED.value) for s in order)
+    plan = Plan(TELEOPERATED, trials, EE_DELTA.name, "state_only", wanted.quality)
+    policy = {"address": TELEOPERATED, "name": TELEOPERATED, "needs_images": False}
+    engine = {"name": "local", "workers": 1, "envs": 1}
+    method = Method(TELEOPERATED, wanted.first_seed, 1, quality=wanted.quality)
+    return {**plan.to_json(), "demonstrations": method.to_json()}, run_context(plan, policy=policy, engine=engine)

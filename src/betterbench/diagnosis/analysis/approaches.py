@@ -1,0 +1,483 @@
+"""What a policy went for without closing its gripper on it: objects that it stayed over, and objects that it pushed.
+
+A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the empty gripper, open or
+shut, shows it: it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from betterbench.diagnosis.analysis.trace import Trace
+from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.judging.attempts import GraspAttempt
+from betterbench.tasks.judging.motion import Bools, Floats, in_reach
+from betterbench.tasks.thresholds import threshold
+
+OVER_HEIGHT = threshold(
+    "over_height", 0.12, "m",
+    "Height above the top of an object up to which an open gripper is over it; grasps from above begin there.",
+)  # fmt: skip
+BESIDE = threshold(
+    "over_beside", 0.01, "m", "Distance beside a thing, seen from above, up to which an open gripper is over it."
+)
+STAY_TIME = threshold(
+    "stay_time", 2.0, "s",
+    "Time that an open gripper stays over something, in all, until it has chosen it. Honest policies of the "
+    "independent family stay over something else for up to 4 s, but grasp then, and are judged by the grasp.",
+)  # fmt: skip
+STAY_SHARE = threshold(
+    "stay_share", 0.7, "1",
+    "Share of the time over things that is spent over one of them if that one is chosen; less is to and fro.",
+)  # fmt: skip
+PASSING = threshold(
+    "passing", 0.08, "m",
+    "Distance between the places where the gripper comes over something and leaves it again from which it only passes.",
+)  # fmt: skip
+PUSH_TRAVEL = threshold(
+    "push_travel", 0.08, "m",
+    "Distance over which an empty gripper moves something in front of it that is a push and no slip; honest policies "
+    "of the independent family moved nothing by more than 1 cm without grasping it, in 297 trials.",
+)  # fmt: skip
+PUSH_GAP = threshold(
+    "push_gap", 1.0, "s",
+    "Time between two touches up to which they are one push: what slides ahead of a gripper is touched now and then, "
+    "and goes on sliding for a moment.",
+)  # fmt: skip
+PUSH_ALONG = threshold(
+    "push_along",
+    0.8,
+    "1",
+    "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
+)
+CLOSED_IN_PART = threshold(
+    "closed_in_part", THRESHOLDS.finger_travel, "m",
+    "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "
+    "brought to the width of a thing before they come down to it.",
+)  # fmt: skip
+RETREAT = threshold(
+    "retreat", 0.15, "m",
+    "Distance from where an open gripper was over something by which it has gone away from it, until it comes back.",
+)  # fmt: skip
+RETURNS = threshold(
+    "returns", 3, "1",
+    "Times that an open gripper comes over the right thing, and goes away in between, from which it goes to and fro. "
+    "None of 645 honest trials of the independent family did so even twice before its first grasp.",
+)  # fmt: skip
+TO_AND_FRO = threshold(
+    "to_and_fro", 5.0, "1",
+    "Length of the way of an empty gripper, in diameters of the region it stays in, from which it goes to and fro; a "
+    "straight way has 1, and of the ways of honest policies between two grasps 99 % have less than 4.4.",
+)  # fmt: skip
+TO_AND_FRO_TRAVEL = threshold(
+    "to_and_fro_travel", 0.4, "m", "Least length of a way to and fro; servo jitter adds up to less in a minute."
+)
+
+COMES_NEARER = threshold(
+    "comes_nearer", 0.15, "1",
+    "Share of its distance to the right thing by which the middle of a way to and fro comes nearer from each quarter "
+    "to the next if it leads there, slowly; who goes to and fro and settles on nothing comes no nearer.",
+)  # fmt: skip
+PUSH_AGAIN = threshold(
+    "push_again", 3, "1",
+    "Times that an empty gripper comes to a thing and moves it from which it goes for it, also where the thing rolls "
+    "off or falls over and takes another way than the gripper.",
+)  # fmt: skip
+SHOVED_AGAIN = threshold(
+    "shoved_again", 2, "1",
+    "Times that an empty gripper moves the right thing aside from which it fails to take it, if it never grasps it. A "
+    "wrong thing is gone for where it is moved more often, or pushed: an arm may run into it on its way.",
+)  # fmt: skip
+COMES_DOWN = threshold(
+    "comes_down", 0.035, "m",
+    "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery are "
+    "lower than the fingers that take them, so that the tool center point is above their top when it takes them.",
+)  # fmt: skip
+RUNS_INTO = threshold(
+    "runs_into", 3, "1",
+    "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in vain "
+    "to take it. Who is slow on the right way runs into nothing.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Stay:
+    """Rows from the first to the last of which an open gripper is over an object without passing it."""
+
+    start: int
+    end: int
+    object: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.end - self.start + 1
+
+
+def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
+    """Return the stays from a row on, in time; what is at a target or on the floor is stayed over by nobody."""
+    near = _near_anything(trace)
+    over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
+    stays: list[Stay] = []
+    edges = np.flatnonzero(np.diff(over)) + 1
+    for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(over)], strict=True):
+        if start == stop or over[start] < 0:
+            continue
+        stay = Stay(first + start, first + stop - 1, int(over[start]))
+        last = stays[-1] if stays else None
+        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(_FLICKER_S):
+            stays[-1] = Stay(last.start, stay.end, stay.object)
+        else:
+            stays.append(stay)
+    return tuple(s for s in stays if not _passes(trace, s))
+
+
+_FLICKER_S = 0.25
+_BEGINS_M = 0.002
+_ABOVE_AGAIN_M = 0.03
+
+
+def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
+    """Return the first stay over the object that a policy stays over from a row on, or None if it chooses none.
+
+    Args:
+        trace: The episode.
+        first: The row.
+        asked: Indices of what may rightly be taken. Whoever comes over one of them about as long, or as often, as over
+            something else has not chosen that.
+    """
+    stays = find_stays(trace, first)
+    times: Counter[int] = Counter()
+    for stay in stays:
+        times[stay.object] += stay.rows
+    if not times:
+        return None
+    chosen = max(times, key=lambda i: (times[i], -i))
+    if times[chosen] < trace.steps(STAY_TIME) or times[chosen] < STAY_SHARE * times.total():
+        return None
+    if chosen not in asked and _comes_over_too(trace, [s for s in stays if s.object == chosen], first, asked):
+        return None
+    return next(s for s in stays if s.object == chosen)
+
+
+def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
+    """Tell whether a gripper comes over what is asked for about as long, or as often, as it stays over something else.
+
+    Both are looked at up to the same height over the table, because the taller of two things is come over earlier.
+    """
+    chosen = stays[0].object
+    ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
+    at = np.full(trace.rows, -1, dtype=np.int64)
+    free = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
+    for row in np.flatnonzero(free & (trace.tool[:, 2] <= ceiling)).tolist():
+        if row >= first:
+            gaps = _gaps(trace, row, (chosen, *asked))
+            over = [(gap, i) for i, gap in gaps.items() if gap.is_over]
+            at[row] = min(over)[1] if over else -1
+    times, visits = Counter[bool](), Counter[bool]()
+    for i in (chosen, *asked):
+        for a, b in spans(at == i, trace.steps(_FLICKER_S)):
+            if not _passes(trace, visit := Stay(a, b, i)):
+                times[i == chosen] += visit.rows
+                visits[i == chosen] += 1
+    as_often = visits[True] >= RETURNS and visits[False] >= visits[True]
+    return as_often or times[True] < STAY_SHARE * times.total()
+
+
+def comes_down_to(trace: Trace, first: int) -> int | None:
+    """Return the object that an open gripper comes down to from a row on, where closing would take it, or None.
+
+    It is there for a moment in all, and seldom where closing would take something else.
+    """
+    free = ~trace.closing & (trace.held < 0)
+    low = np.stack([is_down(trace, i) for i in range(len(trace.info.objects))], axis=1) & free[:, None]
+    items = [i for i in trace.items if i not in trace.targets]
+    times: Counter[int] = Counter()
+    for row in np.flatnonzero(low[:, items].any(axis=1)).tolist():
+        if row < first:
+            continue
+        reach, gaps = trace.within_reach(row, trace.tool[row]), trace.box_distances(row, trace.tool[row])
+        near = [i for i in items if low[row, i] and reach[i] and not trace.there[row, i]]
+        if near:
+            times[min(near, key=lambda i: (float(gaps[i]), i))] += 1
+    if not times:
+        return None
+    chosen = max(times, key=lambda i: (times[i], -i))
+    enough = times[chosen] >= max(trace.steps(THRESHOLDS.stop_time), STAY_SHARE * times.total())
+    return chosen if enough else None
+
+
+def taken_below(trace: Trace, i: int) -> Floats:
+    """Return the height up to which a gripper has come down to an object, shape (T,) [m]: its top if it is not flat."""
+    feet: Floats = trace.positions[:, i, 2]
+    return feet + max(trace.info.objects[i].size_m[2], COMES_DOWN)
+
+
+def is_down(trace: Trace, i: int) -> Bools:
+    """Tell at which rows the gripper is as low as where it would take an object, shape (T,)."""
+    low: Bools = trace.tool[:, 2] <= taken_below(trace, i)
+    return low
+
+
+def stays_above(trace: Trace, first: int, i: int) -> bool:
+    """Tell whether an open gripper stays over an object from a row on, and comes no lower the longer it is there."""
+    rows = [row for stay in find_stays(trace, first) if stay.object == i for row in range(stay.start, stay.end + 1)]
+    if len(rows) < trace.steps(STAY_TIME):
+        return False
+    heights = trace.tool[rows, 2] - taken_below(trace, i)[rows]
+    halves = np.array_split(heights, 2)
+    lowered = float(np.median(halves[0]) - np.median(halves[1]))
+    return float(heights.min()) > BESIDE and lowered <= THRESHOLDS.rest_travel
+
+
+def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows from which an open gripper comes over an object and goes away again and again, or None."""
+    visits = [stay for stay in find_stays(trace, first) if stay.object == i]
+    times = 1
+    for last, stay in itertools.pairwise(visits):
+        away = np.linalg.norm(trace.tool[last.end : stay.start + 1] - trace.tool[last.end], axis=1)
+        times += bool((away >= RETREAT).any())
+    return (visits[0].start, trace.rows - 1) if visits and times >= RETURNS else None
+
+
+def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows in which the fingers close around an object without touching it and are lifted off, or None."""
+    below, low = taken_below(trace, i), is_down(trace, i)
+    down = np.array([
+        low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
+    ])  # fmt: skip
+    for start, end in spans(down, trace.steps(_FLICKER_S)):
+        a, b = first + start, first + end
+        narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
+        touched = (trace.left | trace.right)[a : b + 1, i].any()
+        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > below[b] + _ABOVE_AGAIN_M
+        if narrowed and not touched and lifted:
+            return a, b
+    return None
+
+
+def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the rows in which an open gripper comes down, runs into an object and rises, again and again, or None.
+
+    A gripper that has the object between its fingers, or is shut, does not run into it.
+    """
+    shut = trace.closing | (trace.width <= THRESHOLDS.closed_width)
+    met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
+    met[:first] = False
+    times: list[tuple[int, int]] = []
+    for start, end in spans(met, trace.steps(_FLICKER_S)):
+        since = times[-1][1] if times else first
+        if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
+            times.append((start, end))
+    return (times[0][0], times[-1][1]) if len(times) >= RUNS_INTO else None
+
+
+def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
+    """Return the first rows from a row on in which a gripper that is shut on nothing is within reach of an object."""
+    shut = trace.closing & (trace.held < 0) & (trace.width <= THRESHOLDS.closed_width)
+    near = [
+        row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
+    ]
+    return spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
+
+
+def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
+    """Return the rows in which an empty gripper goes to and fro, up to the end of the episode, or None.
+
+    The way that leads to where it begins is left out: it may be as long as it likes.
+    """
+    if (trace.held[first:] >= 0).any() or trace.rows - first < trace.steps(THRESHOLDS.halt_time):
+        return None
+    tool = trace.tool[first:]
+    steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
+    left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # way from each row to the end
+    for k in range(0, len(tool), trace.steps(0.5)):
+        diameter = float(np.linalg.norm(np.ptp(tool[k:], axis=0)))
+        if left[k] < TO_AND_FRO_TRAVEL:
+            return None
+        if left[k] >= TO_AND_FRO * max(diameter, 0.02):
+            return first + k, trace.rows - 1
+    return None
+
+
+def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
+    """Tell whether a way leads to one of some things, however it swings: its middle comes nearer in each quarter.
+
+    A way whose middle is at a thing from the start leads nowhere.
+    """
+    first, last = rows
+    middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
+    gaps = (np.linalg.norm(middles - trace.positions[first, i, :2], axis=1) for i in things)
+    return any(gap[0] >= PASSING and bool((gap[:-1] - gap[1:] >= COMES_NEARER * gap[0]).all()) for gap in gaps)
+
+
+def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
+    """Return the rows from an empty gripper's touch to when an object is shut for good by it, or None.
+
+    Args:
+        trace: The episode.
+        i: Index of what can be shut.
+        shut: (T,) whether it is.
+    """
+    if shut.all() or not shut[-1]:
+        return None
+    row = int(np.flatnonzero(~shut)[-1]) + 1
+    found = spans(trace.touched[: row + 1, i] & (trace.held[: row + 1] < 0), trace.steps(PUSH_GAP))
+    return (found[-1][0], row) if found and row - found[-1][1] <= trace.steps(PUSH_GAP) else None
+
+
+def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
+    """Return the rows in which an empty gripper pushes an object, and the object, in time.
+
+    What moves while a gripper that has closed on it is still at it is carried or dragged, and not pushed. What a
+    gripper runs into with something else between its fingers is hit.
+    """
+    shoves = find_shoves(trace, grasps)
+    times = Counter(shove.object for shove in shoves)
+    return tuple(s for s in shoves if times[s.object] >= PUSH_AGAIN or _pushed(trace, s.object, s.start, s.end))
+
+
+def find_shoves(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
+    """Return the rows in which an empty gripper moves an object, be it by less than a push, in time."""
+    shoves = [Stay(a, b, i) for i in trace.items for a, b in _touches(trace, grasps, i) if _shoved(trace, i, a, b)]
+    return tuple(sorted(shoves, key=lambda s: (s.start, s.object)))
+
+
+def _touches(trace: Trace, grasps: tuple[GraspAttempt, ...], i: int) -> list[tuple[int, int]]:
+    """Return the spans of rows in which an empty gripper is at an object that it has not closed on."""
+    if trace.is_drawer(i):
+        return []
+    pinched = trace.left & trace.right
+    pinched[:, i] = False  # a fist touches what it pushes with both fingers
+    touched = trace.touched[:, i] & (trace.held < 0) & ~pinched.any(axis=1)
+    for g in grasps:
+        if g.object == i:
+            touched[g.start : _leaves(trace, i, g.release + trace.steps(THRESHOLDS.stop_time))] = False
+    return [(_moves_from(trace, i, a), b) for a, b in spans(touched, trace.steps(PUSH_GAP))]
+
+
+def _leaves(trace: Trace, i: int, row: int) -> int:
+    """Return the first row from a row on at which an object is out of reach of the gripper."""
+    while row < trace.rows and trace.within_reach(row, trace.tool[row])[i]:
+        row += 1
+    return min(row, trace.rows)
+
+
+def _near_anything(trace: Trace) -> Bools:
+    """Return the rows at which the tool center point may be over something or within its reach, shape (T,)."""
+    items = list(trace.items)
+    reach = np.array([math.hypot(*trace.info.objects[i].size_m) + OVER_HEIGHT + 2.0 * BESIDE for i in items])
+    near: Bools = (np.linalg.norm(trace.positions[:, items] - trace.tool[:, None], axis=2) <= reach).any(axis=1)
+    return near
+
+
+def _over(trace: Trace, row: int) -> int:
+    """Return the object that an empty gripper is over, or -1; a target is come over to let go there.
+
+    Of several it is the one that is nearest as seen from above: what is below the gripper, be it the rim of a plate,
+    rather than what has its middle nearer.
+    """
+    if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
+        return -1
+    gaps = _gaps(trace, row, trace.items)
+    near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
+    found = [(gaps[i], i) for i in near if (gaps[i].is_over and gaps[i].above <= OVER_HEIGHT) or gaps[i].in_reach]
+    return min(found)[1] if found else -1
+
+
+class _Gap(NamedTuple):
+    """How far the gripper is from an object as seen from above: beside its box, then from its middle [m].
+
+    Attributes:
+        above: Height over its top [m].
+        in_reach: Whether the gripper could close on it.
+    """
+
+    beside: float
+    center: float
+    above: float
+    in_reach: bool
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the gripper is over it or a little beside it; wide things are taken far from their middle."""
+        return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
+
+
+def _gaps(trace: Trace, row: int, items: Iterable[int]) -> dict[int, _Gap]:
+    """Return how far the gripper is from each of some objects that have not fallen off the table."""
+    tool = trace.tool[row]
+    distances, centers = trace.box_distances(row, tool), trace.center_distances(row, tool)
+    reach, boxes, middles = in_reach(distances, centers).tolist(), distances.tolist(), centers.tolist()
+    found = {}
+    for i in items:
+        if trace.on_table(row, i):
+            above = float(tool[2] - trace.positions[row, i, 2]) - trace.info.objects[i].size_m[2]
+            beside = round(math.sqrt(max(0.0, boxes[i] ** 2 - max(0.0, above) ** 2)), 3)
+            found[i] = _Gap(beside, middles[i], above, reach[i])
+    return found
+
+
+def _passes(trace: Trace, stay: Stay) -> bool:
+    """Tell whether the gripper leaves on another side than it came from, or comes over the object for a moment only.
+
+    Where the episode ends meanwhile, it passes if it was still going straight on.
+    """
+    if stay.end == trace.rows - 1:
+        last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
+        way = float(np.linalg.norm(np.diff(last, axis=0), axis=1).sum())
+        return way >= 0.25 * PASSING and float(np.linalg.norm(last[-1] - last[0])) >= 0.8 * way
+    if stay.rows < trace.steps(THRESHOLDS.stop_time):
+        return True
+    return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
+
+
+def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
+    """Return first and last row of the spans of true flags; spans that a short gap separates are one."""
+    found: list[tuple[int, int]] = []
+    for row in np.flatnonzero(flags).tolist():
+        if found and row - found[-1][1] <= gap:
+            found[-1] = (found[-1][0], row)
+        else:
+            found.append((row, row))
+    return found
+
+
+def _moves_from(trace: Trace, i: int, touched: int) -> int:
+    """Return the row at which an object begins to move up to the row at which a touch was seen first.
+
+    Touches shorter than a control step are seen by what they do alone.
+    """
+    before = max(0, touched - trace.steps(_FLICKER_S))
+    moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
+    return before + int(np.argmax(np.append(moved[:-1] > _BEGINS_M, True)))
+
+
+def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
+    """Tell whether an object that was touched went the same way as the gripper, which went half as far itself."""
+    way, tool = _ways(trace, i, start, end)
+    lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
+    if lengths[0] < PUSH_TRAVEL or lengths[1] < 0.5 * PUSH_TRAVEL:
+        return False
+    return float(way @ tool) >= PUSH_ALONG * lengths[0] * lengths[1]
+
+
+def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
+    """Tell whether an object that was touched moved by half as far as if it was pushed."""
+    way, _ = _ways(trace, i, start, end)
+    return float(np.linalg.norm(way)) >= 0.5 * PUSH_TRAVEL
+
+
+def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:
+    """Return how far an object that was touched went, with how far the gripper went meanwhile, seen from above [m]."""
+    before, after = max(0, start - 1), min(trace.rows - 1, end + trace.steps(PUSH_GAP))
+    way: Floats = (trace.positions[after, i] - trace.positions[before, i])[:2]
+    tool: Floats = (trace.tool[end] - trace.tool[before])[:2]
+    return way, tool

@@ -1,0 +1,783 @@
+"""An episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from betterbench.diagnosis.analysis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves, is_down
+from betterbench.diagnosis.analysis.harm import DatedHarm
+from betterbench.diagnosis.analysis.trace import Trace, Whereabout, place_middle
+from betterbench.diagnosis.verdict import Attempt, Evidence
+from betterbench.geometry import rotate
+from betterbench.interface.state import WorldState
+from betterbench.statistics.wording import listed
+from betterbench.tasks import THRESHOLDS, Condition, Expected, Instruction, Subgoal, TrainingDistribution
+from betterbench.tasks.judging.attempts import (
+    GraspAttempt,
+    find_closings_on_nothing,
+    find_grasps,
+    find_squeezes,
+    find_weak_closings,
+)
+from betterbench.tasks.judging.harm import DISPLACED
+from betterbench.tasks.judging.restraint import off_limits
+from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
+from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.words import place_words
+
+DOUBT = threshold(
+    "doubt", 0.03, "m",
+    "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else is, "
+    "for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
+)  # fmt: skip
+
+BETWEEN = threshold(
+    "between", 0.02, "m",
+    "Distance by which something else may be farther from a gripper that closed on nothing than what was asked for is, "
+    "for the closing to be between the two, so that it cannot be told which was meant; the noise of a closing point.",
+)  # fmt: skip
+
+SQUEEZES = threshold(
+    "squeezes", 3, "1",
+    "Times that fingers close by a little around what is asked for and open again from which they have tried to take "
+    "it; once or twice may be a flicker of the command.",
+)  # fmt: skip
+
+
+class AttemptTarget(StrEnum):
+    """How the object of an attempt stands to the instruction at that moment."""
+
+    ASKED = "asked"
+    """It is what the instruction asks for now."""
+    LATER = "later"
+    """It is asked for, but an earlier step of an ordered instruction is open."""
+    REPEATED = "repeated"
+    """The step that it could serve is done."""
+    OTHER = "other"
+    """Another instruction of the task means it, or it is where things are to go."""
+    FOREIGN = "foreign"
+    """No instruction of the task means it."""
+    EMPTY = "empty"
+    """There is no object: an air grasp at an empty slot."""
+
+
+class Means(StrEnum):
+    """How a policy shows what it goes for."""
+
+    GRASP = "grasp"
+    """The gripper closes."""
+    PUSH = "push"
+    """The empty gripper pushes it over a distance."""
+    STAY = "stay"
+    """The open gripper stays over it, and nothing is grasped afterward."""
+    TRY = "try"
+    """The gripper is told to close at it, and its fingers hardly move."""
+
+
+_MEANS_WORDS = {
+    Means.PUSH: " (pushed)",
+    Means.STAY: " (the open gripper stays over it)",
+    Means.TRY: " (its fingers hardly move)",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One grasp attempt, or what stands for one, seen against the instruction.
+
+    Attributes:
+        attempt: The attempt as it is reported.
+        at: Index of the object that it was at or that it missed, or None.
+        goal: Index of the subgoal that was due, or None if none was open.
+        asked_slots: Slots in which the objects stand that were asked for.
+        between: Index of another object that a gripper which closed on nothing was as near to as to what was asked for,
+            so that it cannot be told which of the two was meant; else None.
+    """
+
+    grasp: GraspAttempt
+    attempt: Attempt
+    at: int | None
+    target: AttemptTarget
+    goal: int | None
+    asked_slots: tuple[str, ...]
+    means: Means = Means.GRASP
+    between: int | None = None
+
+    @property
+    def missed(self) -> bool:
+        """Whether the gripper closed beside the object."""
+        return self.means is Means.GRASP and self.grasp.object is None and self.at is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EpisodeAnalysis:
+    """One episode against its condition and the training distribution of its task.
+
+    Attributes:
+        meant: Per subgoal the indices of the objects that it can mean.
+        steps: All grasp attempts, in time.
+        harm: What was done to things that were not asked for, in time.
+        others: What was gone for without closing the gripper, in time.
+        on_nothing: Closings far from everything, or beside an empty slot, in time.
+        fists: Closings on nothing where something is to be pushed shut, in time.
+        state: Returns the state at a row; None where only what was recorded of places is known.
+    """
+
+    trace: Trace
+    condition: Condition
+    trained: TrainingDistribution
+    meant: tuple[tuple[int, ...], ...]
+    steps: tuple[Step, ...]
+    harm: tuple[DatedHarm, ...] = ()
+    others: tuple[Step, ...] = ()
+    on_nothing: tuple[GraspAttempt, ...] = ()
+    fists: tuple[GraspAttempt, ...] = ()
+    state: Callable[[int], WorldState] | None = None
+
+    @property
+    def decisions(self) -> tuple[Step, ...]:
+        """Everything that shows what the policy goes for, in time: grasp attempts, pushes, and a stay at the end."""
+        return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
+
+    @property
+    def idle_from(self) -> int:
+        """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
+        grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
+        if not grasps:
+            return 0
+        last = max(grasps, key=_start)
+        pushes = last in self.fists
+        return min(self.trace.rows - 1, last.release if last.object is not None or pushes else last.end + 1)
+
+    @property
+    def instruction(self) -> Instruction:
+        """The instruction text and what it asks for."""
+        return self.condition.instruction
+
+    @property
+    def goals(self) -> tuple[Subgoal, ...]:
+        """The subgoals in the order asked."""
+        return self.condition.instruction.subgoals
+
+    @property
+    def asked_indices(self) -> frozenset[int]:
+        """Indices of all objects that the instruction can mean."""
+        return frozenset(i for names in self.meant for i in names)
+
+    @property
+    def first_choice(self) -> Step | None:
+        """The first decision that is not at a drawer: opening one is on the way, and chooses nothing yet."""
+        return next((step for step in self.decisions if not self.trace.is_drawer(step.at)), None)
+
+    @property
+    def first_attempt(self) -> Step | None:
+        """The first attempt that is reported: a drawer that had to be moved counts only where nothing else follows."""
+        telling = (s for s in self.steps if not self.trace.is_drawer(s.at) or s.target is not AttemptTarget.ASKED)
+        return next(telling, self.steps[0] if self.steps else None)
+
+    @property
+    def off_limits(self) -> tuple[int, ...]:
+        """Indices of what was to be left alone; empty where something was to be done with all of it or none."""
+        if self.condition.expected is Expected.STAY_STILL:
+            return self.trace.items
+        return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
+
+    @property
+    def shoves(self) -> tuple[Stay, ...]:
+        """Rows in which the empty gripper moves an object, be it by less than a push, in time."""
+        return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
+
+    def harm_words(self) -> tuple[str, ...]:
+        """Return clauses for what was done to things that were not asked for, in time."""
+        return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
+
+    def kind(self, i: int) -> str:
+        """Return the kind of an object."""
+        return self.trace.info.objects[i].kind
+
+    def name(self, i: int) -> str:
+        """Return the name of an object."""
+        return self.trace.info.objects[i].name
+
+    def open_goals(self, row: int) -> tuple[int, ...]:
+        """Return the subgoals that are not reached at a row and for which an object is left on the table."""
+        return _open_goals(self.trace, self.goals, row)
+
+    def fills(self, goal: int) -> tuple[int, ...]:
+        """Return the earlier subgoals that fill what a subgoal closes."""
+        return tuple(_before(self.trace, self.goals, goal))
+
+    def wanted(self, row: int) -> tuple[int, ...]:
+        """Return the objects at which an attempt at a row would be right: for the step that is due, or for any step."""
+        _, now = _due(self.trace, self.instruction, row)
+        return tuple(sorted({i for g in now for i in _wanted(self.trace, g, row)}))
+
+    def completed_after(self, goal: int | None, row: int) -> bool:
+        """Tell whether a subgoal is done at or after a row: a failed try before it was made good."""
+        return goal is not None and bool(self.trace.done[row:, goal].any())
+
+    def attempted_after(self, goal: int, row: int) -> bool:
+        """Tell whether an object that a subgoal means is attempted after a row."""
+        return any(s.grasp.start > row and s.at in self.meant[goal] for s in self.steps)
+
+    def attempted_before(self, goal: int, row: int) -> bool:
+        """Tell whether an object that a subgoal means is attempted before a row."""
+        return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
+
+    def let_go(self, step: Step) -> tuple[int, int] | None:
+        """Return the rows at which what an attempt took left the gripper and had come to rest.
+
+        Returns:
+            The two rows, or None if it took nothing or still has it at the end.
+        """
+        trace, grasp, i = self.trace, step.grasp, step.grasp.object
+        if i is None:
+            return None
+        rows = slice(grasp.end, min(trace.rows, grasp.release + trace.steps(THRESHOLDS.stop_time)))
+        gripped = (trace.held[rows] == i) | (trace.left[rows, i] & trace.right[rows, i])
+        if not gripped.any():
+            return None
+        gone = grasp.end + int(np.flatnonzero(gripped)[-1]) + 1
+        if gone >= trace.rows:
+            return None
+        rest = min(trace.rows - 1, gone + trace.steps(THRESHOLDS.settle_after_release))
+        again = np.flatnonzero(trace.left[gone : rest + 1, i] & trace.right[gone : rest + 1, i])
+        return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
+
+    def slipped(self, step: Step) -> bool:
+        """Tell whether what an attempt took fell out of a gripper that was to stay closed, wherever it landed."""
+        rows, i = self.let_go(step), step.grasp.object
+        if rows is None or i is None:
+            return False
+        gone, rest = rows
+        fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        return gone < step.grasp.release and fall > THRESHOLDS.fall_height
+
+    def telling_place(self, row: int, i: int) -> Whereabout | None:
+        """Return the place of a target at which an object is if that alone tells that it was brought there, or None.
+
+        A side that reaches far is no such place: what was not let go on purpose near its middle merely stands there.
+        """
+        place = self.trace.placed(row, i)
+        if place is None or self.state is None or not relation(place.relation).wide:
+            return place
+        return None
+
+    def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
+        """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None.
+
+        What was let go on purpose at a place is there in any posture: the place was chosen, however badly it was met.
+        """
+        i, rows = step.grasp.object, self.let_go(step)
+        if rows is None or i is None or not step.grasp.secured:
+            return None
+        gone, rest = rows
+        if self.trace.serves[rest, :, i].any() or self.slipped(step):
+            return None
+        place = self.telling_place(rest, i) or self._loosely_placed(step, i, rows)
+        return None if place is None else (gone, rest, place)
+
+    def _loosely_placed(self, step: Step, i: int, rows: tuple[int, int]) -> Whereabout | None:
+        """Return the place at which an object was let go on purpose in any posture, or None.
+
+        An object that is at a place where it is asked for, or about as near to one, was meant for that.
+        """
+        gone, rest = rows
+        if self.state is None or gone < step.grasp.release:
+            return None
+        fall = float(self.trace.positions[gone, i, 2] - self.trace.positions[rest, i, 2])
+        name, objects = self.name(i), self.trace.info.objects
+        found: Whereabout | None = None
+        for row in (gone, rest):
+            state = self.state(row)
+            for kind, t in dict.fromkeys((w.relation, w.target) for w in self.trace.whereabouts if w.object == i):
+                wanted = relation(kind)
+                region = None if wanted.counted else wanted.brought(state, name, objects[t].name)
+                if region is None:
+                    continue
+                if self._is_asked_at(i, kind, t, region):
+                    return None
+                if found is None and (wanted.falls or fall <= THRESHOLDS.fall_height):
+                    found = Whereabout(i, kind, t, region, np.zeros(self.trace.rows, dtype=np.bool_))
+        if found is None:
+            return None
+        away = self._distance_to(i, rest, found.relation, found.target, found.region)
+        asked = (
+            self._distance_to(i, rest, goal.relation, t, goal.region)
+            for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
+            if i in names and relation(goal.relation).carried
+        )
+        return None if any(gap <= away + DOUBT for gap in asked) else found
+
+    def _is_asked_at(self, i: int, kind: str, target: int, region: str) -> bool:
+        """Tell whether a subgoal wants an object at a place."""
+        return any(
+            i in names and (goal.relation, t, goal.region) == (kind, target, region)
+            for goal, t, names in zip(self.goals, self.trace.targets, self.meant, strict=True)
+        )
+
+    def _distance_to(self, i: int, row: int, kind: str, target: int, region: str) -> float:
+        """Return the horizontal distance of an object from the middle of a place of a target [m]."""
+        trace = self.trace
+        middle = place_middle(trace.info.objects[target], kind, region)
+        w, x, y, z = trace.quaternions[row, target].tolist()
+        place = trace.positions[row, target] + np.array(rotate((w, x, y, z), middle))
+        return math.dist(trace.positions[row, i, :2], place[:2])
+
+    def wrong_place(self, step: Step) -> tuple[int, int, Whereabout] | None:
+        """Return where a right object was put that was not asked for, with the rows of release and of rest.
+
+        Returns:
+            The rows and the place, or None if it was put right, at no place of any target, or put right later.
+        """
+        if step.target is not AttemptTarget.ASKED or self.completed_after(step.goal, step.grasp.end):
+            return None
+        return self.put_down(step)
+
+    def taken_for(self, step: Step) -> int | None:
+        """Return the subgoal at whose place an object was put although that subgoal means another object, or None."""
+        found, i = self.put_down(step), step.grasp.object
+        if found is None or i not in self.asked_indices:
+            return None
+        place = found[2]
+        for g, goal in enumerate(self.goals):
+            same = (goal.relation, self.trace.targets[g], goal.region) == (place.relation, place.target, place.region)
+            if same and i not in self.meant[g]:
+                return g
+        return None
+
+    def memorized(self, i: int, place: Whereabout) -> bool:
+        """Tell whether training put objects of this kind there."""
+        where = (self.kind(place.target), place.relation, place.region)
+        return where in self.trained.kind_targets.get(self.kind(i), ())
+
+    def slots_in_training(self, i: int) -> tuple[str, ...]:
+        """Return the slots in which training had objects of this kind, apart from where this one stands at first."""
+        info, start = self.trace.info, self.trace.positions[0, i, :2]
+        trained = (slot for slot, there in sorted(self.trained.standing_kinds.items()) if self.kind(i) in there)
+        return tuple(s for s in trained if math.dist(start, info.slot(s).position[:2]) > DISPLACED)
+
+    def evidence(
+        self,
+        rule: str,
+        text: str,
+        *,
+        rows: tuple[int, int],
+        objects: tuple[int, ...] = (),
+        shared: tuple[str, ...] = (),
+        candidates: tuple[str, ...] = (),
+    ) -> Evidence:
+        """Return evidence for a span of rows and object indices; the text ends with time, place and what was asked."""
+        time, last = self.trace.time, self.trace.rows - 1
+        first, end = (min(max(r, 0), last) for r in rows)
+        facts = [f"{float(time[first]):.1f} s"]
+        place = self._place(first, objects[0]) if objects else ""
+        if place and place.removeprefix("at ") not in text:
+            facts.append(place)
+        if "asked for" not in text:
+            facts.append(f"asked for: {self.asked_at(first)}")
+        said = f"{text.removesuffix('.')} ({', '.join(facts)})."
+        return Evidence(
+            rule, said, float(time[first]), float(time[end]), tuple(self.name(i) for i in objects), shared, candidates
+        )
+
+    def asked_at(self, row: int) -> str:
+        """Return the words of the steps that are due at a row, with the things that they mean."""
+        due = self.open_words(row)
+        due = due[:1] if self.instruction.ordered else due
+        return listed(due) or "nothing more"
+
+    def open_words(self, row: int) -> tuple[str, ...]:
+        """Return the words of the subgoals that are open at a row, each once."""
+        return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
+
+    def asked_words(self, goal: int) -> str:
+        """Return the word of a step with the kind of thing that it means, where that is another: "'red' (red mug)"."""
+        word = self.goals[goal].word
+        kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
+        named = " or ".join(kind for kind in kinds if kind != word)
+        return repr(word) + (f" ({named})" if named else "" if kinds else " (not there)")
+
+    def _place(self, row: int, i: int) -> str:
+        """Return where an object is: at a place of a target, in a slot, or at coordinates; of a drawer, nothing."""
+        trace = self.trace
+        if trace.is_drawer(i):
+            return ""
+        place = trace.placed(row, i)
+        if place is not None:
+            return f"at the {self.kind(place.target)}"
+        slot = trace.slot_of(row, i, THRESHOLDS.slot_reach)
+        if slot is not None:
+            return f"slot {slot!r}"
+        x, y, z = trace.positions[row, i].tolist()
+        return f"at x {100 * x:.0f}, y {100 * y:.0f}, z {100 * z:.0f} cm"
+
+    def at_step(self, rule: str, text: str, step: Step, **details: tuple[str, ...]) -> Evidence:
+        """Return evidence for an attempt."""
+        objects = () if step.at is None else (step.at,)
+        return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
+
+    def describe(self, step: Step, *, slots: bool = True) -> str:
+        """Return a phrase for what an attempt was at, with its slot or without."""
+        slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
+        if step.at is None:
+            return f"nothing (an air grasp{slot})"
+        how = _MEANS_WORDS.get(step.means, "")
+        return f"the {self.kind(step.at)}{slot}" + (" (missed)" if step.missed else how)
+
+    def where(self, target: int, region: str) -> str:
+        """Return a phrase for a place of a target: "the laptop (left)"."""
+        return place_words(self.kind(target), region)
+
+    def asked_where(self, step: Step) -> str:
+        """Return a phrase for the place to which the object of an attempt was to be brought."""
+        if step.goal is None:
+            return "elsewhere"
+        return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
+
+    def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
+        """Return what the look of an object has in common with one of several: "color", "shape"."""
+        found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
+        shared = []
+        if found.color and any(found.color == other.color for other in others):
+            shared.append("color")
+        if found.shape and any(found.shape == other.shape for other in others):
+            shared.append("shape")
+        return tuple(shared)
+
+    def asked_for(self, step: Step) -> str:
+        """Return a phrase for what was asked for at an attempt."""
+        if step.goal is None:
+            return "nothing was left to do"
+        return f"{self.asked_words(step.goal)} was asked for"
+
+    def intended(self) -> tuple[int, ...]:
+        """Return the objects at which the first attempt would be right; if it was, the one that it was at comes first.
+
+        The others follow in the order of the subgoals and then of where they stand, so that neither their names nor
+        their order in the scene means anything.
+        """
+        if self.condition.expected is Expected.STAY_STILL:
+            return ()
+        trace, goals = self.trace, self.open_goals(0)
+        first = self.first_attempt
+        right = None if first is None or first.target is not AttemptTarget.ASKED else first.at
+        chosen = [] if right is None else [right]
+        for g in goals[:1] if self.instruction.ordered else goals:
+            wanted = _wanted(trace, g, 0) & set(self.meant[g])
+            chosen += sorted(wanted, key=lambda i: (trace.info.objects[i].slot or "", *trace.positions[0, i].tolist()))
+        return tuple(dict.fromkeys(chosen))
+
+    def intention_correct(self) -> bool | None:
+        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4).
+
+        Returns:
+            None where it cannot be told: the first closing was on nothing between two objects, or every closing was far
+            from everything.
+        """
+        expected = self.condition.expected
+        if expected is Expected.STAY_STILL:
+            return not self.steps
+        if expected is Expected.REFUSE:
+            return not any(s.target in (AttemptTarget.OTHER, AttemptTarget.FOREIGN) for s in self.steps)
+        first = self.first_attempt
+        if first is None:
+            return None if self.on_nothing else False
+        return None if first.between is not None else first.target is AttemptTarget.ASKED
+
+    def progress(self) -> float:
+        """Return the subgoals completed in a valid order divided by the subgoals asked (suite, section 4).
+
+        Where refusing is right, what cannot be done is not asked; where staying still is right, what was done must
+        still be done at the end.
+        """
+        done = self.trace.done
+        if self.condition.expected is Expected.STAY_STILL:
+            return float(done[-1].mean())
+        first = [int(np.argmax(column)) if column.any() else None for column in done.T]
+        refuse = self.condition.expected is Expected.REFUSE
+        asked = [g for g in range(len(first)) if self.meant[g] or not refuse]
+        if refuse and not asked:
+            return 1.0
+        valid = 0
+        for g in asked:
+            row, earlier = first[g], [first[j] for j in asked if j < g]
+            in_order = row is not None and all(e is not None and e <= row for e in earlier)
+            valid += in_order or (row is not None and not self.instruction.ordered)
+        return valid / len(asked)
+
+
+def analyze_episode(
+    trace: Trace,
+    condition: Condition,
+    trained: TrainingDistribution,
+    *,
+    harm: tuple[DatedHarm, ...] = (),
+    state: Callable[[int], WorldState] | None = None,
+) -> EpisodeAnalysis:
+    """Return the analysis of an episode. Objects are found by kind and slot, so that their names carry no meaning.
+
+    Args:
+        trace: The episode.
+        condition: What was asked for.
+        trained: What training showed.
+        harm: What was done to things that were not asked for.
+        state: Returns the state at a row; without it, places count strictly alone.
+    """
+    info = trace.info
+    asked_kinds = {info.objects[i].kind for names in trace.meant for i in names}
+    known = frozenset(trained.kind_slots) | asked_kinds
+    closings, far = find_grasps(trace), find_closings_on_nothing(trace)
+    fists = tuple(sorted((g for g in (*closings, *far) if _fist(trace, condition.instruction, g)), key=_start))
+    grasps = tuple(g for g in closings if g not in fists)
+    steps = tuple(_step(trace, condition.instruction, known, grasp) for grasp in grasps)
+    beside: tuple[GraspAttempt, ...] = ()
+    if condition.expected is Expected.SUCCEED:
+        beside = tuple(s.grasp for s in steps if _beside_slot(trace, condition.instruction, s))
+        tries = _tries(trace, condition.instruction, known, steps)
+        steps = tuple(sorted((*steps, *tries), key=lambda s: s.grasp.start))
+    on_nothing = tuple(sorted((*beside, *(g for g in far if g not in fists)), key=_start))
+    steps = tuple(s for s in steps if s.grasp not in beside)
+    episode = EpisodeAnalysis(
+        trace, condition, trained, trace.meant, steps, harm, on_nothing=on_nothing, fists=fists, state=state
+    )
+    if trace.done.shape[1] and trace.done[-1].all():
+        return episode
+    without = [(Means.PUSH, push) for push in find_pushes(trace, grasps)]
+    if condition.expected is Expected.SUCCEED:
+        stay = chosen_by_staying(trace, episode.idle_from, episode.wanted(episode.idle_from))
+        without += [] if stay is None else [(Means.STAY, stay)]
+    others = (_shown(trace, condition.instruction, known, stay, means) for means, stay in without)
+    return replace(episode, others=tuple(o for o in others if o.means is Means.STAY or not _went_on(episode, o)))
+
+
+def _start(grasp: GraspAttempt) -> int:
+    return grasp.start
+
+
+def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
+    """Tell whether the gripper closed on nothing so far from an empty slot that it may have missed something else.
+
+    That is where what is asked for now is about as near as where demonstrations close in the slot. A slot in which
+    training picked nothing, or something stands, has to be met at its middle.
+    """
+    slot = step.grasp.slot
+    if step.target is not AttemptTarget.EMPTY or slot is None:
+        return False
+    tool, picked = trace.tool[step.grasp.end], trace.picked_slot(slot)
+    if picked is None or trace.emptied_slot(step.grasp.start, tool) != slot:
+        return math.dist(tool[:2], trace.info.slot(slot).position[:2]) > THRESHOLDS.same_place
+    beyond = picked.beyond(tool.tolist())
+    gaps = trace.box_distances(step.grasp.start, tool)
+    return any(gaps[i] <= beyond + DOUBT for i in _needed(trace, instruction, step.grasp))
+
+
+def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
+    """Return what an attempt could rightly be at: what is asked for now, and drawers that have to be moved for it."""
+    _, now = _due(trace, instruction, grasp.start)
+    return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
+
+
+def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
+    """Return the closings at what was asked for that are no grasp attempts: a weak gripper has tried, too.
+
+    Its fingers hardly moved although they were told to close for long, or they closed around it and opened again, not
+    once but again and again. Where an object was grasped at besides, that tells enough.
+    """
+    seen = {step.at for step in steps}
+    long: list[Step] = []
+    brief: list[Step] = []
+    for found, closings in ((long, find_weak_closings(trace)), (brief, find_squeezes(trace))):
+        for closing in closings:
+            tool = trace.tool[closing.end]
+            reach, gaps = trace.within_reach(closing.start, tool), trace.box_distances(closing.start, tool)
+            near = [i for i in _needed(trace, instruction, closing) if reach[i] and i not in seen]
+            if not near:
+                continue
+            i = min(near, key=lambda i: (float(gaps[i]), i))
+            if found is brief and not is_down(trace, i)[closing.end]:
+                continue  # brought to the width of it from above
+            grasp = replace(closing, aim=i, slot=trace.slot_of(closing.start, i, THRESHOLDS.slot_reach))
+            found.append(replace(_step(trace, instruction, known, grasp, at=i), means=Means.TRY))
+    told = [(step.grasp.start, step.grasp.release) for step in long]
+    apart = [b for b in brief if not any(first <= b.grasp.release and b.grasp.start <= last for first, last in told)]
+    return [*long, *(apart if len(apart) >= SQUEEZES else [])]
+
+
+def _fist(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> bool:
+    """Tell whether a gripper closed on nothing where something is to be pushed shut: it made a fist to push with."""
+    if grasp.object is not None:
+        return False
+    _, now = _due(trace, instruction, grasp.start)
+    return bool(now) and all(not relation(instruction.subgoals[g].relation).carried for g in now)
+
+
+def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: Stay, means: Means) -> Step:
+    """Return a push or a stay as a step."""
+    slot = trace.slot_of(stay.start, stay.object, THRESHOLDS.slot_reach)
+    grasp = GraspAttempt(stay.start, stay.end, trace.rows, None, stay.object, slot, secured=False)
+    return replace(_step(trace, instruction, known, grasp, at=stay.object), means=means)
+
+
+def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
+    """Tell whether a grasp attempt at something else follows a push: the thing was in the way."""
+    return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
+
+
+def _due(trace: Trace, instruction: Instruction, row: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the subgoals that are open at a row, and those of them that may be served now: of an order, the first."""
+    due = _open_goals(trace, instruction.subgoals, row)
+    return due, due[:1] if instruction.ordered else due
+
+
+def _open_goals(trace: Trace, goals: tuple[Subgoal, ...], row: int) -> tuple[int, ...]:
+    """Return the subgoals that are not reached at a row and for which an object is left on the table.
+
+    A drawer that is to be closed on something is due once that is inside.
+    """
+    reached = [_reached(trace, goals, g, row) for g in range(len(goals))]
+    return tuple(
+        g
+        for g in range(len(goals))
+        if not reached[g]
+        and all(reached[j] for j in _before(trace, goals, g))
+        and any(not trace.serves[row, g, i] and trace.on_table(row, i) for i in trace.meant[g])
+    )
+
+
+def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool:
+    if int(trace.serves[row, g, list(trace.meant[g])].sum()) < goals[g].count:
+        return False
+    return all(_reached(trace, goals, j, row) for j in _before(trace, goals, g))
+
+
+def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
+    """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
+    if relation(goals[g].relation).carried:
+        return []
+    return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
+
+
+def _wanted(trace: Trace, g: int, row: int) -> set[int]:
+    """Return what may rightly be taken for a subgoal: what it means, and drawers that have to be moved for it first."""
+    busy = trace.serves[row].any(axis=0)
+    wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
+    drawers = {i for i, _, _ in trace.drawers}
+    for i in drawers & {trace.targets[g]}:
+        if trace.opening(row, i) < DRAWN_OUT:
+            wanted.add(i)
+        height = trace.positions[row, i, 2]
+        above = {j for j in drawers - {i} if trace.positions[row, j, 2] > height}
+        wanted |= {j for j in above if trace.opening(row, j) > PUSHED_IN}
+    return wanted
+
+
+def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
+    """Return the drawer that a subgoal loads if an attempt did not push it in: it may be drawn out in several pulls."""
+    i, last = grasp.object, min(grasp.release, trace.rows - 1)
+    if i is None or i != trace.targets[g] or not trace.is_drawer(i):
+        return set()
+    return {i} if trace.opening(last, i) > trace.opening(grasp.start, i) - PUSHED_IN else set()
+
+
+def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
+    """Return what a gripper that closed on nothing missed: in doubt, what was asked for now."""
+    if grasp.aim is None or grasp.aim in needed:
+        return grasp.aim
+    gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
+    near = [i for i in sorted(needed) if gaps[i] <= gaps[grasp.aim] + DOUBT]
+    return min(near, key=lambda i: float(gaps[i]), default=grasp.aim)
+
+
+def _step(
+    trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
+) -> Step:
+    """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
+    row = grasp.start
+    due, now = _due(trace, instruction, row)
+    wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
+    needed = {i for g in now for i in wanted[g]}
+    astride = _astride(trace, grasp, needed) if at is None else None
+    if astride is not None:
+        at = astride[0]
+    if at is None:
+        at = grasp.object if grasp.object is not None else _missed(trace, grasp, needed)
+    open_now = {i for g in due for i in wanted[g]}
+    target = _target_of(trace, at, needed=needed, due=open_now, known=known)
+    between = _between(trace, grasp, at, needed) if target is AttemptTarget.ASKED else None
+    if astride is not None:
+        between, grasp = astride[1], replace(grasp, object=None)
+    goal = next((g for g in now if at in wanted[g]), due[0] if due else None)
+    slots = sorted(
+        {slot for i in needed if (slot := trace.slot_near(trace.positions[row, i], THRESHOLDS.slot_reach)) is not None}
+    )
+    name = None if grasp.object is None else trace.info.objects[grasp.object].name
+    result = "null" if grasp.object is None else "target" if target is AttemptTarget.ASKED else "distractor"
+    slot = grasp.slot if between is None else None
+    attempt = Attempt(float(trace.time[row]), float(trace.time[grasp.end]), name, slot, result, grasp.secured)
+    moved = sorted(i for i in needed if trace.info.objects[i].slot == grasp.slot)
+    if at is None and grasp.slot is not None and moved:  # the slot is empty because what was asked for was moved away
+        at, target = moved[0], AttemptTarget.ASKED
+        goal = next(g for g in now if at in wanted[g])
+    return Step(grasp, attempt, at, target, goal, tuple(slots), between=between)
+
+
+def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
+    """Return what is asked for and what is not, if one finger comes down on each of them, or None.
+
+    What was lifted, or was between both fingers, was attempted alone.
+    """
+    i = grasp.object
+    if i is None or grasp.secured or trace.is_drawer(i):
+        return None
+    rows = slice(
+        max(0, grasp.start - trace.steps(THRESHOLDS.attempt_window)),
+        grasp.end + trace.steps(THRESHOLDS.attempt_window),
+    )
+    left, right = trace.left[rows], trace.right[rows]
+    if (left[:, i] & right[:, i]).any():
+        return None
+    lefts, rights = (set(np.flatnonzero(np.any(side, axis=0)).tolist()) for side in (left, right))
+    items = {k for k in trace.items if not trace.is_drawer(k)}
+    for one, other in ((lefts, rights), (rights, lefts)):
+        asked, unasked = sorted(one & needed & items), sorted((other & items) - needed)
+        if asked and unasked and i in (*asked, *unasked):
+            return asked[0], unasked[0]
+    return None
+
+
+def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
+    """Return what else was as near to a gripper that closed on nothing as what was asked for was, or None."""
+    if grasp.object is not None or at is None:
+        return None
+    row = grasp.start
+    gaps = trace.box_distances(row, trace.tool[grasp.end])
+    others = (i for i in trace.items if i not in needed and not trace.is_drawer(i))
+    near = [
+        (float(gaps[i]), i)
+        for i in others
+        if gaps[i] <= gaps[at] + BETWEEN and trace.on_table(row, i) and not trace.there[row, i]
+    ]
+    return min(near)[1] if near else None
+
+
+def _target_of(
+    trace: Trace, at: int | None, *, needed: set[int], due: set[int], known: frozenset[str]
+) -> AttemptTarget:
+    if at is None:
+        return AttemptTarget.EMPTY
+    if at in needed:
+        return AttemptTarget.ASKED
+    if at in due:
+        return AttemptTarget.LATER
+    if any(at in names for names in trace.meant):
+        return AttemptTarget.REPEATED
+    found = trace.info.objects[at]
+    other = found.kind in known or found.role in ("container", "fixture") or at in trace.targets
+    return AttemptTarget.OTHER if other else AttemptTarget.FOREIGN

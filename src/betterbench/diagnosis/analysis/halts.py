@@ -1,0 +1,211 @@
+"""Halts: the arm stands still, or trembles in place, although something is left to do, and does so to the end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from betterbench.diagnosis.analysis.approaches import STAY_TIME, spans
+from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
+from betterbench.diagnosis.analysis.trace import Trace, place_middle
+from betterbench.geometry import rotate
+from betterbench.tasks import THRESHOLDS
+from betterbench.tasks.judging.motion import Bools, Floats
+from betterbench.tasks.relations import relation
+from betterbench.tasks.thresholds import threshold
+
+HALT_RADIUS = threshold(
+    "halt_radius", 0.03, "m",
+    "Distance from where it stopped within which an arm that halts stays to the end; noise on the actions moves it by "
+    "less than 1 cm.",
+)  # fmt: skip
+
+DRIFT = threshold(
+    "drift", 0.002, "m/s",
+    "Speed with which an arm that halts may drift off beside that: nobody who watches sees it move, and in the whole "
+    "time of a trial it comes nowhere. A policy whose commands are noise around zero drifts as far.",
+)  # fmt: skip
+
+COME_TO_REST = threshold(
+    "come_to_rest", 0.005, "m",
+    "Distance from where it is within which an arm that was slow before has to stay to the end, drift apart, to have "
+    "come to rest there; one that creeps on at 4 mm/s or more has not.",
+)  # fmt: skip
+
+PAUSES_VARY = threshold(
+    "pauses_vary", 1.5, "1",
+    "Length of a stand in longest pauses before it, of a policy that makes long ones, from which it is no pause more.",
+)  # fmt: skip
+
+TREMBLE_TIME = threshold(
+    "tremble_time", 8.0, "s",
+    "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
+    "policies of the independent family go on after at most 6.5 s.",
+)  # fmt: skip
+
+OVER_GOAL = threshold(
+    "over_goal", 0.06, "m",
+    "Horizontal distance from the middle of its place within which a held object has been brought there; wider places "
+    "count up to their edge.",
+)  # fmt: skip
+
+
+def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
+    """Return the rows of the first halt for good, or None.
+
+    A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
+    moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
+    that pauses is slow, and what is shorter than an earlier pause may be one more. An arm that has the right thing at
+    its place and does not let go of it has halted only if it does not move at all, to and fro in one place neither: its
+    gripper fails to open.
+    """
+    trace = episode.trace
+    kept = kept_at_its_place(episode) is not None
+    still = _at_rest(trace) if kept else _still(trace)
+    if not kept and not any(s.means is Means.STAY and s.target is AttemptTarget.ASKED for s in episode.others):
+        still[_in_place_from(trace) :] = True
+    for step in episode.steps:
+        still[step.grasp.start : step.grasp.end + 1] = False
+        release = step.grasp.release  # an arm that lets go of something has not halted yet
+        still[release : release + trace.steps(THRESHOLDS.stop_time)] = False
+    last = max((_busy_until(trace, s) for s in episode.steps), default=-1)
+    needed = trace.steps(THRESHOLDS.halt_time)
+    pauses: list[int] = []
+    for start, stop in _runs(still):
+        begin = _rests_from(trace, max(start, last + 1), stop)
+        if begin is not None and episode.open_goals(begin + needed - 1):
+            return (begin, stop - 1) if stop - begin >= _usual(pauses, needed) else None
+        pauses.append(stop - start)
+    return None
+
+
+def in_fingers(trace: Trace, row: int) -> int | None:
+    """Return what the gripper holds at a row, or None; contacts that tremble let go of nothing."""
+    rows = slice(max(0, row - trace.steps(_FLICKER_S)), row + 1)
+    held = [i for i in trace.held[rows].tolist() if i >= 0]
+    return held[-1] if held else None
+
+
+def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
+    """Return what the gripper had at its place for long and has not opened for since it took it, to the end, or None.
+
+    It may stand there between the fingers. What still sinks toward its place is not kept there.
+    """
+    trace, last = episode.trace, episode.trace.rows - 1
+    for g, goal in enumerate(episode.goals):
+        if trace.done[last, g] or not relation(goal.relation).carried:
+            continue
+        for i in episode.meant[g]:
+            gripped = (trace.held == i) | (trace.left[:, i] & trace.right[:, i])
+            rows = spans(gripped, trace.steps(_FLICKER_S))
+            if not rows or rows[-1][1] < last - trace.steps(_FLICKER_S) or not trace.closing[rows[-1][0] :].all():
+                continue
+            first = rows[-1][0]
+            at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
+            if at.size >= trace.steps(STAY_TIME) and not _sinks(trace.positions[at, i, 2]):
+                return i
+    return None
+
+
+def _sinks(heights: Floats) -> bool:
+    """Tell whether something comes lower the longer it is over its place: it is on its way, slowly."""
+    halves = np.array_split(heights, 2)
+    return float(np.median(halves[0]) - np.median(halves[1])) > THRESHOLDS.begun_lift
+
+
+def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
+    """Tell at which rows from a row on an object is at or over the place at which a subgoal wants it."""
+    trace, goal, t = episode.trace, episode.goals[g], episode.trace.targets[g]
+    target = trace.info.objects[t]
+    middle = place_middle(target, goal.relation, goal.region)
+    regions = [r.half_size[:2] for r in target.regions if np.allclose(r.position[:2], middle[:2])]
+    edge = np.max([(0.0, 0.0), *regions], axis=0)
+    offsets = trace.positions[first:, i] - trace.positions[first:, t]
+    turned = zip(trace.quaternions[first:, t].tolist(), offsets.tolist(), strict=True)
+    inverse = [rotate((w, -x, -y, -z), offset) for (w, x, y, z), offset in turned]
+    gaps = np.abs(np.array(inverse) - np.array(middle))[:, :2]
+    found: Bools = (np.linalg.norm(gaps, axis=1) <= OVER_GOAL) | (gaps <= edge).all(axis=1)
+    return found
+
+
+_FLICKER_S = 0.25
+
+
+def _usual(pauses: list[int], long: int) -> float:
+    """Return how long a policy may pause, in rows, from its pauses: if several were long, one may be longer still."""
+    return max(pauses, default=0) * (PAUSES_VARY if sum(p >= long for p in pauses) > 1 else 1.0)
+
+
+def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
+    """Return the first row of a slow stretch, long enough before its end, from which the arm stays in place for good.
+
+    It may have slowed down before it came to rest.
+    """
+    last = stop - trace.steps(THRESHOLDS.halt_time)
+    if start <= last and _stays(trace, start):
+        return start
+    rows = range(start, last + 1, trace.steps(0.5))
+    return next((row for row in rows if _stays(trace, row, within=COME_TO_REST)), None)
+
+
+def _in_place_from(trace: Trace) -> int:
+    """Return a row from which the arm moves in place to the end, if it does so long enough, else the number of rows."""
+    for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(0.5)):
+        if _stays(trace, begin):
+            return begin
+    return trace.rows
+
+
+def _stays(trace: Trace, begin: int, *, within: float = HALT_RADIUS) -> bool:
+    """Tell whether the tool center point stays where it is at a row until the episode ends, apart from drifting."""
+    away = np.linalg.norm(trace.tool[begin:] - trace.tool[begin], axis=1)
+    return bool((away <= within + DRIFT * (trace.time[begin:] - trace.time[begin])).all())
+
+
+def _busy_until(trace: Trace, step: Step) -> int:
+    """Return the last row at which an attempt shows that the arm had not halted for good.
+
+    That is the end of the grasp, or the release of an object that was carried on to where it was let go.
+    """
+    release = step.grasp.release
+    if not step.grasp.secured or release >= trace.rows:
+        return step.grasp.end
+    before = max(step.grasp.end, release - trace.steps(THRESHOLDS.halt_time))
+    carried = float(np.linalg.norm(trace.tool[before : release + 1] - trace.tool[release], axis=1).max())
+    return release if carried > THRESHOLDS.begun_lift else step.grasp.end
+
+
+def travel(trace: Trace) -> np.ndarray:
+    """Return the length of the path of the tool center point up to each row, shape (T,) [m]."""
+    lengths = np.linalg.norm(np.diff(trace.tool, axis=0), axis=1)
+    return np.concatenate(([0.0], np.cumsum(lengths)))
+
+
+def _still(trace: Trace) -> Bools:
+    """Return the rows at which the tool center point moves slower than ``halt_speed``, averaged over a short time."""
+    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
+    gaps = np.linalg.norm(trace.tool[window:] - trace.tool[:-window], axis=1)
+    slow = gaps * trace.rate_hz / window < THRESHOLDS.halt_speed
+    return _covered(slow, window, trace.rows)
+
+
+def _at_rest(trace: Trace) -> Bools:
+    """Return the rows at which the way of the tool center point is slower than ``halt_speed``, to and fro as well."""
+    window = min(trace.steps(THRESHOLDS.stillness_window), max(1, trace.rows - 1))
+    way = travel(trace)
+    slow = (way[window:] - way[:-window]) * trace.rate_hz / window < THRESHOLDS.halt_speed
+    return _covered(slow, window, trace.rows)
+
+
+def _covered(slow: Bools, window: int, rows: int) -> Bools:
+    """Return the rows that are in a slow window; every row of a slow stretch counts."""
+    still = np.zeros(rows, dtype=np.bool_)
+    for shift in range(window + 1):
+        still[shift : shift + len(slow)] |= slow
+    return still
+
+
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """Return the spans of true flags as half-open ranges."""
+    padded = np.concatenate(([False], flags, [False]))
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -1,0 +1,76 @@
+"""Harm in a record: what a success must not have done to anything that was not asked for, and when it was done."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from betterbench.diagnosis.analysis.trace import Trace
+from betterbench.records import Record
+from betterbench.tasks import THRESHOLDS, Condition, get_task
+from betterbench.tasks.judging.harm import DISPLACED, Harm, HarmWatch, bystanders
+from betterbench.tasks.judging.targets import Asked, Targets
+
+
+class DatedHarm(NamedTuple):
+    """One harm with the row at which it is first seen; what is at a target at the end is dated there."""
+
+    row: int
+    harm: Harm
+
+
+def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[DatedHarm, ...]:
+    """Return all harm that a record shows, in time.
+
+    The verdict is that of the goal tracker, over the rows that can change it. Objects are found as in the trace, so
+    that their names carry no meaning.
+    """
+    info, template = trace.info, get_task(condition.task).template
+    asked = tuple(
+        Asked(g.relation, info.objects[t].name, g.region, tuple(info.objects[i].name for i in names), g.count)
+        for g, t, names in zip(condition.instruction.subgoals, trace.targets, trace.meant, strict=True)
+    )
+    targets = Targets(asked, info, placing=template.relation)
+    watch = HarmWatch(asked, targets, info, exclusive=template.exclusive)
+    dates = {
+        ("displaced", name): _first(_moved(trace, info.index(name)) > DISPLACED) for name in bystanders(asked, info)
+    }
+    dates |= {
+        ("on_the_floor", o.name): _first(trace.positions[:, i, 2] < -THRESHOLDS.fallen_below)
+        for i, o in enumerate(info.objects)
+    }
+    dates |= {("knocked_over", o.name): _since(_tilted(trace, i)) for i, o in enumerate(info.objects)}
+    last = trace.rows - 1
+    for row in sorted({0, *(row for row in dates.values() if row is not None)}):
+        state = record.state(row)
+        watch.see(state, targets.places(state))
+    state = record.state(last)
+    places = targets.places(state)
+    watch.see(state, places)
+    found = (DatedHarm(dates.get((h.sort, h.object)) or last, h) for h in watch.found(state, places))
+    return tuple(sorted(found, key=lambda dated: dated.row))
+
+
+def _moved(trace: Trace, i: int) -> np.ndarray:
+    """Return how far the middle of an object is from its place at the start [m], shape (T,)."""
+    w, x, y, z = trace.quaternions[:, i].T
+    up = np.column_stack((2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)))
+    middles = trace.positions[:, i] + 0.5 * trace.info.objects[i].size_m[2] * up
+    moved: np.ndarray = np.linalg.norm(middles - middles[0], axis=1)
+    return moved
+
+
+def _tilted(trace: Trace, i: int) -> np.ndarray:
+    """Return whether an object is tilted so far that it was knocked over, shape (T,)."""
+    tilted: np.ndarray = 1.0 - 2.0 * (trace.quaternions[:, i, 1:3] ** 2).sum(axis=1) < np.cos(THRESHOLDS.knocked_tilt)
+    return tilted
+
+
+def _since(flags: np.ndarray) -> int | None:
+    """Return the row from which on flags are true to the end, or None."""
+    return int(np.flatnonzero(~flags)[-1]) + 1 if flags[-1] and not flags.all() else None
+
+
+def _first(flags: np.ndarray) -> int | None:
+    return int(np.argmax(flags)) if flags.any() else None

@@ -1,0 +1,211 @@
+"""What the detectors read from a record: its columns by object, with contacts and relations as arrays."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import RecordError
+from betterbench.geometry import Pose, Vector, distance
+from betterbench.interface.state import ObjectInfo, SceneInfo
+from betterbench.records import Record
+from betterbench.tasks import Condition
+from betterbench.tasks.judging.motion import Bools, Floats, Motion, closing_of, graspable
+from betterbench.tasks.judging.picked_slots import picked_slots
+from betterbench.tasks.relations import RELATIONS, relation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whereabout:
+    """When an object was at one place of a target, asked for or not.
+
+    Attributes:
+        place: TargetRegion of the target, "" if it offers just one.
+        rows: (T,) whether it was there.
+    """
+
+    object: int
+    relation: str
+    target: int
+    region: str
+    rows: Bools
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace(Motion):
+    """One episode as arrays: its motion, and what it was asked for. ``T`` rows, ``n`` objects, ``g`` subgoals.
+
+    Attributes:
+        time: (T,) time since reset [s].
+        touched: (T, n) whether a finger or the hand touches the object.
+        by_arm: (T, n) whether another part of the arm touches it.
+        whereabouts: Per object and place of a target when it was there; shut drawers are left out.
+        serves: (T, g, n) whether the object is where the subgoal wants it.
+        done: (T, g) whether the subgoal is done: related, released and at rest.
+        meant: Per subgoal the indices of the objects that it can mean.
+        targets: Per subgoal the index of its target.
+        drawers: Per drawer its index, that of its cabinet, and the place of the closed drawer in the cabinet's frame.
+    """
+
+    time: Floats
+    touched: Bools
+    by_arm: Bools
+    whereabouts: tuple[Whereabout, ...]
+    serves: Bools
+    done: Bools
+    meant: tuple[tuple[int, ...], ...]
+    targets: tuple[int, ...]
+    drawers: tuple[tuple[int, int, Vector], ...]
+
+    def placed(self, row: int, i: int) -> Whereabout | None:
+        """Return where an object is with respect to a target at a row, or None if at no place of any."""
+        return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
+
+    def opening(self, row: int, drawer: int) -> float:
+        """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
+        for i, cabinet, place in self.drawers:
+            if i == drawer:
+                p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()
+                home = Pose((p[0], p[1], p[2]), (q[0], q[1], q[2], q[3])).apply(place)
+                return distance(self.positions[row, drawer].tolist(), home)
+        return 0.0
+
+
+def place_middle(target: ObjectInfo, kind: str, region: str) -> Vector:
+    """Return where the middle of a place of a target is in its frame [m]: of its region of that name, if it has one."""
+    named = next((r.position for r in target.regions if r.name == region), None)
+    return relation(kind).middle(target, region) if named is None else named
+
+
+def trace_of(record: Record, condition: Condition, *, step_limit: int) -> Trace:
+    """Return the arrays of a record that the detectors read.
+
+    Args:
+        record: The record.
+        condition: The condition in force. Objects are found by kind and slot, so that their names carry no meaning.
+        step_limit: Steps after which an episode of its condition ends; later rows are left out, so that idle time
+            added to a record changes nothing.
+
+    Raises:
+        RecordError: If the record lacks a predicate of a movable object, or an object of the condition.
+    """
+    info = record.metadata.scene
+    rows = min(len(record), step_limit + 1)
+    objects = info.objects
+    items = graspable(info)
+    goals = condition.instruction.subgoals
+    meant = tuple(
+        tuple(
+            i
+            for i in items
+            if (
+                objects[i].kind == goal.reference.kind
+                if goal.reference.slot is None
+                else objects[i].slot == goal.reference.slot
+            )
+        )
+        for goal in goals
+    )
+    whereabouts = _whereabouts(record, rows, items)
+    there = np.zeros((rows, len(objects)), dtype=np.bool_)
+    for w in whereabouts:
+        there[:, w.object] |= w.rows
+    serves = np.zeros((rows, len(goals), len(objects)), dtype=np.bool_)
+    targets = tuple(_index_of_kind(info, condition.object(goal.target).kind) for goal in goals)
+    for g, goal in enumerate(goals):
+        for i in meant[g]:
+            label = relation(goal.relation).label(objects[i].name, objects[targets[g]].name, goal.region)
+            serves[:, g, i] = record.predicates[:rows, _column(record, label)]
+    left, right, hand, arm = touches(record, rows, ("left_finger", "right_finger", "hand", "arm"))
+    width, command = record.finger_width[:rows], record.gripper_command[:rows]
+    rate_hz = record.metadata.control_rate_hz
+    return Trace(
+        info=info, rate_hz=rate_hz, time=record.time[:rows],
+        touched=left | right | hand, by_arm=arm, tool=record.ee_position[:rows],
+        width=width, closing=closing_of(command, width, (left | right).any(axis=1), rate_hz=rate_hz),
+        positions=record.object_positions[:rows], quaternions=record.object_quaternions[:rows], left=left, right=right,
+        held=record.held[:rows], force=finger_forces(record, rows), whereabouts=whereabouts, there=there,
+        picked=picked_slots(condition.task, info), serves=serves, done=record.subgoals[:rows], meant=meant,
+        targets=targets, drawers=_drawers(info, condition),
+    )  # fmt: skip
+
+
+def _column(record: Record, label: str) -> int:
+    """Return the column of a predicate.
+
+    Raises:
+        RecordError: If the record lacks it.
+    """
+    try:
+        return record.metadata.predicate_names.index(label)
+    except ValueError:
+        m = record.metadata
+        text = f"{m.task}/{m.condition} seed {m.seed}: the record has no predicate {label}; record the trial again."
+        raise RecordError(text) from None
+
+
+def _whereabouts(record: Record, rows: int, items: tuple[int, ...]) -> tuple[Whereabout, ...]:
+    """Return when which object was at which place of which target, from all predicates of the record."""
+    objects = record.metadata.scene.objects
+    column = {name: c for c, name in enumerate(record.metadata.predicate_names)}
+    names = {label.partition("(")[0] for label in column}
+    found = []
+    carried = (RELATIONS[name] for name in sorted(names & RELATIONS.keys()) if RELATIONS[name].carried)
+    for kind, (t, target) in itertools.product(carried, enumerate(objects)):
+        for region, i in itertools.product(kind.regions(target), items):
+            c = column.get(kind.label(objects[i].name, target.name, region))
+            if c is not None:
+                found.append(Whereabout(i, kind.name, t, region, record.predicates[:rows, c]))
+    return tuple(found)
+
+
+def _index_of_kind(info: SceneInfo, kind: str) -> int:
+    """Return the index of the first object of a kind; raises RecordError if none is there."""
+    found = next((i for i, o in enumerate(info.objects) if o.kind == kind), None)
+    if found is None:
+        raise RecordError(f"scene: the record has no {kind!r}, which its condition has; record the trial again.")
+    return found
+
+
+def _drawers(info: SceneInfo, condition: Condition) -> tuple[tuple[int, int, Vector], ...]:
+    found = []
+    for o in condition.objects:
+        if o.mount is not None:
+            cabinet = _index_of_kind(info, condition.object(o.mount.target).kind)
+            place = info.objects[cabinet].region(o.mount.region).position
+            found.append((_index_of_kind(info, o.kind), cabinet, place))
+    return tuple(found)
+
+
+def finger_forces(record: Record, rows: int) -> Floats:
+    """Return the largest normal force with which a finger presses on each object [N], shape (rows, n)."""
+    contacts, bodies = record.contacts, record.bodies
+    names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
+    finger = np.array([b in ("left_finger", "right_finger") for b in bodies], dtype=np.bool_)
+    object_of = np.array([names.get(b, -1) for b in bodies], dtype=np.intp)
+    row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
+    stop = int(contacts.offsets[rows])
+    pressing: Floats = np.zeros((rows, len(names)))
+    for mine, other in ((0, 1), (1, 0)):
+        thing = object_of[contacts.bodies[:stop, other]]
+        chosen = finger[contacts.bodies[:stop, mine]] & (thing >= 0)
+        np.maximum.at(pressing, (row[chosen], thing[chosen]), contacts.forces[:stop][chosen])
+    return pressing
+
+
+def touches(record: Record, rows: int, parts: tuple[str, ...]) -> Bools:
+    """Return which object each part of the gripper touches, shape (parts, rows, n)."""
+    contacts = record.contacts
+    names = {o.name: i for i, o in enumerate(record.metadata.scene.objects)}
+    part_of = np.array([parts.index(b) if b in parts else -1 for b in record.bodies], dtype=np.intp)
+    object_of = np.array([names.get(b, -1) for b in record.bodies], dtype=np.intp)
+    row = np.repeat(np.arange(rows), np.diff(contacts.offsets[: rows + 1]))
+    pairs = contacts.bodies[: int(contacts.offsets[rows])]
+    touched = np.zeros((len(parts), rows, len(names)), dtype=np.bool_)
+    for mine, other in ((0, 1), (1, 0)):
+        part, thing = part_of[pairs[:, mine]], object_of[pairs[:, other]]
+        chosen = (part >= 0) & (thing >= 0)
+        touched[part[chosen], row[chosen], thing[chosen]] = True
+    return touched

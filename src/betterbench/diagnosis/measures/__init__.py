@@ -1,0 +1,1 @@
+"""Numbers over many trials: metrics of a run, the confusion matrix and the power matrix of the diagnosis."""

@@ -1,0 +1,269 @@
+"""The confusion matrix of the diagnosis, and what it is worth per label."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from importlib import resources
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.diagnosis.measures.forms import LabelField
+from betterbench.errors import RecordError
+from betterbench.json_form import open_form, open_seal, read_form, sealed_form
+from betterbench.statistics import Rate
+from betterbench.tasks.labels import Kind, Label, all_labels
+
+FAMILIES: dict[str, str] = {
+    "faulty": "Every faulty policy moves as well as the expert and decides by one broken rule. It writes down its own "
+    "first wrong decision; the diagnosis sees the records alone.",
+    "development": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was developed on this part.",
+    "held_out": "Every policy of the independent family has one habit in one of three manners, with a controller of "
+    "its own. Its true label is stated before the first action. The diagnosis was never developed on this part.",
+    "second": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis.",
+    "third": "Every policy of the independent family has one habit in one of three manners, with a controller of its "
+    "own. Its true label is stated before the first action. Whoever wrote this part never saw the diagnosis, and "
+    "left out the conditions in which a label could be debated.",
+    "fourth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis, and gave every habit a label that the suite's table decides alone.",
+    "fifth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis or what it said of other parts, and made a third of the failures attempt no grasp.",
+    "sixth": "Every policy of the independent family has one habit in one of three manners of its own, with a "
+    "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
+    "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
+}
+"""What a diagnosis is measured on, with what is said of it: faulty policies, and parts of the independent family.
+
+The last one is what the diagnosis is claimed to be worth: it was written last, and used once.
+"""
+
+CLAIMED = next(reversed(FAMILIES))
+"""The family whose numbers are the claim."""
+
+
+def packaged_file(family: str) -> str:
+    """Return the name of the file of a family's packaged calibration, in ``data`` beside this module."""
+    return "calibration.json" if family == "faulty" else f"calibration_{family}.json"
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One trial of a faulty policy with its true label and the one that it was given.
+
+    Attributes:
+        trial: Key of the trial ("fast_food/T1/3").
+        truth: Label that it deserves.
+        fault: What was decided wrongly, in the policy's own words.
+        grasped: Whether the record holds a grasp attempt, so that a grasp shows what was decided.
+        honest: Whether the policy has no fault.
+        debatable: Why a careful reader of the suite might give another label; "" if none would.
+    """
+
+    policy: str
+    trial: str
+    truth: LabelField
+    label: LabelField
+    fault: str
+    rule: str
+    text: str
+    grasped: bool = True
+    honest: bool = False
+    debatable: str = ""
+
+    @property
+    def right(self) -> bool:
+        """Whether the diagnosis found the truth."""
+        return self.truth is self.label
+
+    @property
+    def crossed(self) -> bool:
+        """Whether reasoning was called execution, or the other way round."""
+        return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
+
+
+@dataclass(frozen=True, slots=True)
+class LabelScore:
+    """How well one label is found.
+
+    Attributes:
+        recall: Of the trials that deserve it, those that were given it.
+        precision: Of the trials that were given it, those that deserve it.
+    """
+
+    label: Label
+    recall: Rate
+    precision: Rate
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """What a diagnosis is worth, measured.
+
+    Attributes:
+        policies: Per policy its right trials and all its trials.
+        crossed: Trials in which reasoning was called execution or the other way round.
+        without_grasp: Trials with the right label, of the failed ones without a grasp attempt.
+        accused: Trials of policies without a fault that were called a failure of reasoning, of all their trials.
+        left_out: Trials that say nothing about the policy's fault, which are not judged.
+    """
+
+    counts: dict[tuple[Label, Label], int]
+    policies: dict[str, Rate]
+    wrong: tuple[Judged, ...]
+    crossed: int
+    versions: dict[str, str]
+    without_grasp: Rate
+    accused: Rate
+    left_out: int
+
+    @classmethod
+    def of(cls, trials: Iterable[Judged], *, versions: dict[str, str] | None = None, left_out: int = 0) -> Calibration:
+        """Return the calibration that judged trials give."""
+        judged = list(trials)
+        per_policy: dict[str, list[bool]] = {}
+        for j in judged:
+            per_policy.setdefault(j.policy, []).append(j.right)
+        return cls(
+            dict(Counter((j.truth, j.label) for j in judged)),
+            {policy: Rate(sum(found), len(found)) for policy, found in per_policy.items()},
+            tuple(j for j in judged if not j.right),
+            sum(j.crossed for j in judged),
+            dict(versions or {}),
+            _share(j.right for j in judged if not j.grasped and j.truth.kind is not Kind.NONE),
+            _share(j.label.kind is Kind.REASONING for j in judged if j.honest),
+            left_out,
+        )
+
+    @property
+    def total(self) -> int:
+        """Number of judged trials."""
+        return sum(self.counts.values())
+
+    @property
+    def overall(self) -> Rate:
+        """Trials with the right label, of all."""
+        return Rate(sum(n for (truth, label), n in self.counts.items() if truth is label), self.total)
+
+    @property
+    def failed(self) -> Rate:
+        """Trials with the right label, of those that deserve the label of a failure: successes are the easy part."""
+        counts = [(truth is label, n) for (truth, label), n in self.counts.items() if truth.kind is not Kind.NONE]
+        return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
+
+    @property
+    def failed_kinds(self) -> Rate:
+        """Trials that were given a label of the right kind, of those that deserve the label of a failure."""
+        counts = [(t.kind is g.kind, n) for (t, g), n in self.counts.items() if t.kind is not Kind.NONE]
+        return Rate(sum(n for right, n in counts if right), sum(n for _, n in counts))
+
+    @property
+    def crossed_rate(self) -> Rate:
+        """Trials in which reasoning was called execution or the other way round, of all that failed for either."""
+        kinds = (Kind.REASONING, Kind.EXECUTION)
+        return Rate(self.crossed, sum(n for (truth, _), n in self.counts.items() if truth.kind in kinds))
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """All labels that occur, in the order of the suite's table."""
+        met = {label for pair in self.counts for label in pair}
+        return tuple(label for label in all_labels() if label in met)
+
+    def scores(self) -> tuple[LabelScore, ...]:
+        """Return recall and precision of every label that some trial deserves."""
+        scores = []
+        for label in self.labels:
+            deserved = sum(n for (truth, _), n in self.counts.items() if truth is label)
+            given = sum(n for (_, found), n in self.counts.items() if found is label)
+            both = self.counts.get((label, label), 0)
+            if deserved:
+                scores.append(LabelScore(label, Rate(both, deserved), Rate(both, given)))
+        return tuple(scores)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "counts": [
+                {"truth": truth.value, "label": label.value, "n": n}
+                for (truth, label), n in sorted(self.counts.items(), key=lambda item: [x.value for x in item[0]])
+            ],
+            "policies": {name: {"k": rate.k, "n": rate.n} for name, rate in sorted(self.policies.items())},
+            "wrong": [{**asdict(j), "truth": j.truth.value, "label": j.label.value} for j in self.wrong],
+            "crossed": self.crossed,
+            "without_grasp": asdict(self.without_grasp),
+            "accused": asdict(self.accused),
+            "left_out": self.left_out,
+            "versions": self.versions,
+        }
+
+    def file_bytes(self) -> bytes:
+        """Return the file of the JSON document, with its seal."""
+        return (json.dumps(sealed_form({"version": 2, **self.to_json()}), indent=1) + "\n").encode()
+
+    @classmethod
+    def from_json(cls, raw: bytes, *, where: str) -> Calibration:
+        """Read the JSON document; errors call it ``where``.
+
+        Raises:
+            RecordError: If a field is missing or malformed.
+        """
+        cure = "Run better calibrate again"
+        form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
+        file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
+        return cls(
+            {(c.truth, c.label): c.n for c in file.counts},
+            file.policies,
+            file.wrong,
+            file.crossed,
+            file.versions,
+            file.without_grasp,
+            file.accused,
+            file.left_out,
+        )
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _CountForm:
+    truth: LabelField
+    label: LabelField
+    n: int
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _File:
+    counts: list[_CountForm]
+    policies: dict[str, Rate]
+    wrong: tuple[Judged, ...]
+    crossed: int
+    without_grasp: Rate
+    accused: Rate
+    left_out: int
+    versions: dict[str, str]
+
+
+_FILE = TypeAdapter(_File)
+
+
+def packaged_calibration(family: str = "faulty") -> Calibration | None:
+    """Return the calibration of a family that ships with the package, or None if this build has none.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    file = resources.files("betterbench.diagnosis").joinpath("data", packaged_file(family))
+    return Calibration.from_json(file.read_bytes(), where=packaged_file(family)) if file.is_file() else None
+
+
+def _share(found: Iterable[bool]) -> Rate:
+    """Return how many are true, of all."""
+    values = list(found)
+    return Rate(sum(values), len(values))

@@ -1,0 +1,238 @@
+"""The metrics of a run (suite, section 4), each with its count and its uncertainty."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from betterbench.diagnosis.instruction_effect import instruction_effects
+from betterbench.diagnosis.until_decided import UntilDecided
+from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
+from betterbench.statistics import (
+    Difference,
+    PairedTable,
+    Rate,
+    anytime_interval,
+    delta_success_rate,
+    evidence_above,
+    exchange_p,
+    holm,
+    mcnemar_p,
+    paired_bootstrap,
+    wider_paired_difference,
+)
+from betterbench.statistics.betting import SIGNED
+from betterbench.tasks import Axis, stream
+from betterbench.tasks.labels import Kind
+from betterbench.tasks.worlds.libero_plus import AXES as PLUS_AXES
+from betterbench.tasks.worlds.libero_plus import axis_of
+
+Trials = Sequence[TrialDiagnosis]
+
+ANYTIME = "anytime-valid"
+"""Method of an interval that holds whenever the trials stopped."""
+
+_Rates = tuple[tuple[str, Callable[[TrialDiagnosis], bool]], ...]
+
+_RATES: _Rates = (
+    ("success_rate", lambda t: t.success),
+    ("success_with_a_needless_step", lambda t: t.success and bool(t.needless)),
+    ("intention_accuracy", lambda t: bool(t.intention_correct)),
+    ("reasoning_failure_rate", lambda t: t.kind is Kind.REASONING),
+    ("execution_failure_rate", lambda t: t.kind is Kind.EXECUTION),
+    ("system_failure_rate", lambda t: t.kind is Kind.SYSTEM),
+    ("collision_rate", lambda t: bool(t.collisions)),
+)
+"""Rates over planned trials. A trial without a record is no success, shows no intention and stays in the denominator.
+
+A success with a needless step is one in which a step of training was played that was not asked for, as a replayed grasp
+at an emptied slot; it counts as a success too. Collisions are those with fixtures; they spoil no goal by themselves.
+"""
+
+_UNFINISHED: _Rates = (("unfinished_rate", lambda t: t.kind is Kind.UNFINISHED),)
+"""The rate of a run that was stopped, counted apart."""
+
+
+def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tuple[Metric, ...]:
+    """Return all metrics of a run.
+
+    Args:
+        trials: Its trials.
+        decided: What a run until decided has decided. Numbers of one condition then have intervals that hold whenever
+            its trials stopped, and numbers over several conditions are of the seeds of the first round alone.
+
+    Returns:
+        Rates, distractor grasp rate and progress over every scope, instruction effects, ΔSR of recompositions, and
+        illusion gaps with the success rates of their twins and of the variations in the same pairs, of which each gap
+        is the difference.
+    """
+    even = trials if decided is None else [t for t in trials if t.seed in decided.first_seeds]
+    rates = (*_RATES, *_UNFINISHED) if any(t.kind is Kind.UNFINISHED for t in trials) else _RATES
+    metrics: list[Metric] = []
+    for scope, members in scopes(trials):
+        one_condition = "/" in scope and not scope.endswith("/training")
+        if decided is not None and one_condition:
+            metrics += _anytime(scope, members, rates)
+            continue
+        kept = members if decided is None else [t for t in members if t.seed in decided.first_seeds]
+        metrics += [Metric.of_rate(n, scope, Rate(sum(map(f, kept)), len(kept))) for n, f in rates]
+        metrics.append(_distractor_grasp_rate(scope, kept))
+        metrics.append(_progress(scope, kept))
+    metrics += instruction_effects(even)
+    metrics += _delta_success_rates(even)
+    metrics += _illusion_gaps(even, trials if decided is not None else None)
+    return tuple(metrics)
+
+
+def _anytime(scope: str, trials: Trials, rates: _Rates) -> Iterator[Metric]:
+    """Yield rates, distractor grasp rate and progress of one condition, valid whenever its trials stopped."""
+    results = [a.result for t in trials for a in t.attempts if a.result != "null"]
+    counted = [(name, [shows(t) for t in trials]) for name, shows in rates]
+    counted.append(("distractor_grasp_rate", [result == "distractor" for result in results]))
+    for name, seen in counted:
+        ends = anytime_interval(map(float, seen))
+        value = sum(seen) / len(seen) if seen else None
+        yield Metric(name, scope, sum(seen), len(seen), value, *ends, method=ANYTIME)
+    progress = [t.progress for t in trials]
+    mean = sum(progress) / len(progress)
+    yield Metric("progress", scope, None, len(progress), mean, *anytime_interval(progress), method=ANYTIME)
+
+
+def scopes(trials: Trials) -> Iterator[tuple[str, Trials]]:
+    """Yield every scope of a run with its trials (see :class:`~betterbench.diagnosis.Metric`)."""
+    varied = [t for t in trials if t.variation is not None]
+    yield "overall", varied
+    yield "training", [t for t in trials if t.variation is None]
+    for axis in (*(axis.value for axis in Axis), *PLUS_AXES):
+        members = [t for t in varied if t.axis == axis]
+        if members:
+            yield f"axis:{axis}", members
+    for task in sorted({t.task for t in trials}):
+        mine = [t for t in trials if t.task == task]
+        if any(t.variation is not None for t in mine):
+            yield task, [t for t in mine if t.variation is not None]
+        if any(t.variation is None for t in mine):
+            yield f"{task}/training", [t for t in mine if t.variation is None]
+        for name in sorted({t.pool for t in mine}):
+            yield f"{task}/{name}", [t for t in mine if t.pool == name]
+
+
+def twins(trials: Trials) -> list[tuple[TrialDiagnosis, TrialDiagnosis]]:
+    """Return every trial of a variation with its counterfactual twin, where neither of them is unfinished."""
+    ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
+    by_key = {t.key: t for t in ended if t.variation is None}
+    return [(by_key[t.twin_key], t) for t in ended if t.twin_key is not None and t.twin_key in by_key]
+
+
+def _distractor_grasp_rate(scope: str, trials: Trials) -> Metric:
+    results = [a.result for t in trials for a in t.attempts if a.result != "null"]
+    return Metric.of_rate("distractor_grasp_rate", scope, Rate(results.count("distractor"), len(results)))
+
+
+def _progress(scope: str, trials: Trials) -> Metric:
+    values = [t.progress for t in trials]
+    generator = stream("diagnosis", 0, f"bootstrap:progress:{scope}")
+    mean = paired_bootstrap(values, [0.0] * len(values), generator=generator)
+    low, high = (max(0.0, mean.low), mean.high)
+    return Metric("progress", scope, None, len(values), mean.value, low, high, method="bootstrap")
+
+
+def _delta_success_rates(trials: Trials) -> list[Metric]:
+    """Return ΔSR of every recomposition, and of all of a task's, against the mean of its seen compositions."""
+    metrics = []
+    for task in sorted({t.task for t in trials}):
+        mine = [t for t in trials if t.task == task]
+        novel = [t for t in mine if t.axis == Axis.PRIMITIVE_RECOMPOSITION.value]
+        names = sorted({t.condition for t in mine if t.variation is None})
+        seen = [_success_rate([t for t in mine if t.variation is None and t.condition == name]) for name in names]
+        if not seen or not novel:
+            continue
+        groups = {f"{task}/{t.variation}": [u for u in novel if u.variation == t.variation] for t in novel}
+        for scope, members in [(task, novel), *sorted(groups.items())]:
+            found = delta_success_rate(_success_rate(members), seen)
+            metrics.append(_of_difference("delta_sr", scope, len(members), found))
+    return metrics
+
+
+def _success_rate(trials: Trials) -> Rate:
+    return Rate(sum(t.success for t in trials), len(trials))
+
+
+def _illusion_gaps(trials: Trials, stopped: Trials | None) -> list[Metric]:
+    """Return SR of the twins minus SR of the variations; p-values are Holm-corrected within each kind of scope.
+
+    ``stopped`` are all trials of a run until decided, for the gaps of single variations; None for another run.
+    """
+    pairs = twins(trials)
+    if not pairs:
+        return []
+    families: list[dict[str, list[tuple[TrialDiagnosis, TrialDiagnosis]]]] = [{"overall": pairs}, {}, {}, {}]
+    for twin, trial in pairs:
+        keys = (f"axis:{trial.axis}", trial.task)
+        for family, key in zip(families[1:3], keys, strict=True):
+            family.setdefault(key, []).append((twin, trial))
+    for twin, trial in pairs if stopped is None else twins(stopped):
+        families[3].setdefault(f"{trial.task}/{trial.pool}", []).append((twin, trial))
+    metrics: list[Metric] = []
+    test = "exact exchange of twins" if all(axis_of(trial.variation) for _, trial in pairs) else "exact McNemar"
+    for family in families:
+        anytime = stopped is not None and family is families[3]
+        gap = _anytime_gap if anytime else _gap
+        found = [gap(scope, members) for scope, members in sorted(family.items())]
+        for scope, members in sorted(family.items()):
+            metrics += _sides(scope, members, anytime=anytime)
+        corrected = holm([m.p_value for m in found if m.p_value is not None])
+        note = f", Holm over {len(found)}" if len(found) > 1 else ""
+        method = f"{ANYTIME}, one-sided bet" if anytime else f"paired bootstrap or Newcombe, the wider; {test}"
+        metrics += [replace(m, p_value=p, method=method + note) for m, p in zip(found, corrected, strict=True)]
+    return metrics
+
+
+def _sides(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]], *, anytime: bool) -> Iterator[Metric]:
+    """Yield the two rates that an illusion gap is the difference of: of the twins and of the variations, per pair.
+
+    A twin of several variations counts in each of its pairs. Its interval is that of as many independent pairs as the
+    pairs are worth (Kish's effective size: the squared number of pairs over the sum of the squared numbers per twin).
+    """
+    uses = Counter(twin.key for twin, _ in pairs)
+    worth = len(pairs) ** 2 / sum(count**2 for count in uses.values())
+    for name, side in (("twin_success_rate", 0), ("paired_success_rate", 1)):
+        solved = [pair[side].success for pair in pairs]
+        k, n = sum(solved), len(solved)
+        if anytime:
+            ends = anytime_interval(map(float, solved))
+            yield Metric(name, scope, k, n, k / n, *ends, method=ANYTIME)
+        elif side == 0 and len(uses) < n:
+            size = max(1, int(worth))
+            found = Rate(round(k / n * size), size)
+            low, high = min(found.low, k / n), max(found.high, k / n)
+            yield Metric(name, scope, k, n, k / n, low, high, method=f"wilson of {size} effective pairs")
+        else:
+            yield Metric.of_rate(name, scope, Rate(k, n))
+
+
+def _anytime_gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
+    values = [float(twin.success) - float(trial.success) for twin, trial in pairs]
+    p = min(1.0, 1.0 / evidence_above(values, 0.0, span=SIGNED))
+    ends = anytime_interval(values, span=SIGNED)
+    return Metric("illusion_gap", scope, None, len(pairs), sum(values) / len(values), *ends, p_value=p)
+
+
+def _gap(scope: str, pairs: Sequence[tuple[TrialDiagnosis, TrialDiagnosis]]) -> Metric:
+    outcomes = [(twin.success, trial.success) for twin, trial in pairs]
+    names = [twin.key for twin, _ in pairs]
+    # The variants of a task of LIBERO-Plus share one twin or few: tasks are drawn with all that belongs to them.
+    once = all(axis_of(trial.variation) for _, trial in pairs)
+    difference = wider_paired_difference(
+        outcomes,
+        generator=stream("diagnosis", 0, f"bootstrap:illusion_gap:{scope}"),
+        strata=["" if once else trial.task for _, trial in pairs],
+        clusters=names,
+    )
+    p = exchange_p(outcomes, names) if once else mcnemar_p(PairedTable.from_outcomes(outcomes))
+    return replace(_of_difference("illusion_gap", scope, len(pairs), difference), p_value=p)
+
+
+def _of_difference(name: str, scope: str, n: int, found: Difference) -> Metric:
+    return Metric(name, scope, None, n, found.value, found.low, found.high, method=found.method)

@@ -1,0 +1,333 @@
+"""The power matrix: what every faulty rule, blind probe and replayed demonstration reaches on every variation.
+
+A success rate proves only what the pretenders do not reach. The matrix is measured once (``better calibrate --power``)
+and ships with the package; everything here reads it, and nothing here starts a simulator.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers the failure modes
+from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.errors import RecordError, UnknownNameError
+from betterbench.json_form import open_form, open_seal, read_form, sealed_form
+from betterbench.statistics import Rate, chance_p, holm
+from betterbench.tasks import Expected, Label, Task, get_task
+from betterbench.tasks.interventions import vary
+from betterbench.tasks.thresholds import threshold
+
+PACKAGED_MATRIX = "power.json"
+"""File of the packaged matrix, beside this module in ``data``."""
+CURE = "better calibrate --power measures it again"
+
+EXPERT = "expert"
+STOPPING_AT_NEWS = "zoo:halt"
+"""The rule that stops wherever instruction and scene are new together: it fails everywhere and tells nothing apart."""
+BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
+"""The pretenders that lack something to see or hear. The last two move without looking."""
+FLOOR = ("random", "noop")
+"""What needs no demonstration at all."""
+
+REPLAY_LIMIT = threshold(
+    "replay_limit",
+    0.25,
+    "1",
+    "Success rate up to which motion without looking is no way to solve a variation: what the jitter of slots leaves.",
+)
+FAILS_AT = threshold(
+    "fails_at", 0.5, "1", "Success rate up to which a pretender is said to fail a variation: no better than a coin."
+)
+
+Key = tuple[str, str]
+"""A variation: task and name."""
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class PowerCell:
+    """One pretender on one variation.
+
+    Attributes:
+        k: Trials that succeeded.
+        n: Trials.
+        right: Trials whose first grasp attempt was at what was asked for (suite, section 4).
+        shared: Trials that were not simulated again: the rule decided like the expert throughout, and took its outcome.
+        wrong: Trials per label of the first wrong decision, of a policy that knows its decisions.
+        failed: Those of them that did not succeed.
+    """
+
+    k: int
+    n: int
+    right: int
+    shared: int = 0
+    wrong: dict[str, int] = field(default_factory=dict)
+    failed: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def rate(self) -> Rate:
+        """Success rate."""
+        return Rate(self.k, self.n)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the pretender fails the variation, in half of the trials or more."""
+        return self.n > 0 and self.k <= FAILS_AT * self.n
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; what is zero is left out."""
+        form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
+        optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
+        return form | {name: value for name, value in optional.items() if value}
+
+
+@dataclass(frozen=True, slots=True)
+class BlindCell:
+    """One pretender that sees or hears less than it should, on one variation on which something has to be done.
+
+    Attributes:
+        chance: Rate that is to be expected of it: guessing the instruction, or what jitter leaves to a replay.
+        p_value: Two-sided exact binomial test against that rate.
+        p_adjusted: The same, Holm-corrected over all cells.
+    """
+
+    pretender: str
+    task: str
+    variation: str
+    rate: Rate
+    chance: float
+    p_value: float
+    p_adjusted: float
+
+    @property
+    def above(self) -> bool:
+        """Whether it succeeds more often than is to be expected."""
+        return self.rate.k > self.chance * self.rate.n
+
+    @property
+    def flagged(self) -> bool:
+        """Whether that stands after the correction, at the 5 % level."""
+        return self.above and self.p_adjusted < 0.05
+
+    @property
+    def speechless(self) -> bool:
+        """Whether only one instruction makes sense in the scene, so that the instruction is redundant."""
+        return self.chance >= 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ceiling:
+    """The best rate of a pretender on a variation, of those that the variation is designed to expose."""
+
+    pretender: str
+    rate: Rate
+
+
+@dataclass(frozen=True, slots=True)
+class PowerMatrix:
+    """The measured matrix.
+
+    Attributes:
+        cells: Per pretender and variation what it reached; the expert is among the pretenders as the reference.
+        chances: Per variation the success rate of guessing its instruction among those that make sense in its scene.
+        versions: Package, suite, engine and task versions, and per task a digest of its conditions.
+    """
+
+    cells: dict[str, dict[Key, PowerCell]]
+    chances: dict[Key, float]
+    versions: dict[str, str]
+
+    @property
+    def pretenders(self) -> tuple[str, ...]:
+        """All pretenders, without the expert."""
+        return tuple(name for name in self.cells if name != EXPERT)
+
+    @property
+    def rules(self) -> tuple[str, ...]:
+        """The faulty rules among them."""
+        return tuple(name for name in self.cells if name.startswith("zoo:"))
+
+    @property
+    def variations(self) -> tuple[Key, ...]:
+        """All variations, in the order of the suite."""
+        return tuple(dict.fromkeys(key for row in self.cells.values() for key in row))
+
+    def cell(self, pretender: str, key: Key) -> PowerCell | None:
+        """Return a cell, or None if it was not measured."""
+        return self.cells.get(pretender, {}).get(key)
+
+    def backed(self, key: Key) -> frozenset[Label]:
+        """Return the labels that some rule earns on a variation and fails by."""
+        found: set[Label] = set()
+        for name in self.rules:
+            cell = self.cell(name, key)
+            if cell is not None and cell.fails:
+                found |= {Label(label) for label, failed in cell.failed.items() if failed > FAILS_AT * cell.n}
+        return frozenset(found)
+
+    def exposed(self, key: Key) -> tuple[str, ...]:
+        """Return the rules that a variation claims to expose: they fail it, by decisions with a label that it claims.
+
+        A rule that passes with a needless step is not exposed by its success rate, and is not claimed.
+        """
+        claims = {label.value for label in exposed_labels(*key)}
+        return tuple(name for name in self.failing(key) if claims & self.cells[name][key].wrong.keys())
+
+    def passing_wrongly(self, key: Key) -> tuple[str, ...]:
+        """Return the rules that pass a variation although their decisions carry a label: steps that nobody needed."""
+        rows = ((name, self.cell(name, key)) for name in self.rules)
+        return tuple(name for name, cell in rows if cell is not None and cell.n and cell.wrong and not cell.fails)
+
+    def failing(self, key: Key) -> tuple[str, ...]:
+        """Return the rules that fail a variation."""
+        return tuple(name for name in self.rules if (cell := self.cell(name, key)) is not None and cell.fails)
+
+    def control(self, key: Key) -> bool:
+        """Tell whether the pretenders rightly succeed on a variation: no rule fails it but the one that fails all."""
+        return any(self.cell(name, key) is not None for name in self.rules) and not (
+            set(self.failing(key)) - {STOPPING_AT_NEWS}
+        )
+
+    def ceiling(self, key: Key) -> Ceiling | None:
+        """Return the shortcut ceiling of a variation, or None if nothing was measured on it.
+
+        It is the best success rate among the rules that it claims to expose, the blind probes and the replays.
+        """
+        cells = {name: self.cell(name, key) for name in (*self.exposed(key), *BLIND)}
+        known = {name: cell for name, cell in cells.items() if cell is not None and cell.n}
+        if not known:
+            return None
+        best = max(known, key=lambda name: known[name].k / known[name].n)
+        return Ceiling(best, known[best].rate)
+
+    def blind_cells(self) -> tuple[BlindCell, ...]:
+        """Return every cell of what cannot see, hear or aim, tested against what is to be expected of it.
+
+        Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
+        """
+        found = []
+        for name in (*BLIND, *FLOOR):
+            for key, cell in self.cells.get(name, {}).items():
+                if _expected(key) is not Expected.SUCCEED or not cell.n:
+                    continue
+                chance = self.chances.get(key, 1.0) if name == BLIND[0] else REPLAY_LIMIT
+                p = chance_p(cell.rate, chance=chance) if chance < 1.0 else 1.0
+                found.append(BlindCell(name, *key, cell.rate, chance, p, p))
+        corrected = holm([cell.p_value for cell in found])
+        return tuple(replace(cell, p_adjusted=p) for cell, p in zip(found, corrected, strict=True))
+
+    def without(self, tasks: Iterable[str]) -> PowerMatrix:
+        """Return the matrix without some tasks."""
+        left_out = set(tasks)
+        cells = {
+            name: {key: cell for key, cell in row.items() if key[0] not in left_out} for name, row in self.cells.items()
+        }
+        chances = {key: chance for key, chance in self.chances.items() if key[0] not in left_out}
+        return PowerMatrix(cells, chances, self.versions)
+
+    def stale_tasks(self, versions: Mapping[str, str] | None = None) -> tuple[str, ...]:
+        """Return the tasks that are no longer those that were measured.
+
+        Args:
+            versions: Versions found in records (``task_version:NAME``), which are compared as well.
+        """
+        stale = []
+        for name in dict.fromkeys(task for task, _ in self.variations):
+            try:
+                now = task_versions(get_task(name))
+            except UnknownNameError:
+                stale.append(name)
+                continue
+            recorded = (versions or {}).get(f"task_version:{name}")
+            measured = self.versions.get(f"task_version:{name}")
+            same = all(self.versions.get(key) == value for key, value in now.items())
+            if not same or (recorded is not None and recorded != measured):
+                stale.append(name)
+        return tuple(stale)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "versions": self.versions,
+            "chances": {"/".join(key): chance for key, chance in self.chances.items()},
+            "cells": {
+                name: {"/".join(key): cell.to_json() for key, cell in row.items()} for name, row in self.cells.items()
+            },
+        }
+
+    def to_text(self) -> str:
+        """Return the JSON document, one cell a line, so that two matrices can be compared line by line."""
+        form = sealed_form({"version": 2, **self.to_json()})
+        rows = [
+            f"  {json.dumps(name)}: {{\n"
+            + ",\n".join(f"   {json.dumps(key)}: {json.dumps(cell)}" for key, cell in row.items())
+            + "\n  }"
+            for name, row in form.pop("cells").items()
+        ]
+        head = json.dumps(form, indent=1)[:-2]
+        return head + ',\n "cells": {\n' + ",\n".join(rows) + "\n }\n}\n"
+
+    @classmethod
+    def from_json(cls, raw: bytes, *, where: str = PACKAGED_MATRIX) -> PowerMatrix:
+        """Read the JSON document; errors call it ``where``.
+
+        Raises:
+            RecordError: If a field is missing or malformed.
+        """
+        cure = "Measure it with better calibrate --power"
+        form = open_seal(raw, where=where, cure=cure, raises=RecordError, since=("version", 2))
+        file = read_form(_FILE, form, where=where, cure=cure, raises=RecordError)
+        cells = {name: {_key(k, where): cell for k, cell in row.items()} for name, row in file.cells.items()}
+        return cls(cells, {_key(k, where): chance for k, chance in file.chances.items()}, file.versions)
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _File:
+    versions: dict[str, str]
+    chances: dict[str, float]
+    cells: dict[str, dict[str, PowerCell]]
+
+
+_FILE = TypeAdapter(_File)
+
+
+def _key(text: str, where: str) -> Key:
+    task, _, name = text.rpartition("/")
+    if not task or not name:
+        raise RecordError(f"{where}: {text!r} names no variation. Measure it with better calibrate --power.")
+    return task, name
+
+
+def _expected(key: Key) -> Expected:
+    try:
+        return get_task(key[0]).variation(key[1]).expected
+    except UnknownNameError:
+        return Expected.SUCCEED
+
+
+def task_versions(task: Task) -> dict[str, str]:
+    """Return what a cell of a task depends on: its version, and a digest of all its conditions and slots."""
+    conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
+    form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
+    digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]
+    return {f"task_version:{task.id}": str(task.version), f"conditions:{task.id}": digest}
+
+
+@cache
+def packaged_power_matrix() -> PowerMatrix | None:
+    """Return the power matrix that ships with the package, or None if this build has none.
+
+    Raises:
+        RecordError: If it is corrupt.
+    """
+    file = resources.files("betterbench.diagnosis").joinpath("data", PACKAGED_MATRIX)
+    return PowerMatrix.from_json(file.read_bytes()) if file.is_file() else None

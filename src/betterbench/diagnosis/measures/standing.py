@@ -1,0 +1,263 @@
+"""Where a policy stands among the pretenders: reference lines, the nearest pretender, and what each score proves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from betterbench.diagnosis.measures.power_matrix import CURE, EXPERT, Ceiling, Key, PowerMatrix, packaged_power_matrix
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import RecordError
+from betterbench.statistics import Difference, Rate, newcombe_difference, paired_bootstrap
+from betterbench.statistics.wording import listed
+from betterbench.tasks import Axis, stream
+from betterbench.tasks.labels import Kind
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceLine:
+    """What one pretender would score on the trials of a run.
+
+    Attributes:
+        scores: By scope ("overall", "axis:temporal_extrapolation"), its success rate, a variation weighted by how many
+            trials the run has of it.
+    """
+
+    pretender: str
+    scores: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """How far a pretender and a policy do alike.
+
+    Attributes:
+        agreement: Share of the run's trials that would have ended alike, success for success and failure for failure.
+        low: Lower end of its 95 % interval, by a bootstrap over variations.
+        high: Upper end of it.
+    """
+
+    pretender: str
+    agreement: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """What a success rate on one variation proves.
+
+    Attributes:
+        rate: The policy's success rate.
+        ceiling: The shortcut ceiling of the variation.
+        margin: Success rate minus ceiling, with Newcombe's interval.
+        control: Whether the pretenders rightly succeed there.
+    """
+
+    task: str
+    variation: str
+    rate: Rate
+    ceiling: Ceiling
+    margin: Difference
+    control: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A policy among the pretenders.
+
+    Attributes:
+        scores: The policy's own success rates over the variations that the matrix covers, by scope.
+        lines: One per pretender and one for the expert, the best overall first.
+        likenesses: One per pretender, the nearest first; the expert is not among them.
+        expert: Agreement with the expert, or None without a matrix.
+        margins: One per variation that the run and the matrix share.
+        covered: Trials of the run that the matrix covers, of all its trials of variations.
+        notice: What is missing and how to get it, one sentence; empty if nothing is.
+    """
+
+    scores: dict[str, float]
+    lines: tuple[ReferenceLine, ...]
+    likenesses: tuple[Likeness, ...]
+    expert: Likeness | None
+    margins: tuple[Margin, ...]
+    covered: Rate
+    notice: str = ""
+
+    @property
+    def nearest(self) -> Likeness | None:
+        """The pretender whose outcomes agree best with the policy's, or None without a matrix."""
+        return self.likenesses[0] if self.likenesses else None
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """The pretenders that agree as well as the nearest does, to the last trial."""
+        best = self.nearest
+        return tuple(x.pretender for x in self.likenesses[1:] if best is not None and x.agreement >= best.agreement)
+
+    @property
+    def proven(self) -> Rate:
+        """Variations whose margin has an interval above zero, of those that are no control cells."""
+        counted = [m for m in self.margins if not m.control]
+        return Rate(sum(m.margin.low > 0.0 for m in counted), len(counted))
+
+    def sentences(self) -> tuple[str, ...]:
+        """Return the standing in words."""
+        return (*_said(self), *((self.notice,) if self.notice else ()))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form that ``better diagnose --json`` prints as ``power``."""
+        return {
+            "notice": self.notice,
+            "covered": {"k": self.covered.k, "n": self.covered.n},
+            "scores": self.scores,
+            "reference_lines": [asdict(line) for line in self.lines],
+            "nearest_pretender": None if self.nearest is None else asdict(self.nearest),
+            "as_near": list(self.rivals),
+            "expert": None if self.expert is None else asdict(self.expert),
+            "likenesses": [asdict(x) for x in self.likenesses],
+            "margins": [_margin_json(m) for m in self.margins],
+        }
+
+
+def standing_of(diagnosis: RunDiagnosis, matrix: PowerMatrix | None = None) -> Standing:
+    """Return where the policy of a run stands among the pretenders.
+
+    Of a run until decided, the trials of the first round count, which no outcome has chosen.
+    Tasks that have changed since the matrix was measured are left out, and so is what the matrix never held; the notice
+    says so. Nothing is raised: a report does without.
+
+    Args:
+        diagnosis: The run.
+        matrix: The power matrix; the packaged one if not given.
+    """
+    varied = [t for t in diagnosis.even_trials if t.variation is not None and t.kind is not Kind.UNFINISHED]
+    if matrix is None:
+        try:
+            matrix = packaged_power_matrix()
+        except RecordError as error:
+            return _without(len(varied), f"The packaged power matrix cannot be read: {error}")
+    if matrix is None:
+        return _without(len(varied), f"This build has no power matrix, so there are no reference lines; {CURE}.")
+    mine = {t.task for t in varied}
+    stale = [task for task in matrix.stale_tasks(diagnosis.versions) if task in mine]
+    matrix = matrix.without(stale)
+    known = set(matrix.cells.get(EXPERT, {})) or set(matrix.variations)
+    trials = [t for t in varied if _key(t) in known]
+    covered = Rate(len(trials), len(varied))
+    notice = _notice(stale, sorted({t.task for t in varied if _key(t) not in known} - set(stale)))
+    if not trials:
+        return _without(len(varied), notice)
+    likenesses = [found for name in matrix.pretenders if (found := _likeness(name, trials, matrix)) is not None]
+    likenesses.sort(key=lambda x: (-x.agreement, x.pretender))
+    lines = [ReferenceLine(name, scores) for name in matrix.cells if (scores := _line(name, trials, matrix))]
+    lines.sort(key=lambda line: (-line.scores["overall"], line.pretender))
+    return Standing(
+        {scope: sum(t.success for t in members) / len(members) for scope, members in _scopes(trials)},
+        tuple(lines),
+        tuple(likenesses),
+        _likeness(EXPERT, trials, matrix),
+        tuple(_margins(trials, matrix)),
+        covered,
+        notice,
+    )
+
+
+def _without(trials: int, notice: str) -> Standing:
+    return Standing({}, (), (), None, (), Rate(0, trials), notice)
+
+
+def _key(trial: TrialDiagnosis) -> Key:
+    return trial.task, trial.variation or ""
+
+
+def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialDiagnosis]]]:
+    yield "overall", list(trials)
+    for axis in Axis:
+        members = [t for t in trials if t.axis == axis.value]
+        if members:
+            yield f"axis:{axis.value}", members
+
+
+def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
+    """Return what a pretender would score by scope, nothing if it lacks a cell."""
+    rates = _rates(name, trials, matrix)
+    if rates is None:
+        return {}
+    return {scope: sum(rates[_key(t)] for t in members) / len(members) for scope, members in _scopes(trials)}
+
+
+def _rates(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[Key, float] | None:
+    found = {key: matrix.cell(name, key) for key in dict.fromkeys(_key(t) for t in trials)}
+    rates = {key: cell.k / cell.n for key, cell in found.items() if cell is not None and cell.n}
+    return rates if len(rates) == len(found) else None
+
+
+def _likeness(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Likeness | None:
+    """Return how far a pretender's outcomes agree with those of a run, or None if it lacks a cell."""
+    rates = _rates(name, trials, matrix)
+    if rates is None:
+        return None
+    alike = [rates[_key(t)] if t.success else 1.0 - rates[_key(t)] for t in trials]
+    found = paired_bootstrap(
+        alike,
+        [0.0] * len(alike),
+        generator=stream("diagnosis", 0, f"bootstrap:likeness:{name}"),
+        clusters=["/".join(_key(t)) for t in trials],
+    )
+    return Likeness(name, found.value or 0.0, found.low, found.high)
+
+
+def _margins(trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> Iterator[Margin]:
+    n, k = Counter(_key(t) for t in trials), Counter(_key(t) for t in trials if t.success)
+    for key in n:
+        ceiling = matrix.ceiling(key)
+        if ceiling is not None:
+            rate = Rate(k[key], n[key])
+            yield Margin(*key, rate, ceiling, newcombe_difference(rate, ceiling.rate), matrix.control(key))
+
+
+def _notice(stale: Sequence[str], unknown: Sequence[str]) -> str:
+    parts = []
+    if stale:
+        parts.append(f"it was measured on another version of {listed(stale)}")
+    if unknown:
+        parts.append(f"it does not hold {listed(unknown)}")
+    return f"The power matrix leaves trials of this run out: {' and '.join(parts)}; {CURE}." if parts else ""
+
+
+def _said(standing: Standing) -> Iterator[str]:
+    best = standing.nearest
+    if best is None or standing.expert is None:
+        return
+    others = f" (as near: {', '.join(standing.rivals)})" if standing.rivals else ""
+    yield (
+        f"Nearest pretender: {best.pretender}{others}, whose outcomes agree with this policy's in {_share(best)} of "
+        f"the trials; those of the expert in {_share(standing.expert)}."
+    )
+    proven = standing.proven
+    if proven.n:
+        yield (
+            f"On {proven.k} of {proven.n} variations it succeeds clearly more often than every pretender that the "
+            "variation is designed to expose."
+        )
+
+
+def _share(x: Likeness) -> str:
+    return f"{100 * x.agreement:.0f} % ({100 * x.low:.0f} to {100 * x.high:.0f})"
+
+
+def _margin_json(m: Margin) -> dict[str, Any]:
+    return {
+        "task": m.task,
+        "variation": m.variation,
+        "k": m.rate.k,
+        "n": m.rate.n,
+        "ceiling": {"pretender": m.ceiling.pretender, "k": m.ceiling.rate.k, "n": m.ceiling.rate.n},
+        "margin": m.margin.value,
+        "low": m.margin.low,
+        "high": m.margin.high,
+        "control": m.control,
+    }

@@ -1,0 +1,100 @@
+"""The part of the privileged state that changes: one value per control step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from betterbench.geometry import Pose, Quaternion, Vector
+from betterbench.interface.policy import Policy
+from betterbench.interface.state.info import SceneInfo
+
+
+class Contact(NamedTuple):
+    """One pair of touching bodies and the sum of the normal forces of all its contact points [N].
+
+    A body is an object's name, "left_finger", "right_finger", "hand", "arm", "table" or "floor". This is a named tuple
+    because several are made at every control step.
+    """
+
+    a: str
+    b: str
+    force_n: float
+
+
+@dataclass(frozen=True, slots=True)
+class WorldState:
+    """The privileged state at one control step.
+
+    Objects are listed in the order of ``info.objects``. All values are in the world frame: positions [m], speeds [m/s]
+    and turning speeds [rad/s].
+
+    Attributes:
+        step: Number of control steps taken since reset.
+        time_s: Simulated time since reset [s].
+        quaternions: Object rotations (w, x, y, z).
+        ee_pose: Pose of the tool center point between the finger pads; z points along the approach.
+        commanded_pose: Pose the controller is driving the tool center point to.
+        finger_width_m: Distance of the finger pads [m].
+        gripper_command: Last applied gripper command, -1 open to +1 closed.
+        joint_positions: Arm joint angles [rad].
+        joint_velocities: Arm joint velocities [rad/s].
+        contacts: Touching pairs that involve the gripper or an object; where something may not be touched, also what
+            the robot has touched since the state before.
+        held: Name of the object that both fingers touch and that nothing else supports, or None.
+    """
+
+    info: SceneInfo
+    step: int
+    time_s: float
+    positions: tuple[Vector, ...]
+    quaternions: tuple[Quaternion, ...]
+    linear_speeds: tuple[float, ...]
+    angular_speeds: tuple[float, ...]
+    ee_pose: Pose
+    commanded_pose: Pose
+    finger_width_m: float
+    gripper_command: float
+    joint_positions: tuple[float, ...]
+    joint_velocities: tuple[float, ...]
+    contacts: tuple[Contact, ...]
+    held: str | None
+
+    def pose(self, name: str) -> Pose:
+        """Return ``T_world_object`` of a named object."""
+        i = self.info.index(name)
+        return Pose(self.positions[i], self.quaternions[i])
+
+    def touching(self, a: str, b: str) -> bool:
+        """Tell whether two named bodies touch."""
+        for first, second, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
+            if (first == a and second == b) or (first == b and second == a):
+                return True
+        return False
+
+    def touched_by_gripper(self, name: str) -> bool:
+        """Tell whether any part of the gripper touches the object."""
+        for a, b, _ in self.contacts:  # noqa: SIM110 - three times as fast as any()
+            if (a == name and b in GRIPPER_BODIES) or (b == name and a in GRIPPER_BODIES):
+                return True
+        return False
+
+
+GRIPPER_BODIES = frozenset({"left_finger", "right_finger", "hand"})
+
+
+class PrivilegedPolicy(Protocol):
+    """A policy that sees the privileged state: the expert and the faulty policies."""
+
+    @property
+    def name(self) -> str:
+        """Address of the policy ("expert", "zoo:lexical")."""
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return one action in the ``ee_delta`` action space, shape (7,)."""
+
+
+AnyPolicy = Policy | PrivilegedPolicy
+"""A policy under test, or one that sees the privileged state."""

@@ -1,0 +1,146 @@
+"""Files that are either complete or absent, whatever happens to the process or the machine while they are written."""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.errors import STORAGE_CURES, StorageError
+from betterbench.jobs.lock import LOCK_NAME, is_locked, require_held
+from betterbench.jobs.places import claim_of, naming, require_guarded
+
+PART_SUFFIX = ".part"
+"""Ending of a file that is still being written; what carries it after a crash can be deleted."""
+
+_PART = re.compile(rf"\..+\.[a-z0-9_]{{3,8}}{re.escape(PART_SUFFIX)}", re.DOTALL)
+"""Names that ``tempfile`` gives."""
+
+
+class DurableFile:
+    """A file that is written bit by bit beside its final place, and is there when it is finished and not before.
+
+    A context manager, which removes what is not finished. A reader sees the old file or the new one, never a part.
+    Missing folders are made.
+
+    Attributes:
+        file: What is written to.
+        part: Where it is until it is finished, for a library that writes to a file of its own.
+
+    Raises:
+        StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
+            folder that this process has locked was removed or moved.
+        OSError: If the place cannot be written for another reason; it names the file, and not its part.
+        InvalidInputError: If a link leads out of the folder that this process has locked.
+        RunConflictError: If something stands there that the owner of the folder did not write.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._claim = path, claim_of(path)
+        require_guarded(path)
+        require_held(path)
+        if self._claim is not None:
+            self._claim.require_ours(path)
+        with on_disk(path), naming(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PART_SUFFIX, dir=path.parent)
+        self.part, self.file = Path(name), os.fdopen(handle, "wb")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with contextlib.suppress(OSError):  # of a full disk, raised before
+            self.file.close()
+        with contextlib.suppress(OSError):  # it is at its place, or its folder is gone or protected
+            self.part.unlink()
+        if isinstance(error, OSError) and error.filename is None:  # of a write, which does not say where
+            with on_disk(self._path):
+                raise error
+
+    def finish(self) -> None:
+        """Force the file to disk and put it at its place.
+
+        Raises StorageError if its folder is not there any more, and OSError.
+        """
+        self.file.flush()
+        os.fchmod(self.file.fileno(), 0o644)
+        os.fsync(self.file.fileno())
+        self.file.close()
+        if self._claim is not None:
+            with self.part.open("rb") as written:
+                self._claim.note(self._path, hashlib.file_digest(written, "sha256").hexdigest())
+        try:
+            with naming(self._path):
+                self.part.replace(self._path)
+                sync_folder(self._path.parent)
+        except (FileNotFoundError, NotADirectoryError) as error:
+            raise StorageError(
+                f"{self._path}: its folder was removed or moved while this was written. Run the same command again."
+            ) from error
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a whole file as :class:`DurableFile` does.
+
+    Raises:
+        OSError: If the disk is full or the place cannot be written; nothing is left behind then.
+    """
+    with DurableFile(path) as written:
+        written.file.write(data)
+        written.finish()
+
+
+def is_part(path: Path) -> bool:
+    """Tell whether a file has the name of a :class:`DurableFile` that is still being written."""
+    return _PART.fullmatch(path.name) is not None
+
+
+def remove_parts(folder: Path) -> None:
+    """Delete what killed processes left half-written in a folder and below; the caller holds the lock of the folder.
+
+    A folder below whose own lock is held is left alone: somebody is writing there.
+    """
+    for place, folders, files in os.walk(folder):
+        inside = Path(place)
+        folders[:] = [name for name in folders if not is_locked(inside / name / LOCK_NAME)]
+        for name in files:
+            if is_part(inside / name):
+                (inside / name).unlink(missing_ok=True)
+
+
+def remove_parts_of(file: Path) -> None:
+    """Delete what killed processes left half-written of a single file; the caller holds the lock of that file."""
+    for part in file.parent.glob(f".{glob.escape(file.name)}.*{PART_SUFFIX}"):
+        if is_part(part) and part.name.count(".") == file.name.count(".") + 3:
+            part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def on_disk(path: Path) -> Iterator[None]:
+    """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
+    try:
+        yield
+    except OSError as problem:
+        cure = STORAGE_CURES.get(problem.errno or 0)
+        if cure is None:
+            raise
+        raise StorageError(f"{path}: {problem.strerror}. Nothing finished is lost: {cure}.") from problem
+
+
+def sync_folder(folder: Path) -> None:
+    """Force the names in a folder to disk, so that a rename survives a power cut."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,205 @@
+"""An append-only file of JSON lines that survives a killed process and a full disk.
+
+Each line holds a link, the SHA-256 of the link before it and of the line itself, so that a line that is changed, left
+out or moved is noticed. A last line without its end is a lost tail: it does not count, and that is said.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from betterbench.errors import RecordError
+from betterbench.jobs.durable import sync_folder, write_durably
+from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
+from betterbench.jobs.places import naming, open_in_place
+from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
+
+MAX_BYTES = 1 << 30
+"""Largest journal that is read; a line takes some 600 bytes."""
+
+LINK = "link"
+"""Key of a line's link."""
+
+logger = logging.getLogger(__name__)
+
+
+class LineJournal:
+    """A file of JSON lines, open for appending by one process at a time.
+
+    Opening locks the folder (RunConflictError if another process holds the lock), hands all complete lines to
+    :meth:`_take_in` and cuts off a last line that a killed process left unfinished. Each line that is appended is on
+    disk when :meth:`_append_line` returns. A file that somebody else removes, replaces or cuts meanwhile is written
+    again. With ``alone`` the file is locked, and not its folder. With ``renews`` that holds for the whole folder too,
+    whose owner makes the other files anew; otherwise StorageError is raised.
+    """
+
+    def __init__(self, path: Path, *, alone: bool = False, renews: bool = False) -> None:
+        self._path = path = path.absolute()
+        self._lock = FileLock(path) if alone else RunLock(path.parent / LOCK_NAME, renews=renews)
+        self._handle: int | None = None
+        try:
+            lines, self._length = complete_lines(path)
+            self._content = bytearray(b"".join(line + b"\n" for line in lines))
+            self._take_in(lines)
+            with naming(path):
+                self._handle = open_in_place(path)
+                if os.fstat(self._handle).st_size > self._length:
+                    _require_begun(path, os.pread(self._handle, 1, self._length))
+                    logger.warning("%s: cut off an unfinished last line; its trial will be run again", path)
+                    os.ftruncate(self._handle, self._length)
+                os.fsync(self._handle)
+                sync_folder(path.parent)
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def is_empty(self) -> bool:
+        """True if the file holds no complete line."""
+        return self._length == 0
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        """Read the lines that the file holds when it is opened."""
+        raise NotImplementedError
+
+    def _append_line(self, form: object) -> None:
+        """Append a JSON value and force it to disk; if that raises an OSError, the file is as it was before."""
+        if self._handle is None:
+            msg = f"{self._path}: the journal is closed"
+            raise ValueError(msg)
+        require_held(self._path)
+        if not self._stands_there(self._handle):
+            self._write_again(self._handle)
+        line = dump_json(form) + b"\n"
+        try:
+            written = 0
+            with naming(self._path):
+                while written < len(line):
+                    written += os.pwrite(self._handle, line[written:], self._length + written)
+                os.fsync(self._handle)
+        except OSError:
+            os.ftruncate(self._handle, self._length)
+            raise
+        self._length += len(line)
+        self._content += line
+
+    def restore(self) -> bool:
+        """Write the file again if somebody else has removed, replaced or changed it since it was opened; tell so."""
+        if self._handle is None or (
+            self._stands_there(self._handle) and os.pread(self._handle, self._length, 0) == self._content
+        ):
+            return False
+        self._write_again(self._handle)
+        return True
+
+    def _stands_there(self, handle: int) -> bool:
+        """Tell whether the open file is still the one at its path, and as long as it was written."""
+        ours = os.fstat(handle)
+        try:
+            there = os.lstat(self._path)
+        except (FileNotFoundError, NotADirectoryError):
+            return False
+        return (there.st_dev, there.st_ino, there.st_size) == (ours.st_dev, ours.st_ino, self._length)
+
+    def _write_again(self, handle: int) -> None:
+        logger.warning("%s was removed or changed by somebody else and is written again", self._path)
+        write_durably(self._path, bytes(self._content))
+        self._handle = open_in_place(self._path)
+        os.close(handle)
+
+    def close(self) -> None:
+        """Close the file and release the lock; harmless when closed."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        self._lock.release()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def link_after(before: str, form: Mapping[str, object]) -> str:
+    """Return the link of a line from the link before it, "" for the first line, and its other fields."""
+    return hashlib.sha256(before.encode("ascii") + dump_json(form)).hexdigest()
+
+
+def not_following(where: str, cure: str) -> RecordError:
+    """Return the error of a line whose link does not fit."""
+    return RecordError(f"{where} does not follow from the lines before it: one was changed, left out or moved. {cure}.")
+
+
+def linked_forms(
+    path: Path, lines: Iterable[bytes], *, cure: str, first: int = 1, before: str = "", needed: bool = True
+) -> Iterator[tuple[dict[str, Any], str]]:
+    """Yield the JSON object of each line without its link, and the link, after comparing it.
+
+    Args:
+        path: File for the error.
+        lines: Its lines, or those after some that were read before.
+        cure: What to do about a line that was changed.
+        first: Number of the first of them.
+        before: Link of the line before.
+        needed: False for a file that earlier versions may have begun, whose first lines have no links. It is said.
+
+    Raises:
+        RecordError: If a line is no JSON object, or does not follow from the lines before it.
+    """
+    linked = needed
+    for number, line in enumerate(lines, start=first):
+        where = f"{path}: line {number}"
+        with form_errors(f"{where} is corrupt", cure, RecordError):
+            form = parse_json(line, unique=True)
+            if not isinstance(form, dict):
+                raise RecordError(f"{where} is corrupt: it is not a JSON object. {cure}.")
+            told = form.pop(LINK, None)
+            if told is None and not linked:
+                say_unsealed(str(path))
+                yield form, ""
+                continue
+            linked, before = True, link_after(before, form)
+        if told != before:
+            raise not_following(where, cure)
+        yield form, before
+
+
+def _require_begun(path: Path, begun: bytes) -> None:
+    """Refuse to cut off what is not the beginning of a line, or zeros where the machine went down."""
+    if begun not in (b"{", b"\0"):
+        raise RecordError(f"{path}: does not end as a journal does. Restore the file from a copy.")
+
+
+def complete_lines(path: Path) -> tuple[list[bytes], int]:
+    """Return the complete lines of a file, a missing one being empty, and how many bytes they take.
+
+    What follows the last line break is left out: it is the tail of a line that was lost, or is being written.
+    """
+    try:
+        data = read_bounded(path, max_bytes=MAX_BYTES, cure="Restore the file from a copy", raises=RecordError)
+    except RecordError as error:
+        if isinstance(error.__cause__, FileNotFoundError) and not path.is_symlink():
+            return [], 0
+        raise
+    length = data.rfind(b"\n") + 1
+    return data[:length].split(b"\n")[:-1], length
+
+
+def say_lost_tail(path: Path) -> None:
+    """Say that the last line of a file has lost its end and does not count, unless a process is writing to it now."""
+    if is_locked(path.parent / LOCK_NAME):
+        return
+    with open_ordinary(path) as file:
+        size = file.seek(0, os.SEEK_END)
+        lost = size > 0 and (file.seek(size - 1), file.read(1))[1] != b"\n"
+    if lost:
+        logger.warning("%s: its last line has lost its end, so it does not count", path)

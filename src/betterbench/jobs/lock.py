@@ -1,0 +1,328 @@
+"""The lock that keeps two processes from writing to one run folder."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.errors import RunConflictError, StorageError
+from betterbench.jobs.places import guard, is_claimed_here, naming, open_in_place, require_guarded, unguard
+
+LOCK_NAME = ".lock"
+"""File in a folder that carries the lock of the folder."""
+
+_TRIES = 25
+_PAUSE_S = 0.02  # somebody who asks whether a run is going holds the lock for less
+
+
+def is_locked(path: Path) -> bool:
+    """Tell whether a living process holds the lock of a run, without getting into its way.
+
+    A lock that is held on another machine is seen where the file system shares locks.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class HeldFolder:
+    """A folder that a process has locked, as its worker processes are told; small and picklable.
+
+    Attributes:
+        lock: File of the lock.
+        output: What is locked, as the user knows it.
+        identity: Device and inode of the file.
+    """
+
+    lock: Path
+    output: Path
+    identity: tuple[int, int]
+
+    @property
+    def folder(self) -> Path:
+        """The locked folder."""
+        return self.lock.parent
+
+    def require_folder(self, path: Path) -> None:
+        """Raise StorageError if a file lies in the folder, and that is not there any more."""
+        if path.absolute().is_relative_to(self.folder) and not _is_file(self.lock, self.identity):
+            raise StorageError(_lost_text(self.output, self.lock.name, f"{path.name} is not written"))
+
+
+class RunLock:
+    """An exclusive lock on a run folder that dies with the process that took it.
+
+    The file stays; only the kernel's lock on it counts, so a crash leaves nothing to clean up. Processes forked while
+    the lock is held do not keep it alive. While it is held, no file is written below its folder by a link that leads
+    out of it (:mod:`betterbench.jobs.places`), and none once the folder was removed or moved
+    (:func:`require_held`): what was written before would be missing beside it. With ``renews`` the owner writes that
+    again, and the lock is taken anew. Messages name the ``output``, where its parts are collected in the folder.
+
+    Raises:
+        RunConflictError: If somebody else holds the lock, unless it ``waits``.
+        InvalidInputError: If the file of the lock is a link, no ordinary file, or has a second name.
+        StorageError: If a folder around it that this process has locked was removed or moved.
+    """
+
+    _is_folder = True
+
+    def __init__(self, path: Path, *, waits: bool = False, renews: bool = False, output: Path | None = None) -> None:
+        self._path, self._folder, self._renews = path, path.parent.absolute(), renews
+        self._output = output or path.parent
+        self._handle: int | None = None
+        self._renewing = threading.Lock()
+        if is_claimed_here(self._folder):  # a journal in the folder of a verb that holds its lock
+            return
+        require_guarded(path)
+        for around in _around():  # else its folder would be made anew within one that vanished
+            if around.folder != self._folder:
+                around.require_folder(path)
+        self._handle = self._noted(waits=waits)
+        _HELD.append(self)
+        self._guard()
+
+    def _noted(self, *, waits: bool) -> int:
+        """Return the descriptor of the locked file, which says who holds it."""
+        with naming(self._locked):
+            handle = self._taken(waits=waits)
+            try:
+                os.ftruncate(handle, 0)
+                os.pwrite(handle, f"{os.getpid()}\n".encode("ascii"), 0)
+            except OSError:
+                os.close(handle)
+                raise
+        return handle
+
+    def require_folder(self, path: Path) -> None:
+        """Raise StorageError if a file lies in the folder that is locked, and that is not there any more.
+
+        With ``renews``, take the lock anew; raises RunConflictError if somebody else has taken it.
+        """
+        if self._handle is None or not self._is_folder or not path.absolute().is_relative_to(self._folder):
+            return
+        if _stands_at(self._path, self._handle):
+            return
+        if not self._renews:
+            raise StorageError(self._lost(f"{path.name} is not written"))
+        with self._renewing:
+            if not _stands_at(self._path, self._handle):
+                lost, self._handle = self._handle, self._noted(waits=False)
+                os.close(lost)
+
+    @property
+    def folder(self) -> Path:
+        """The folder of the lock."""
+        return self._folder
+
+    @property
+    def for_workers(self) -> HeldFolder | None:
+        """What worker processes are told; None where no folder is held, or the lock would be taken anew."""
+        if self._handle is None or not self._is_folder or self._renews:
+            return None
+        held = os.fstat(self._handle)
+        return HeldFolder(self._path.absolute(), self._locked, (held.st_dev, held.st_ino))
+
+    @property
+    def _locked(self) -> Path:
+        """What is locked, as the user knows it."""
+        return self._output
+
+    def _guard(self) -> None:
+        guard(self._folder)
+
+    def _unguard(self) -> None:
+        unguard(self._folder)
+
+    def _taken(self, *, waits: bool) -> int:
+        """Return the descriptor of the file with the lock on it that is still at its place.
+
+        Whoever held the lock before may have removed the file, or its folder: a lock on it would keep nobody out.
+        """
+        while True:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                handle = open_in_place(self._path)
+            except FileNotFoundError:
+                if self._path.parent.is_dir():
+                    raise
+                continue
+            try:
+                if waits:
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+                else:
+                    _lock_exclusively(handle)
+            except OSError as error:
+                holder = os.pread(handle, 20, 0).decode("ascii", "replace").strip() or "unknown"
+                os.close(handle)
+                if not isinstance(error, BlockingIOError):
+                    raise
+                raise RunConflictError(self._conflict(holder)) from error
+            if _stands_at(self._path, handle):
+                return handle
+            os.close(handle)
+
+    def _conflict(self, holder: str) -> str:
+        """Return what is said where a process holds the lock."""
+        return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
+
+    def require_in_place(self) -> None:
+        """Raise StorageError if the folder was removed or moved since it was locked: what was written is not together.
+
+        To be called last, when a command would end as if its output were whole.
+        """
+        if self._handle is not None and not _stands_at(self._path, self._handle):
+            raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
+
+    def _lost(self, consequence: str) -> str:
+        """Return what is said where the locked folder is not there any more."""
+        return _lost_text(self._locked, self._path.name, consequence)
+
+    def release(self) -> None:
+        """Give the lock back; harmless when it is not held."""
+        if self._handle is not None:
+            self._unguard()
+        self._close()
+
+    def _close(self) -> None:
+        """Close the file, which releases the kernel's lock unless a parent process still holds it."""
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
+        if self in _HELD:
+            _HELD.remove(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+
+class FileLock(RunLock):
+    """An exclusive lock on a single file, beside it (``.NAME.lock``); it is removed when it is released."""
+
+    _is_folder = False
+
+    def __init__(self, file: Path, *, waits: bool = False) -> None:
+        self._file = file
+        super().__init__(file.with_name(f".{file.name}.lock"), waits=waits)
+
+    def _guard(self) -> None:
+        """Guard nothing: the folder is the user's choice, and holds files of others."""
+
+    def _unguard(self) -> None:
+        """Undo nothing."""
+
+    @property
+    def _locked(self) -> Path:
+        """What is locked, as the user knows it."""
+        return self._file
+
+    def _conflict(self, holder: str) -> str:
+        """Return what is said where a process holds the lock."""
+        return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
+
+    def release(self) -> None:
+        """Remove the file, and give the lock back; harmless when it is not held."""
+        if self._handle is not None:
+            with contextlib.suppress(OSError):
+                self._path.unlink()
+        super().release()
+
+
+def require_held(path: Path) -> None:
+    """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
+
+    Locks of this process are meant, and those that its parent had told it of (:func:`write_within`); raises
+    RunConflictError if somebody else has taken one that is renewed.
+    """
+    for held in _around():
+        held.require_folder(path)
+
+
+def _around() -> list[HeldFolder | RunLock]:
+    """Return the locks of the parent and of this process, as they are now: threads take and release them."""
+    return [*_OF_PARENT, *_HELD]
+
+
+def held_folders() -> tuple[HeldFolder, ...]:
+    """Return the folders that this process has locked, for worker processes that write below them."""
+    return tuple(found for lock in tuple(_HELD) if (found := lock.for_workers) is not None)
+
+
+def write_within(folders: Iterable[HeldFolder]) -> None:
+    """Let this process write nothing below folders that the process which started it has locked, once they are gone.
+
+    A worker that goes on writing makes a vanished folder anew, and the same command then finds one that it cannot use.
+    """
+    _OF_PARENT.extend(folders)
+
+
+def _lost_text(output: Path, lock_name: str, consequence: str) -> str:
+    return (
+        f"{output}: was removed or moved, or its {lock_name}, while this command writes there, so {consequence}. "
+        "Put the folder back, or run the same command again."
+    )
+
+
+def _stands_at(path: Path, handle: int) -> bool:
+    """Tell whether an open file is still the one at a path."""
+    ours = os.fstat(handle)
+    return _is_file(path, (ours.st_dev, ours.st_ino))
+
+
+def _is_file(path: Path, identity: tuple[int, int]) -> bool:
+    """Tell whether the file at a path has this device and inode."""
+    try:
+        there = os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return (there.st_dev, there.st_ino) == identity
+
+
+def _lock_exclusively(handle: int) -> None:
+    """Take the lock, and try again a few times: a reader may just be asking whether it is held."""
+    for left in reversed(range(_TRIES)):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if not left:
+                raise
+            time.sleep(_PAUSE_S)
+        else:
+            return
+
+
+_HELD: list[RunLock] = []
+
+_OF_PARENT: list[HeldFolder] = []
+
+
+def _forget_in_child() -> None:
+    """Close inherited locks in a forked process; the parent keeps its own."""
+    for lock in tuple(_HELD):
+        lock._close()
+
+
+os.register_at_fork(after_in_child=_forget_in_child)

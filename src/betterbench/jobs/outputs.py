@@ -1,0 +1,272 @@
+"""The files and folders that a command names as its output: what we did not write is not replaced.
+
+One rule for every verb. A file is ours if it carries the mark of the verb (:func:`mark_of`) or what the verb itself
+looks for in it. A folder is ours if its list ``.written.json`` says that the same verb wrote it, and a file in it is
+ours if its SHA-256 stands in that list: a page that somebody has edited is theirs. What is ours is replaced without
+asking, everything else only with ``--overwrite``; folders, pipes and devices are never replaced. While an output is
+open, no other process can write to it, and what a killed one left half-written is deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.jobs.durable import is_part, remove_parts, remove_parts_of, write_durably
+from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock
+from betterbench.jobs.places import guard, unguard
+from betterbench.json_form import file_digest, open_ordinary, read_bounded, read_form, strict_form
+
+LIST_NAME = ".written.json"
+"""File in a folder of ours that lists what was written there."""
+
+_MAX_LIST_BYTES = 64 << 20
+_ENDS_BYTES = 1 << 16
+"""How much of both ends of a file is searched for a mark: PNG has its texts first, MP4 last."""
+
+
+def mark_of(verb: str) -> str:
+    """Return the text by which a file is known as an output of a verb; it stands where the format keeps remarks."""
+    return f"Written by better {verb} (betterbench)"
+
+
+def bears_mark(path: Path, verb: str) -> bool:
+    """Tell whether a file carries the mark of a verb near its beginning or its end; raises OSError."""
+    mark = mark_of(verb).encode()
+    with open_ordinary(path) as file:
+        if mark in file.read(_ENDS_BYTES):
+            return True
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _ENDS_BYTES))
+        return mark in file.read()
+
+
+def require_replaceable(
+    path: Path, verb: str, *, overwrite: bool = False, is_ours: Callable[[Path], bool] | None = None
+) -> None:
+    """Raise RunConflictError if something stands at the place of a file that may not be replaced.
+
+    Args:
+        path: Where the file is to be written.
+        verb: Who writes it.
+        overwrite: Whether files of others may be replaced.
+        is_ours: Tells whether an ordinary file that is there was written by the same verb; by its mark if None.
+    """
+    try:
+        there = os.lstat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    if not (stat.S_ISREG(there) or stat.S_ISLNK(there)):
+        what = "a folder" if stat.S_ISDIR(there) else "a pipe, socket or device"
+        raise RunConflictError(f"{path} is no file but {what}, and is never replaced. Name another file.")
+    if overwrite:
+        return
+    if stat.S_ISLNK(there):
+        raise _occupied(path, "a link", verb)
+    if os.lstat(path).st_size and not (bears_mark(path, verb) if is_ours is None else is_ours(path)):
+        raise _occupied(path, "a file", verb)
+
+
+def _occupied(path: Path, what: str, verb: str) -> RunConflictError:
+    return RunConflictError(
+        f"{path}: there is {what} already that better {verb} did not write, and it is not replaced. Name another file, "
+        "or give --overwrite."
+    )
+
+
+class OutputFile:
+    """A file that a verb writes, locked while it is open; a context manager, which gives the path.
+
+    Raises:
+        RunConflictError: If something stands there that is not to be replaced, or another process writes it.
+    """
+
+    def __init__(
+        self, path: Path, verb: str, *, overwrite: bool = False, is_ours: Callable[[Path], bool] | None = None
+    ) -> None:
+        self._path, self._verb, self._overwrite, self._is_ours = path, verb, overwrite, is_ours
+        self._lock: FileLock | None = None
+
+    def __enter__(self) -> Path:
+        self._require()  # before a lock is put beside a file of somebody else
+        self._lock = FileLock(self._path)
+        try:
+            self._require()
+            remove_parts_of(self._path)
+        except BaseException:
+            self._lock.release()
+            raise
+        return self._path
+
+    def _require(self) -> None:
+        require_replaceable(self._path, self._verb, overwrite=self._overwrite, is_ours=self._is_ours)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Written:
+    by: str
+    files: dict[str, tuple[str, ...]]
+
+
+_WRITTEN = TypeAdapter(_Written)
+
+
+class OutputFolder:
+    """A folder that a verb writes its files to, locked while it is open; a context manager.
+
+    Every file that this process puts there meanwhile (:class:`~betterbench.jobs.durable.DurableFile`) is checked
+    and listed, whoever writes it; folders below with a lock of their own are left to their owners.
+
+    Args:
+        path: The folder; made if it is missing.
+        verb: Who writes it.
+        overwrite: Whether files of others may be replaced, and a folder that holds other files be taken.
+        holds: Tells whether an entry of the folder belongs there though it is not listed, such as a run of its own.
+        is_ours: Tells whether a folder without a list is ours all the same, as one of an older version is.
+
+    Raises:
+        RunConflictError: If the folder holds other files, a file of it was changed since it was written, or another
+            process writes there.
+        InvalidInputError: If a link leads out of it.
+        StorageError: At the end, if it was removed or moved meanwhile.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        verb: str,
+        *,
+        overwrite: bool = False,
+        holds: Callable[[Path], bool] = lambda _: False,
+        is_ours: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.path, self._verb = path.absolute(), verb
+        self._overwrite, self._holds, self._is_ours = overwrite, holds, is_ours
+        self._takes_all = overwrite
+        self._known: dict[str, tuple[str, ...]] = {}
+        self._fresh: dict[str, str] = {}
+        self._stack = ExitStack()
+        self._lock: RunLock | None = None
+        self.thread, self._noting = threading.get_ident(), threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._known = self._checked()
+        with ExitStack() as stack:
+            self._lock = stack.enter_context(RunLock(self.path / LOCK_NAME))
+            stack.callback(self._leave_nothing)
+            self._known = self._checked()
+            remove_parts(self.path)
+            guard(self.path, self)
+            stack.callback(unguard, self.path, self)
+            if self._listed() is None:  # before anything else, so that a killed command leaves a folder of ours
+                self._store()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._stack:
+            if self._lock is not None and error is None:
+                self._lock.require_in_place()
+            if self._fresh and error is None:  # what stood in a file before is no longer ours
+                self._known |= {name: (digest,) for name, digest in self._fresh.items()}
+                self._store()
+
+    def _leave_nothing(self) -> None:
+        """Remove a folder that was claimed and nothing written to, as a command does whose input is wrong."""
+        with suppress(OSError):
+            if all(is_bookkeeping(entry) for entry in self.path.iterdir()):
+                for name in (LIST_NAME, LOCK_NAME):
+                    (self.path / name).unlink(missing_ok=True)
+                self.path.rmdir()
+
+    def _checked(self) -> dict[str, tuple[str, ...]]:
+        """Return what is listed, and refuse a folder that is not ours, or whose files are not."""
+        path = self.path
+        if (path.exists() or path.is_symlink()) and not path.is_dir():
+            raise RunConflictError(f"{path}: this is a file. Choose another folder.")
+        entries = [p for p in path.iterdir() if not is_bookkeeping(p)] if path.is_dir() else []
+        listed = self._listed()
+        self._takes_all = self._overwrite or (listed is None and self._is_ours())
+        others = [p for p in entries if not self._holds(p)] if listed is None else []
+        if others and not self._takes_all:
+            raise RunConflictError(
+                f"{path}: the folder holds {others[0].name}, and better {self._verb} did not write this folder. Choose "
+                "an empty or a new folder, or give --overwrite to write beside what is there and replace files of the "
+                "same names."
+            )
+        known = listed or {}
+        for name in known:
+            self._require_ours(path / name, known)
+        return known
+
+    def _listed(self) -> dict[str, tuple[str, ...]] | None:
+        """Return the files that the same verb has written here, or None if there is no list of it."""
+        file = self.path / LIST_NAME
+        if not file.is_file() or file.is_symlink():
+            return None
+        try:
+            data = read_bounded(file, max_bytes=_MAX_LIST_BYTES, cure="Remove it")
+            found = read_form(_WRITTEN, data, where=str(file), cure="Remove it")
+        except InvalidInputError:
+            return None
+        inside = {name: known for name, known in found.files.items() if _is_name(name)}
+        return inside if found.by == self._verb else None
+
+    def require_ours(self, path: Path) -> None:
+        """Raise RunConflictError if something stands at a path of the folder that is not to be replaced."""
+        if path.absolute() != self.path / LIST_NAME:
+            self._require_ours(path.absolute(), self._known)
+
+    def _require_ours(self, path: Path, known: dict[str, tuple[str, ...]]) -> None:
+        digests = known.get(path.relative_to(self.path).as_posix(), ())
+        require_replaceable(
+            path, self._verb, overwrite=self._takes_all, is_ours=lambda there: file_digest(there) in digests
+        )
+
+    def note(self, path: Path, sha256: str) -> None:
+        """List a file that is about to be put at its place, beside what may still stand there."""
+        name = path.absolute().relative_to(self.path).as_posix()
+        if name == LIST_NAME:
+            return
+        with self._noting:
+            self._fresh[name] = sha256
+            self._known[name] = tuple(dict.fromkeys((*self._known.get(name, ()), sha256)))
+            self._store()
+
+    def _store(self) -> None:
+        form = {"by": self._verb, "files": dict(sorted(self._known.items()))}
+        write_durably(self.path / LIST_NAME, json.dumps(form, indent=1).encode() + b"\n")
+
+
+def _is_name(name: str) -> bool:
+    """Tell whether a listed name can be one of a file in the folder."""
+    return name.isprintable() and not {"..", "/"} & set(Path(name).parts)
+
+
+def is_run(path: Path) -> bool:
+    """Tell whether an entry of a folder is a run, which has a lock of its own."""
+    return not path.is_symlink() and any((path / name).is_file() for name in ("run.json", LOCK_NAME))
+
+
+def is_bookkeeping(path: Path) -> bool:
+    """Tell whether an entry of a folder is a lock, a list of files or half a file, as a command may have left."""
+    return path.name in (LOCK_NAME, LIST_NAME) or is_part(path)

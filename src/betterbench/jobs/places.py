@@ -1,0 +1,122 @@
+"""Places that are written to: nothing follows a link out of the folder that a command writes to.
+
+A stranger's run folder may hold a link to a file of the user. A folder that is named as an output means the folder, and
+no file elsewhere. A folder that a process has locked (:class:`~betterbench.jobs.lock.RunLock`) is therefore
+guarded: every file that is written below it lies in it, after all links are followed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from betterbench.errors import InvalidInputError
+
+
+class FolderClaim(Protocol):
+    """Who wrote the files of a folder, and which of them may be replaced."""
+
+    @property
+    def thread(self) -> int:
+        """The thread that made the claim."""
+
+    def require_ours(self, path: Path) -> None:
+        """Raise RunConflictError if something stands at a path that is not to be replaced."""
+
+    def note(self, path: Path, sha256: str) -> None:
+        """Note that a file is about to be put at its place."""
+
+
+_GUARDED: dict[Path, list[FolderClaim | None]] = {}
+"""The folders that this process has locked, with who claims their files."""
+
+
+def guard(folder: Path, claim: FolderClaim | None = None) -> None:
+    """Guard a folder until :func:`unguard` is called as often."""
+    _GUARDED.setdefault(folder, []).append(claim)
+
+
+def unguard(folder: Path, claim: FolderClaim | None = None) -> None:
+    """Take back a :func:`guard` with the same arguments; harmless where there is none."""
+    claims = _GUARDED.get(folder, [])
+    if claim in claims:
+        claims.remove(claim)
+    if not claims:
+        _GUARDED.pop(folder, None)
+
+
+def is_claimed_here(folder: Path) -> bool:
+    """Tell whether this thread has claimed a folder, so that its lock is held and need not be taken again."""
+    return any(claim is not None and claim.thread == threading.get_ident() for claim in _GUARDED.get(folder, []))
+
+
+def claim_of(path: Path) -> FolderClaim | None:
+    """Return who claims a file: the claim on the innermost guarded folder that it lies in."""
+    around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
+    innermost = max(around, key=lambda folder: len(folder.parts), default=None)
+    return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
+
+
+def require_inside(path: Path, folder: Path) -> None:
+    """Raise InvalidInputError, which names the link, if a path below a folder leads out of it by a link."""
+    top = os.path.realpath(folder)
+    if Path(os.path.realpath(path)).is_relative_to(top):  # never fails, also on loops
+        return
+    link = folder
+    for part in path.relative_to(folder).parts:
+        link /= part
+        if link.is_symlink() and not Path(os.path.realpath(link)).is_relative_to(top):
+            break
+    raise InvalidInputError(str(link), f"leads out of {folder} by a link", "Remove the link")
+
+
+def require_guarded(path: Path) -> None:
+    """Raise InvalidInputError if a file that is to be written leads out of a guarded folder by a link."""
+    place = path.absolute()
+    for folder in tuple(_GUARDED):
+        if place.is_relative_to(folder):
+            require_inside(place, folder)
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Let an OSError name the file or folder that a user knows, in place of a lock or a part beside it."""
+    try:
+        yield
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
+
+
+def open_in_place(path: Path) -> int:
+    """Open a file for reading and writing where it is, made if it is missing, and return its descriptor.
+
+    A journal and a lock are written in place, so whatever else has their name would be changed.
+
+    Raises:
+        InvalidInputError: If it is a link, no ordinary file, or has a second name (a hard link).
+        OSError: If it cannot be opened.
+    """
+    require_guarded(path)
+    try:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise InvalidInputError(str(path), "is a link, and no link is written to", "Remove the link") from error
+        if error.errno == errno.ENXIO:
+            raise InvalidInputError(str(path), "is no ordinary file", "Move it away") from error
+        raise
+    found = os.fstat(handle)
+    if stat.S_ISREG(found.st_mode) and found.st_nlink < 2:
+        return handle
+    os.close(handle)
+    if not stat.S_ISREG(found.st_mode):
+        raise InvalidInputError(str(path), "is no ordinary file", "Move it away")
+    problem = "has a second name (a hard link), and the file of that name would be changed too"
+    raise InvalidInputError(str(path), problem, "Replace it by a copy of its own")

@@ -1,0 +1,144 @@
+"""Rates and gaps of groups of learners, and how two groups differ on the trials that they share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from betterbench.learning.study.outcomes import LearnerOutcome, TrialOutcome
+from betterbench.report.wording import Figure
+from betterbench.statistics import (
+    Difference,
+    Rate,
+    difference_of,
+    paired_bootstrap,
+    sign_flip_p,
+    wider_paired_difference,
+)
+from betterbench.tasks import stream
+
+
+@dataclass(frozen=True, slots=True)
+class ArmFinding:
+    """What the learners of one arm did on one task, or on all ("").
+
+    Attributes:
+        training: Success on training conditions.
+        variations: Success on all variations.
+        gap: Success of the twin minus success of the variation.
+        intention: Share of variation trials whose first attempt was right.
+    """
+
+    task: str
+    arm: str
+    lever: str
+    training: Figure
+    variations: Figure
+    gap: Figure
+    intention: Figure
+
+
+@dataclass(frozen=True, slots=True)
+class ArmContrast:
+    """Two groups of learners on the same trials; the second is the one that is compared with.
+
+    Attributes:
+        success: Success on variations, first minus second, over pairs of trials; its p-value is that of the sign-flip
+            test over pairs of learners of one task and seed.
+        gap: Illusion gap, first minus second. Its interval is the wider one of those over trials and over pairs of
+            learners; its p-value is that of the same test.
+        learners: How many pairs of learners there are.
+    """
+
+    name: str
+    task: str
+    success: Figure
+    gap: Figure
+    learners: int
+
+
+def success_of(trials: Iterable[TrialOutcome]) -> Figure:
+    """Return the success rate of trials."""
+    ended = [trial.success for trial in trials]
+    return Figure.of_rate(Rate(sum(ended), len(ended)))
+
+
+def gap_of(learners: Sequence[LearnerOutcome], variation: str | None = None) -> Difference:
+    """Return the illusion gap over pairs of twin and trial; several variations share a twin, which is a cluster."""
+    pairs = [(f.learner, twin, trial) for f in learners for twin, trial in f.pairs(variation)]
+    return wider_paired_difference(
+        [(twin.success, trial.success) for _, twin, trial in pairs],
+        generator=stream("study", 0, f"gap:{variation}"),
+        strata=[learner.task for learner, _, _ in pairs],
+        clusters=[f"{learner.name}/{twin.condition}/{twin.seed}" for learner, twin, _ in pairs],
+    )
+
+
+def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float | None = None) -> Figure:
+    """Return the figure of a difference of so many pairs; without one it has no ends."""
+    low, high = (found.low, found.high) if found.value is not None else (None, None)
+    return Figure(found.value, low, high, None, n, difference=True, noun=noun, p_value=p_value)
+
+
+def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
+    """Return what learners of one arm and lever did; the task is "" for all."""
+    varied = [trial for f in chosen for trial in f.varied]
+    known = [trial.intention for trial in varied if trial.intention is not None]
+    pairs = sum(len(f.pairs()) for f in chosen)
+    training = success_of(trial for f in chosen for trial in f.of(None))
+    gap = figure_of(gap_of(chosen), pairs)
+    return ArmFinding(
+        task, arm, lever, training, success_of(varied), gap, Figure.of_rate(Rate(sum(known), len(varied)))
+    )
+
+
+def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
+    """Return how two groups of learners differ, over pairs of one task and training seed and of the same trials."""
+    others = {(f.learner.task, f.learner.seed): f for f in second}
+    pairs = [
+        (f, others[key])
+        for f in first
+        if (key := (f.learner.task, f.learner.seed)) in others and task in ("", f.learner.task)
+    ]
+    trials = [(a.learner, x, y) for a, b in pairs for x, y in _same_trials(a, b)]
+    success = wider_paired_difference(
+        [(x.success, y.success) for _, x, y in trials],
+        generator=stream("study", 0, f"contrast:{name}:{task}"),
+        strata=[learner.task for learner, _, _ in trials],
+        clusters=[learner.name for learner, _, _ in trials],
+    )
+    means = [(_mean_success(a), _mean_success(b)) for a, b in pairs]
+    solved = sign_flip_p([x - y for x, y in means], generator=stream("study", 3, f"contrast:{name}:{task}"))
+    gaps = [(a.learner.task, _mean_gap(a), _mean_gap(b)) for a, b in pairs]
+    known = [(stratum, x, y) for stratum, x, y in gaps if x is not None and y is not None]
+    p = sign_flip_p([x - y for _, x, y in known], generator=stream("study", 1, f"contrast:{name}:{task}"))
+    drawn = paired_bootstrap(
+        [0.5 + 0.5 * x for _, x, _ in known],
+        [0.5 + 0.5 * y for _, _, y in known],
+        generator=stream("study", 2, f"contrast:{name}:{task}"),
+        strata=[stratum for stratum, _, _ in known],
+    )
+    gap = difference_of(gap_of([a for a, _ in pairs]), gap_of([b for _, b in pairs]))
+    wider = replace(gap, low=min(gap.low, 2.0 * drawn.low), high=max(gap.high, 2.0 * drawn.high))
+    tested = p if len(known) > 1 else None  # of one pair nothing is known about others
+    found = figure_of(wider, len(known), noun="learner pairs", p_value=tested)
+    of_trials = figure_of(success, len(trials), p_value=solved if len(means) > 1 else None)
+    return ArmContrast(name, task, of_trials, found, len(known))
+
+
+def _mean_success(learner: LearnerOutcome) -> float:
+    ended = [trial.success for trial in learner.varied]
+    return sum(ended) / len(ended) if ended else 0.0
+
+
+def _mean_gap(learner: LearnerOutcome) -> float | None:
+    """Return the illusion gap of one learner without an interval; None without a pair."""
+    pairs = learner.pairs()
+    return sum(twin.success - trial.success for twin, trial in pairs) / len(pairs) if pairs else None
+
+
+def _same_trials(a: LearnerOutcome, b: LearnerOutcome) -> Iterator[tuple[TrialOutcome, TrialOutcome]]:
+    there = {(t.variation, t.seed): t for t in b.varied}
+    for trial in a.varied:
+        if (trial.variation, trial.seed) in there:
+            yield trial, there[trial.variation, trial.seed]

@@ -1,0 +1,217 @@
+"""Training the learners of a study: one here, or several side by side, each in a process of its own.
+
+A learner of this size keeps one processor busy: two that are trained side by side take as long as one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+from betterbench.errors import BetterError, RecordError, TrainingError, described
+from betterbench.jobs.lock import HeldFolder, held_folders
+from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
+from betterbench.json_form import file_digest
+from betterbench.policies.learned.address import FILE_NAME as CHECKPOINT
+from betterbench.policies.learned.address import PREFIX, checkpoint_of
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.policies.process.policy_process import exit_text
+from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
+
+_STOP_S = 5.0
+
+
+OnWork = Callable[[int, int, str], None]
+"""Called with how much of a piece of work is done, of how much, and a note."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedPolicy:
+    """A learner that is ready.
+
+    Attributes:
+        address: Address of the policy.
+        digest: SHA-256 of its checkpoint.
+        observation: Observation preset under which it is evaluated.
+        quality: Render preset under which it is evaluated.
+    """
+
+    address: str
+    digest: str
+    observation: str = "state_only"
+    quality: str = "fast"
+
+    def require(self) -> None:
+        """Raise RecordError if its checkpoint is not the one that was trained."""
+        require_weights(checkpoint_of(self.address), self.digest)
+
+    @classmethod
+    def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
+        """Return the policy of a recipe, which is evaluated with the eyes that it has been trained with."""
+        if recipe.sees != "pixels":
+            return cls(address, digest)
+        return cls(address, digest, recipe.eyes.observation, recipe.eyes.quality)
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingJob:
+    """A learner to be trained.
+
+    Attributes:
+        out: Folder in which that is done.
+        begins_with: SHA-256 of the checkpoint that the recipe names as its start; "" if nobody knows.
+    """
+
+    recipe: TrainingRecipe
+    out: Path
+    begins_with: str = ""
+
+
+@dataclass(slots=True)
+class _Learner:
+    """A learner whose process is at work.
+
+    Attributes:
+        done: Of its steps.
+        note: What it last said.
+    """
+
+    job: TrainingJob
+    process: BaseProcess
+    link: Connection
+    done: int = 0
+    planned: int = 0
+    note: str = ""
+    policy: TrainedPolicy | None = None
+
+
+def train_learners(
+    jobs: Sequence[TrainingJob], device: str, tell: OnWork, *, workers: int = 1
+) -> tuple[TrainedPolicy, ...]:
+    """Train all jobs at once, and return the policies in their order; a single one is trained in this process.
+
+    The frames that learners of pixels see are drawn before, by ``workers`` processes.
+
+    Raises:
+        TrainingError: If a process dies.
+        BetterError: Whatever stops one of them; the others are stopped too, and what each has saved stays.
+    """
+    for job in jobs:
+        _draw(job, tell, workers)
+    if len(jobs) == 1:
+        return (_train(jobs[0], device, tell),)
+    learners = [_begin(job, device) for job in jobs]
+    try:
+        while any(learner.policy is None for learner in learners):
+            at_work = {learner.link: learner for learner in learners if learner.policy is None}
+            for link in wait(list(at_work)):
+                _listen(at_work[link])  # type: ignore[index]
+            tell(
+                sum(p.done for p in learners),
+                sum(p.planned for p in learners),
+                ", ".join(p.note for p in learners if p.note),
+            )
+    finally:
+        for learner in learners:
+            _end(learner)
+    return tuple(learner.policy for learner in learners if learner.policy is not None)
+
+
+def _begin(job: TrainingJob, device: str) -> _Learner:
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(
+        target=_learn, args=(job, device, theirs, loaded_files(), held_folders()), name="betterbench-learner"
+    )
+    with interrupts_blocked():  # the process that started it decides what happens at Ctrl-C
+        process.start()
+    theirs.close()
+    return _Learner(job, process, ours)
+
+
+def _listen(learner: _Learner) -> None:
+    """Take one message; raise what the process raised, or a TrainingError if it has ended without a word."""
+    try:
+        said = learner.link.recv()
+    except (EOFError, OSError):
+        learner.process.join(_STOP_S)
+        how = exit_text(learner.process.exitcode)
+        raise TrainingError(
+            f"the process that trained {learner.job.out.name} has ended ({how}). What it saved stays: "
+            "run the same command again, with fewer --workers if the memory was too small."
+        ) from None
+    if isinstance(said, BaseException):
+        raise said
+    if isinstance(said, TrainedPolicy):
+        learner.policy, learner.done = said, learner.planned
+    else:
+        learner.done, learner.planned, learner.note = said
+
+
+def _end(learner: _Learner) -> None:
+    """End a process that is still at work; it has saved what it needs to go on."""
+    if learner.policy is None:
+        learner.process.kill()
+    learner.process.join(_STOP_S)
+    learner.link.close()
+
+
+def _learn(
+    job: TrainingJob, device: str, link: Connection, files: Sequence[TaskFile], held: Sequence[HeldFolder]
+) -> None:
+    """Train one learner and say how it goes; the main function of a process."""
+    prepare_process(held)
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # the study has ended
+        try:
+            load_sources(files)
+            link.send(_train(job, device, lambda *said: link.send(said)))
+        except BetterError as problem:
+            link.send(problem)
+        except (BrokenPipeError, ConnectionResetError):
+            raise
+        except Exception as problem:  # noqa: BLE001 - it is told where somebody reads it
+            link.send(TrainingError(f"{job.out.name}: {described(problem)}"))
+
+
+def _draw(job: TrainingJob, tell: OnWork, workers: int) -> None:
+    """Draw the frames of a learner of pixels that are missing; two processes would not draw into one folder."""
+    if job.recipe.sees != "pixels":
+        return
+    from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch
+
+    read_training_set(
+        job.recipe,
+        on_read=lambda done, of: tell(done, of, "reading"),
+        workers=workers,
+        on_drawn=lambda done, of: tell(done, of, "drawing frames"),
+    )
+
+
+def require_weights(place: Path, digest: str) -> None:
+    """Raise RecordError if a checkpoint, or the one in a folder, is not the one that a stage of the study has left."""
+    path = place / CHECKPOINT if place.is_dir() else place
+    there = file_digest(path) if path.is_file() else None
+    if there != digest:
+        problem = "is missing" if there is None else "holds other weights than those that this study has trained"
+        raise RecordError(
+            f"{path}: {problem}. Put the checkpoint back, or run a new study into another folder; nothing was deleted."
+        )
+
+
+def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
+    """Train a learner in this process; the errors are those of the training loop."""
+    if job.begins_with and job.recipe.start is not None:
+        require_weights(Path(job.recipe.start), job.begins_with)
+    from betterbench.learning.training.data import read_training_set  # noqa: PLC0415 - needs torch
+    from betterbench.learning.training.loop import train  # noqa: PLC0415
+
+    data = read_training_set(job.recipe, on_read=lambda done, of: tell(done, of, "reading"))
+    result = train(
+        job.recipe, data, job.out, device=device, on_progress=lambda p: tell(p.step, p.steps, f"loss {p.loss:.4f}")
+    )
+    return TrainedPolicy.of(f"{PREFIX}{job.out}", file_digest(result.checkpoint), job.recipe)

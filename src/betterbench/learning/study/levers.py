@@ -1,0 +1,80 @@
+"""Levers: what a change of the recipe does, on each axis and as a whole, in the shape of the paper's Table 3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from betterbench.learning.study.contrasts import ArmContrast, ArmFinding, arm_of, contrast_of, success_of
+from betterbench.learning.study.outcomes import LearnerOutcome
+from betterbench.learning.study.plan import Lever, StudyPlan
+from betterbench.report.wording import Figure
+from betterbench.tasks import Axis, get_task
+
+
+@dataclass(frozen=True, slots=True)
+class LeverRow:
+    """What the learners of one recipe did.
+
+    Attributes:
+        found: What they did on all their tasks; its ``lever`` is "" for the recipe as it is.
+        axes: Success on the variations of each axis, by its name.
+        against: The difference to what they are compared with, over the trials of the same tasks and training seeds;
+            None for the recipe as it is.
+        start: Arm whose learners these begin with, so that they have seen its demonstrations too; None for none.
+        compared: Lever of the learners that these are compared with; None for the recipe as it is.
+    """
+
+    found: ArmFinding
+    axes: Mapping[str, Figure]
+    against: ArmContrast | None
+    start: str | None = None
+    compared: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LeverTable:
+    """Levers on the same learners; the first row is the recipe as it is.
+
+    Attributes:
+        arm: Arm of all these learners.
+        tasks: Their tasks.
+        seeds: How many training seeds there are of each.
+    """
+
+    arm: str
+    tasks: tuple[str, ...]
+    seeds: int
+    rows: tuple[LeverRow, ...]
+
+
+def lever_tables(plan: StudyPlan, learners: Sequence[LearnerOutcome]) -> Iterator[LeverTable]:
+    """Yield one table for each arm and each set of tasks on which levers were tried, in the order of the plan."""
+    groups: dict[tuple[str, tuple[str, ...]], list[Lever]] = {}
+    for lever in plan.levers:
+        for arm in lever.arms or tuple(plan.arms):
+            groups.setdefault((arm, lever.tasks or tuple(plan.tasks)), []).append(lever)
+    for (arm, tasks), levers in groups.items():
+        mine = [f for f in learners if f.learner.arm == arm and f.learner.task in tasks]
+        plain = [f for f in mine if not f.learner.lever]
+        rows = [_row(arm_of("", arm, "", plain), plain)]
+        for lever in levers:
+            changed = [f for f in mine if f.learner.lever == lever.name]
+            if changed:
+                found = arm_of("", arm, lever.name, changed)
+                others = [f for f in mine if f.learner.lever == (lever.against or "")]
+                against = contrast_of(f"{lever.name} on {arm}", "", changed, others)
+                rows.append(replace(_row(found, changed, against), start=lever.start, compared=lever.against))
+        if plain and len(rows) > 1:
+            yield LeverTable(arm, tasks, len({f.learner.seed for f in plain}), tuple(rows))
+
+
+def _row(found: ArmFinding, learners: Sequence[LearnerOutcome], against: ArmContrast | None = None) -> LeverRow:
+    varied = [
+        (variation.axis, trial)
+        for f in learners
+        for variation in get_task(f.learner.task).variations
+        for trial in f.of(variation.name)
+    ]
+    axes = {axis.value: success_of(trial for of, trial in varied if of is axis) for axis in Axis}
+    return LeverRow(found, {axis: figure for axis, figure in axes.items() if figure.n}, against)

@@ -1,0 +1,93 @@
+"""What is kept of a trial of a learner: everything that the findings of a study rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from betterbench.diagnosis import RunDiagnosis
+from betterbench.errors import RecordError
+from betterbench.json_form import read_form, strict_form
+from betterbench.learning.study.plan import PlannedLearner
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class TrialOutcome:
+    """How one trial ended.
+
+    Attributes:
+        variation: Its variation, or None on a training condition.
+        condition: The training condition; on a variation that of its twin.
+        label: What the diagnosis says of it.
+        intention: Whether its first attempt was right; None without a record.
+        target: Where its first attempt was, as a slot or an object; None if there was none.
+    """
+
+    variation: str | None
+    condition: str
+    seed: int
+    success: bool
+    label: str
+    intention: bool | None
+    target: str | None
+
+    @property
+    def twin(self) -> tuple[str, int]:
+        """The training condition and the seed that it shares with its twin."""
+        return self.condition, self.seed
+
+
+@dataclass(frozen=True, slots=True)
+class LearnerOutcome:
+    """All trials of one learner."""
+
+    learner: PlannedLearner
+    trials: tuple[TrialOutcome, ...]
+
+    def of(self, variation: str | None) -> list[TrialOutcome]:
+        """Return the trials of a variation, or with None those of the training conditions."""
+        return [t for t in self.trials if t.variation == variation]
+
+    @property
+    def varied(self) -> list[TrialOutcome]:
+        """The trials of all variations."""
+        return [t for t in self.trials if t.variation is not None]
+
+    def pairs(self, variation: str | None = None) -> list[tuple[TrialOutcome, TrialOutcome]]:
+        """Return twin and trial of each trial of a variation, or with None of all variations."""
+        trained = {t.twin: t for t in self.of(None)}
+        trials = self.varied if variation is None else self.of(variation)
+        return [(trained[t.twin], t) for t in trials if t.twin in trained]
+
+
+_TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
+
+
+def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
+    """Return what is kept of a diagnosed run."""
+    return tuple(
+        TrialOutcome(
+            t.variation,
+            t.condition,
+            t.seed,
+            t.success,
+            t.label.value,
+            t.intention_correct,
+            t.first_slot or t.first_attempt,
+        )
+        for t in diagnosis.trials
+    )
+
+
+def trials_form(trials: Iterable[TrialOutcome]) -> list[dict[str, Any]]:
+    """Return the JSON form of trials."""
+    return [asdict(trial) for trial in trials]
+
+
+def read_trials(form: object, where: str) -> tuple[TrialOutcome, ...]:
+    """Return the trials that a JSON form stands for; RecordError if it stands for none."""
+    return read_form(_TRIALS, form, where=where, cure="Delete the file to evaluate again", raises=RecordError)

@@ -1,0 +1,343 @@
+"""The page of a study, and all its numbers as JSON and CSV."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+import betterbench
+from betterbench.demonstrations.shortcuts.prediction import read_prediction
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import on_disk
+from betterbench.learning.study.doses import PLANTED, named_when_planted, rises
+from betterbench.learning.study.findings import DECORRELATION, SOLVED, StudyFindings, findings_of
+from betterbench.learning.study.stages import StudyOutcome
+from betterbench.report.figures.drawing import Bar, BarGroup, Chart, draw
+from betterbench.report.html import asset, environment
+from betterbench.report.legend import AXIS_NAMES, LEGEND
+from betterbench.report.outcomes import task_title
+from betterbench.report.tables.table import Scalar, Table, to_csv
+from betterbench.report.wording import Figure
+from betterbench.statistics.wording import p_text, plural
+from betterbench.tasks import get_task
+
+FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
+
+LEAST_DIFFERENCE = 0.30
+"""Difference of the illusion gaps that is expected of balanced learners, as a fraction."""
+LEAST_SOLVED = 0.70
+"""Share of the variations of which everything was shown that balanced learners are expected to solve."""
+LEAST_DECORRELATED = 0.20
+"""Success on variations that balanced learners are expected to have above diverse-confounded ones, as a fraction."""
+MOST_DEAF, LEAST_HEARING = 0.20, 0.70
+"""Share of reworded twins in which a confounded learner changes its target at most, and a balanced one at least."""
+GOOD_AREA = 0.9
+LEAST_NAMED = 0.90
+"""Share of the failed trials of learners with a planted confound in which the diagnosis has to name it."""
+
+_WHAT_VERDICTS_SAY = {
+    "no gap": "the confounded learners solve it: there is nothing that balancing could remove",
+    "coverage is enough": (
+        "the diverse-confounded learners, which were shown as many conditions as the balanced ones with each word tied "
+        "to its place, solve what the confounded ones fail"
+    ),
+    "decorrelation is enough": "the balanced learners solve what the confounded ones fail",
+    "needs more than decorrelation": "the balanced learners fail it, and those trained on it solve it",
+    "hard for another reason": "even learners that were trained on it fail it",
+    "open": "too few trials, or an arm is missing: an interval holds 50 %",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """Something that was expected of a study, and what came out.
+
+    Attributes:
+        held: Whether it held; None where that is open or was not measured.
+    """
+
+    expected: str
+    found: str
+    held: bool | None
+
+
+def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
+    """Write page, JSON and CSV of a study into its folder, and return what was found.
+
+    What was measured stands in study.json and the CSV files, whose bytes do not depend on interruptions; the page also
+    says what it took.
+
+    Raises:
+        RecordError: If a prediction was changed after it was written.
+        StorageError: If the disk is full.
+    """
+    predictions = {
+        task: read_prediction(folder / "prediction.json")
+        for task, folder in outcome.predictions.items()
+        if (folder / "prediction.json").is_file()
+    }
+    found = findings_of(outcome.plan, outcome.learners, predictions)
+    texts = (
+        study_page(outcome, found),
+        json.dumps(document_of(outcome, found), indent=1, ensure_ascii=False) + "\n",
+        to_csv(numbers_table(found)),
+        to_csv(trials_table(outcome)),
+    )
+    with on_disk(out):
+        for name, text in zip(FILES, texts, strict=True):
+            write_durably(out / name, text.encode())
+    return found
+
+
+def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
+    """Return everything that was found as a JSON document, the same whatever interrupted the study."""
+    form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
+    return {
+        "betterbench": betterbench.__version__,
+        "plan": outcome.plan.to_json(),
+        "task_versions": {task: get_task(task).version for task in outcome.plan.tasks},
+        "learners": len(outcome.learners),
+        "trials": sum(len(f.trials) for f in outcome.learners),
+        **form,
+        "expected": [asdict(line) for line in expectations(found)],
+    }
+
+
+def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
+    """Return the page as HTML that needs no other file."""
+    charts = [
+        {"chart": c, "wide": Markup(draw(c)), "narrow": Markup(draw(c, narrow=True))}  # noqa: S704 - escaped there
+        for c in study_charts(found)
+    ]
+    return (
+        environment()
+        .get_template("study.html.jinja")
+        .render(
+            style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
+            plan=outcome.plan,
+            found=found,
+            overall=[a for a in found.arms if not a.task and not a.lever],
+            by_task=[a for a in found.arms if a.task and not a.lever],
+            expected=expectations(found),
+            charts=charts,
+            verdicts=_WHAT_VERDICTS_SAY,
+            axes=AXIS_NAMES,
+            labels={label.value: entry.short for label, entry in LEGEND.items()},
+            title_of=task_title,
+            learners=len(outcome.learners),
+            trials=sum(len(f.trials) for f in outcome.learners),
+            took=[(kind, _duration(s)) for kind, s in outcome.seconds.items()],
+            p_text=p_text,
+        )
+    )
+
+
+def _duration(seconds: float) -> str:
+    """Return a time in words."""
+    if seconds < 90.0:
+        return plural(round(seconds), "second")
+    minutes = round(seconds / 60.0)
+    return plural(minutes, "minute") if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def study_charts(found: StudyFindings) -> Iterator[Chart]:
+    """Yield the figures: success by arm, the share of each gap that balancing removes, and the doses."""
+    groups = []
+    tasks = list(dict.fromkeys(a.task for a in found.arms if not a.lever))
+    for task in tasks:
+        rows: list[Bar] = []
+        for arm in (a for a in found.arms if a.task == task and not a.lever):
+            rows += [Bar(arm.arm, arm.training, "training"), Bar("", arm.variations, "variation")]
+        groups.append(BarGroup(task_title(task) if task else "All tasks", tuple(rows)))
+    yield Chart(
+        "arms",
+        "Success in training conditions and under variation, by arm",
+        "Success rate in percent with its 95 % interval over trials, training seeds together.",
+        tuple(groups),
+        key=(("training", "Training conditions"), ("variation", "Variations")),
+    )
+    removed = [v for v in found.variations if v.validity is not None]
+    if removed:
+        yield Chart(
+            "validity",
+            "Construct validity",
+            "Share of the confounded learners' illusion gap that balancing removes, in percent, with its 95 % interval "
+            "(cut at the ends of the scale). Only variations with a gap that is surely above zero.",
+            (BarGroup("", tuple(Bar(f"{v.task} {v.variation}", v.validity or Figure(), "dot") for v in removed)),),
+        )
+    if found.doses:
+        groups = [
+            BarGroup(
+                task_title(task) if task else "All tasks",
+                tuple(Bar(f"{100 * d.dose:.0f} %", d.failure, "reasoning") for d in found.doses if d.task == task),
+            )
+            for task in dict.fromkeys(d.task for d in found.doses)
+        ]
+        yield Chart(
+            "doses",
+            "Failure by dose",
+            "By the share of the demonstrations that hold the confounds: how often variations fail that break one of a "
+            "word, a place or a look, in percent, with its 95 % interval.",
+            tuple(groups),
+        )
+
+
+def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
+    """Return what was expected of the study, and what came out; nothing holds of learners that have not learned."""
+    lines = []
+    if found.known is not None and found.known.variations:
+        gap, solved = found.known.contrast.gap, found.known.balanced
+        where = (
+            f"on the {plural(found.known.variations, 'variation')} without a word or a thing that training never showed"
+        )
+        text = f"Balanced learners solve {100 * LEAST_SOLVED:.0f} % or more {where}"
+        held = None if solved.value is None else solved.value >= LEAST_SOLVED
+        lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
+        text = f"Their illusion gap there is smaller than the confounded ones' by {100 * LEAST_DIFFERENCE:.0f} points"
+        said = gap.sentence() + (f", {p_text(gap.p_value)}" if gap.p_value is not None else "")
+        held = None if gap.value is None else gap.value <= -LEAST_DIFFERENCE
+        lines.append(_of_the_able(found, ("confounded", "balanced"), Expectation(text, said, held)))
+    if found.repeated is not None and found.repeated.variations:
+        solved = found.repeated.success
+        text = (
+            f"Where decorrelation is enough by the learners of the other training seeds, a balanced one solves "
+            f"{100 * LEAST_SOLVED:.0f} % or more"
+        )
+        held = None if solved.value is None else solved.value >= LEAST_SOLVED
+        lines.append(_of_the_able(found, ("balanced",), Expectation(text, solved.sentence(), held)))
+    lines += _expected_of_coverage(found)
+    for role, bound, above in (("confounded", MOST_DEAF, False), ("balanced", LEAST_HEARING, True)):
+        word = next((w for w in found.words if w.arm == found.roles.get(role)), None)
+        if word is None or word.changed.value is None:
+            continue
+        way = "at least" if above else "at most"
+        text = f"With other words in the same scene, {role} learners change their target in {way} {100 * bound:.0f} %"
+        held = word.changed.value >= bound if above else word.changed.value <= bound
+        lines.append(_of_the_able(found, (role,), Expectation(text, word.changed.sentence(), held)))
+    if found.prediction is not None:
+        area = found.prediction.area
+        text = f"The audit ranks the variations by who fails them with an AUROC of {GOOD_AREA} or more"
+        held = None if area.value is None else area.value >= GOOD_AREA
+        said = _area_text(area, found.prediction.failed)
+        lines.append(_of_the_able(found, ("confounded",), Expectation(text, said, held)))
+    return (*lines, *_expected_of_doses(found))
+
+
+def _expected_of_coverage(found: StudyFindings) -> Iterator[Expectation]:
+    """Yield what was expected of balanced against diverse-confounded learners; nothing of a study without them."""
+    pair = ("diverse-confounded", "balanced")
+    for success in (c.success for c in found.coverage if not c.task and c.name == DECORRELATION):
+        least = f"{100 * LEAST_DECORRELATED:.0f} points"
+        text = f"Balanced learners solve more of the variations than {pair[0]} ones, by {least} or more"
+        said = success.sentence() + (f", {p_text(success.p_value)}" if success.p_value is not None else "")
+        held = None if success.value is None else success.value >= LEAST_DECORRELATED
+        yield _of_the_able(found, pair, Expectation(text, said, held))
+
+
+def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
+    """Yield what was expected of mixtures; nothing of a study without them."""
+    overall = [d for d in found.doses if not d.task]
+    if not overall:
+        return
+    said = ", ".join(f"{d.failure.with_unit()} at {100 * d.dose:.0f} %" for d in overall)
+    yield Expectation("Variations that break a confound fail the oftener the more of it there is", said, rises(overall))
+    named = named_when_planted(found.doses)
+    text = (
+        f"Where {100 * PLANTED:.0f} % or more hold it, the diagnosis names a rule of the card in "
+        f"{100 * LEAST_NAMED:.0f} % of the failed trials whose cause it finds in reasoning"
+    )
+    yield Expectation(text, named.sentence(), None if named.value is None else named.value >= LEAST_NAMED)
+
+
+def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
+    """Return what was found, open if the learners of a role solve less than half of their training conditions."""
+    for role in roles:
+        arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
+        if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:
+            why = f"; but the {role} learners solve {arm.training.with_unit()} of the training conditions only"
+            return replace(line, found=line.found + why, held=None)
+    return line
+
+
+def _area_text(area: Figure, failed: int) -> str:
+    if area.value is None:
+        return f"not measured: {failed} of {plural(area.n or 0, 'variation')} failed, and some have to of each kind"
+    low, high = area.low or 0.0, area.high or 0.0
+    return f"{area.value:.2f} (95 % interval {low:.2f} to {high:.2f}; {failed} of {area.n} variations failed)"
+
+
+def numbers_table(found: StudyFindings) -> Table:
+    """Return every number of the page as one long table; fractions, empty where there is no such number."""
+    rows: list[tuple[Scalar, ...]] = []
+
+    def add(table: str, where: tuple[str, str, str], **figures: Figure | None) -> None:
+        for number, figure in figures.items():
+            if figure is not None:
+                ends = (figure.value, figure.low, figure.high, figure.k, figure.n, figure.p_value)
+                rows.append((table, *where, number, *ends))
+
+    for a in found.arms:
+        arm = f"{a.arm} {a.lever}".strip()
+        numbers = {"training": a.training, "variations": a.variations, "gap": a.gap, "intention": a.intention}
+        add("arms", (a.task, "", arm), **numbers)
+    for v in found.variations:
+        for arm in v.success:
+            add("variations", (v.task, v.variation, arm), success=v.success[arm], gap=v.gaps[arm])
+        risk = None if v.risk is None else Figure(v.risk)
+        add("variations", (v.task, v.variation, ""), validity=v.validity, risk=risk)
+    for c in found.compared:
+        add("contrasts", (c.task, "", c.name), success=c.success, gap=c.gap)
+    if found.known is not None:
+        add("contrasts", ("", "", found.known.contrast.name), balanced_success=found.known.balanced)
+    if found.repeated is not None:
+        add("verdicts", ("", "", found.roles["balanced"]), left_out_success=found.repeated.success)
+    for where, figures in _lever_numbers(found):
+        add("levers", where, **figures)
+    for w in found.words:
+        add("words", ("", "", w.arm), changed=w.changed, right=w.right)
+    if found.prediction is not None:
+        scored = found.prediction
+        add("prediction", ("", "", ""), area=scored.area, label=scored.label, exposed=scored.exposed)
+    for d in found.doses:
+        label = f"{d.arm} ({d.dose:g})"
+        add("doses", (d.task, "", label), failure=d.failure, predicted_label=d.predicted, exposed_label=d.exposed)
+    columns = ("table", "task", "variation", "arm", "number", "value", "low", "high", "k", "n", "p")
+    return Table("numbers", "All numbers of the study.", columns, tuple(rows))
+
+
+def _lever_numbers(found: StudyFindings) -> Iterator[tuple[tuple[str, str, str], dict[str, Figure]]]:
+    """Yield tasks, no variation, and arm with lever of each row of the tables of levers, and its numbers."""
+    for table in found.levers:
+        for row in table.rows:
+            against = {} if row.against is None else {"success": row.against.success, "gap": row.against.gap}
+            differences = {f"{name}_difference": figure for name, figure in against.items()}
+            where = (" ".join(table.tasks), "", f"{table.arm} {row.found.lever}".strip())
+            yield where, {**row.axes, **differences}
+
+
+def trials_table(outcome: StudyOutcome) -> Table:
+    """Return all trials of all learners."""
+    rows = tuple(
+        (
+            f.learner.task,
+            f.learner.arm,
+            f.learner.lever,
+            f.learner.seed,
+            t.variation,
+            t.condition,
+            t.seed,
+            t.success,
+            t.label,
+            t.intention,
+            t.target,
+        )
+        for f in outcome.learners
+        for t in f.trials
+    )
+    columns = ("task", "arm", "lever", "training seed", "variation", "condition", "seed", "success", "label")
+    return Table("trials", "All trials of the study.", (*columns, "intention correct", "first target"), rows)

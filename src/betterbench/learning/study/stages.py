@@ -1,0 +1,422 @@
+"""The stages of a study, one after the other: sets, learners, runs. What is done is never done again.
+
+``OUT/stages/NAME.json`` says that a stage is complete, what went into it and what came out, under a seal. A stage that
+was interrupted is resumed by the package whose work it is, to the same bytes. What a stage made is compared with what
+its file says before the next one uses it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import TypeAdapter
+
+from betterbench.certification import load_coverage, packaged_coverage
+from betterbench.certification.refusal import require_coverage
+from betterbench.demonstrations.sets.recipe import SetRecipe
+from betterbench.errors import RecordError
+from betterbench.evaluation import make_plan
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import on_disk, remove_parts
+from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.json_form import open_form, open_seal, read_bounded, read_form, sealed_form, strict_form
+from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJob
+from betterbench.learning.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
+from betterbench.learning.study.plan import PlannedLearner, StudyPlan
+from betterbench.learning.study.work import Workshop
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.tasks import get_task
+from betterbench.tasks.interventions.regimes import Regime, conditions_of
+from betterbench.tasks.user_files import code_of
+from betterbench.vqa import read_set
+
+STAGES = "stages"
+_MAX_BYTES = 64 << 20
+_HERE = "{study}"
+"""Stands for the folder of the study, which may be moved."""
+_CURE = "Move the file elsewhere, and the stage is looked at again; what it made stays"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyProgress:
+    """How far a study is.
+
+    Attributes:
+        number: The stage under way, from 1.
+        stages: How many there are.
+        name: Its name.
+        done: How much of it is done.
+        planned: Of how much; 0 if nobody knows.
+        note: What is being done.
+    """
+
+    number: int
+    stages: int
+    name: str
+    done: int = 0
+    planned: int = 0
+    note: str = ""
+
+
+OnStudy = Callable[[StudyProgress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOutcome:
+    """Everything that was measured.
+
+    Attributes:
+        plan: What was to be done.
+        learners: The trials of each learner.
+        predictions: Folder of the confounded set of each task, whose prediction.json says what would fail.
+        seconds: What the stages took, by their kind; sittings that were interrupted are not counted [s].
+    """
+
+    plan: StudyPlan
+    learners: tuple[LearnerOutcome, ...]
+    predictions: Mapping[str, Path]
+    seconds: Mapping[str, float]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """What a complete stage leaves."""
+
+    inputs: str
+    output: dict[str, Any]
+    seconds: float
+    version: Literal[2] = 2
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Hashed:
+    sha256: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    address: str
+    digest: str
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _Evaluated:
+    trials: tuple[TrialOutcome, ...]
+
+
+_DONE = TypeAdapter(_Done)
+_OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
+    "sets": TypeAdapter(_Hashed),
+    "questions": TypeAdapter(_Hashed),
+    "learners": TypeAdapter(_Learned),
+    "runs": TypeAdapter(_Evaluated),
+}
+"""What a stage of each kind leaves."""
+
+
+def run_study(
+    plan: StudyPlan,
+    out: Path,
+    workshop: Workshop,
+    *,
+    certificate: Path | None = None,
+    on_progress: OnStudy | None = None,
+) -> StudyOutcome:
+    """Do everything that a plan asks for and that is not done yet, and return what was measured.
+
+    A larger plan goes on in the same folder.
+
+    Args:
+        plan: What is to be done.
+        out: Folder of the study.
+        workshop: Who does the work.
+        certificate: Certificate of the trials, or its folder; the one that ships with the suite if not given.
+        on_progress: Called as the stages go on.
+
+    Raises:
+        RunConflictError: If another process works in the folder, or a stage was made by another plan.
+        InvalidInputError: If a trial is not certified.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
+        BetterError: Whatever stops a stage; what was done before stays.
+    """
+    out = out.absolute()
+    _require_certified(plan, certificate)
+    with ExitStack() as stack:
+        with on_disk(out):
+            lock = stack.enter_context(RunLock(out / LOCK_NAME))
+            remove_parts(out / STAGES)
+        result = _Study(plan, out, workshop, on_progress).run()
+        lock.require_in_place()
+        return result
+
+
+def _require_certified(plan: StudyPlan, certificate: Path | None) -> None:
+    """Refuse trials that no certificate covers before anything is begun."""
+    trials = [t.id for t in make_plan("expert", tasks=plan.tasks, trials=plan.trials).trials]
+    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    require_coverage(coverage, trials, seed=0, trials_per_variation=plan.trials)
+
+
+@dataclass(frozen=True, slots=True)
+class _Learning:
+    """A learner that is due.
+
+    Attributes:
+        job: How it is trained.
+        inputs: Hash of all that decides what it becomes.
+    """
+
+    learner: PlannedLearner
+    job: TrainingJob
+    inputs: str
+
+
+class _Study:
+    """A study while it goes on."""
+
+    def __init__(self, plan: StudyPlan, out: Path, workshop: Workshop, on_progress: OnStudy | None) -> None:
+        self._plan, self._out, self._workshop, self._on_progress = plan, out, workshop, on_progress
+        self._learners = tuple(plan.learners())
+        self._sets = dict(self._all_sets())
+        self._questions = dict(self._all_questions())
+        self._stages = len(self._sets) + len(self._questions) + 2 * len(self._learners)
+        self._number = 0
+        self._seconds: dict[str, float] = {}
+        self._digests: dict[PlannedLearner, str] = {}
+        self._hashes: dict[str, str] = {}
+
+    def _all_sets(self) -> Iterator[tuple[str, SetRecipe]]:
+        """Yield name and recipe of each set that some learner needs; the same one serves several."""
+        for learner in self._learners:
+            for regime, demos in self._plan.sets_of(learner.arm).items():
+                yield self._set_name(learner.task, regime, demos), self._set_recipe(learner.task, regime, demos)
+
+    def _all_questions(self) -> Iterator[tuple[str, tuple[str, int]]]:
+        """Yield the name of each set of questions that is due, and about which set how many are asked."""
+        for learner in self._learners:
+            if asked := self._plan.questions_of(learner):
+                yield from ((_asked_name(name, asked), (name, asked)) for name in self._sets_of(learner))
+
+    def _sets_of(self, learner: PlannedLearner) -> list[str]:
+        return [self._set_name(learner.task, r, n) for r, n in self._plan.sets_of(learner.arm).items()]
+
+    def _folders_of(self, learner: PlannedLearner) -> tuple[str, ...]:
+        return tuple(str(self._out / "sets" / name) for name in self._sets_of(learner))
+
+    def _set_name(self, task: str, regime: Regime, demos: int) -> str:
+        return f"{task}-{regime}" + ("" if demos == self._plan.demos else f"-{demos}")
+
+    def _set_recipe(self, task: str, regime: Regime, demos: int) -> SetRecipe:
+        plan = self._plan
+        return SetRecipe((task,), regime, demos, min(plan.sources, demos), noise=plan.noise)
+
+    def run(self) -> StudyOutcome:
+        """Do all stages: the sets, then the learners, as many at a time as can be trained side by side."""
+        self._require_questions()
+        hashes = {name: self._make_set(name, recipe) for name, recipe in self._sets.items()}
+        self._hashes = hashes
+        for recipe in self._asked_elsewhere():
+            self._workshop.require_questions(recipe)
+        asked = {name: self._ask(name, *about, hashes) for name, about in self._questions.items()}
+        found: list[LearnerOutcome] = []
+        while len(found) < len(self._learners):
+            group = self._side_by_side(self._learners[len(found) :], hashes | asked)
+            policies = self._train(group)
+            found += [self._evaluate(one.learner, policy) for one, policy in zip(group, policies, strict=True)]
+        confounded = (self._set_name(task, "training", self._plan.demos) for task in self._plan.tasks)
+        folders = {n.rpartition("-")[0]: self._out / "sets" / n for n in confounded if n in hashes}
+        return StudyOutcome(self._plan, tuple(found), folders, dict(self._seconds))
+
+    def _require_questions(self) -> None:
+        """Refuse a set of questions that a lever names and that cannot be read, before anything is begun."""
+        asked = (recipe.co_training.sets for recipe in self._asked_elsewhere() if recipe.co_training is not None)
+        for place in dict.fromkeys(itertools.chain.from_iterable(asked)):
+            read_set(Path(place))
+
+    def _asked_elsewhere(self) -> Iterator[TrainingRecipe]:
+        """Yield a recipe for each choice of demonstrations and of sets of questions that a file of the plan names."""
+        seen = set()
+        for learner in (one for one in self._learners if not self._plan.questions_of(one)):
+            data = self._folders_of(learner)
+            recipe = self._plan.recipe_of(learner, data)
+            if recipe.co_training is not None and (pair := (data, recipe.co_training.sets)) not in seen:
+                seen.add(pair)
+                yield recipe
+
+    def _make_set(self, name: str, recipe: SetRecipe) -> str:
+        form = {**asdict(recipe), "conditions": _conditions(recipe)}
+        found = self._stage(
+            "sets",
+            name,
+            form,
+            lambda tell: {"sha256": self._workshop.make_set(recipe, self._out / "sets" / name, tell)},
+        )
+        return str(found["sha256"])
+
+    def _ask(self, name: str, about: str, count: int, hashes: Mapping[str, str]) -> str:
+        """Ask the questions about a set, and return their hash."""
+        source, out = (self._out / kind / of for kind, of in (("sets", about), ("questions", name)))
+        found = self._stage(
+            "questions",
+            name,
+            {"set": hashes[about], "questions": count},
+            lambda tell: {"sha256": self._workshop.ask(source, count, out, tell)},
+        )
+        return str(found["sha256"])
+
+    def _side_by_side(self, learners: Sequence[PlannedLearner], hashes: Mapping[str, str]) -> list[_Learning]:
+        """Return the first learners, as many as there are threads for, with what goes into them."""
+        group: list[_Learning] = []
+        threads = 0
+        for learner in learners:
+            if self._plan.start_of(learner) in [one.learner for one in group]:
+                break  # it begins with what one of these will be
+            one = self._learning(learner, hashes)
+            threads += one.job.recipe.threads
+            if group and threads > self._workshop.threads:
+                break
+            group.append(one)
+        return group
+
+    def _learning(self, learner: PlannedLearner, hashes: Mapping[str, str]) -> _Learning:
+        names, count = self._sets_of(learner), self._plan.questions_of(learner)
+        asked = [_asked_name(name, count) for name in names] if count else []
+        questions = tuple(str(self._out / "questions" / name) for name in asked)
+        start = self._plan.start_of(learner)
+        place = str(self._out / "learners" / start.name) if start is not None else ""
+        data = self._folders_of(learner)
+        recipe = self._plan.recipe_of(learner, data, start=place, questions=questions)
+        form = {**recipe.to_json(), "data": names}
+        inputs: dict[str, Any] = {"recipe": form, "sets": [hashes[name] for name in names]}
+        if (code := code_of("family", recipe.family)) is not None:
+            inputs["learner"] = code
+        if start is not None:
+            form["start"], inputs["start"] = start.name, self._digests[start]
+        if asked:
+            form["co_training"]["sets"], inputs["questions"] = asked, [hashes[name] for name in asked]
+        elif recipe.co_training is not None:
+            inputs["questions"] = [read_set(Path(place)).sha256 for place in recipe.co_training.sets]
+        begins_with = "" if start is None else self._digests[start]
+        job = TrainingJob(recipe, self._out / "learners" / learner.name, begins_with)
+        return _Learning(learner, job, _hash_of(inputs))
+
+    def _train(self, group: Sequence[_Learning]) -> list[TrainedPolicy]:
+        """Train those of a group that are not trained yet, and return the policies of all."""
+        self._number += len(group)
+        due = [one for one in group if self._there("learners", one.learner.name, one.inputs) is None]
+        for name in dict.fromkeys(name for one in due for name in self._sets_of(one.learner)):
+            self._workshop.require_set(self._out / "sets" / name, self._hashes[name])
+        if due:
+            began = time.perf_counter()
+            names = ", ".join(one.learner.name for one in due)
+            made = self._workshop.train([one.job for one in due], self._teller(f"learner {names}"))
+            seconds = (time.perf_counter() - began) / len(due)
+            for one, policy in zip(due, made, strict=True):
+                output = {"address": policy.address.replace(str(self._out), _HERE), "digest": policy.digest}
+                self._keep("learners", one.learner.name, _Done(one.inputs, output, round(seconds, 1)))
+        policies = []
+        for one in group:
+            output = self._counted("learners", one.learner.name, one.inputs)
+            address = str(output["address"]).replace(_HERE, str(self._out))
+            if address != f"learned:{one.job.out}":  # another address would run another policy, even a file of code
+                file = self._marker("learners", one.learner.name)
+                raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
+            policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))
+            self._digests[one.learner] = policies[-1].digest
+        return policies
+
+    def _evaluate(self, learner: PlannedLearner, policy: TrainedPolicy) -> LearnerOutcome:
+        """Evaluate one learner."""
+        run = self._out / "runs" / learner.name
+
+        def evaluate(tell: OnWork) -> dict[str, Any]:
+            found = self._workshop.evaluate(policy, learner.task, self._plan.trials, run, tell)
+            return {"trials": trials_form(found)}
+
+        inputs = {"policy": policy.digest, "trials": self._plan.trials}
+        found = self._stage("runs", learner.name, inputs, evaluate)
+        where = str(self._marker("runs", learner.name))
+        return LearnerOutcome(learner, read_trials(found.get("trials"), where))
+
+    def _stage(
+        self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
+    ) -> dict[str, Any]:
+        """Return what a stage gave: of its file, if that is complete with the same inputs, else of its work."""
+        self._number += 1
+        hashed = _hash_of(inputs)
+        if self._there(kind, name, hashed) is None:
+            began = time.perf_counter()
+            output = work(self._teller(f"{kind.removesuffix('s')} {name}"))
+            self._keep(kind, name, _Done(hashed, output, round(time.perf_counter() - began, 1)))
+        return self._counted(kind, name, hashed)
+
+    def _teller(self, label: str) -> OnWork:
+        """Return what tells how the stage under way goes on, and tell that it begins."""
+
+        def tell(done: int, planned: int, note: str) -> None:
+            if self._on_progress is not None:
+                self._on_progress(StudyProgress(self._number, self._stages, label, done, planned, note))
+
+        tell(0, 0, "")
+        return tell
+
+    def _marker(self, kind: str, name: str) -> Path:
+        return self._out / STAGES / f"{kind}-{name}.json"
+
+    def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
+        """Return what a complete stage left, or None if it is not done with these inputs."""
+        path = self._marker(kind, name)
+        there = _read(path, kind) if path.exists() else None
+        return there if there is not None and there.inputs == inputs else None
+
+    def _keep(self, kind: str, name: str, done: _Done) -> None:
+        path = self._marker(kind, name)
+        with on_disk(path):
+            write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
+
+    def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
+        """Return what a complete stage gave, and count its time."""
+        there = self._there(kind, name, inputs)
+        if there is None:
+            raise AssertionError(f"{kind} {name} is done")
+        self._seconds[kind] = round(self._seconds.get(kind, 0.0) + there.seconds, 1)
+        return there.output
+
+
+def _asked_name(about: str, questions: int) -> str:
+    """Return the name of a set of questions; no set of demonstrations has such a name."""
+    return f"{about}-{questions}-questions"
+
+
+def _conditions(recipe: SetRecipe) -> list[list[Any]]:
+    """Return what a set shows: a task that has changed since needs another one."""
+    tasks = [get_task(name) for name in recipe.tasks]
+    shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
+    return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
+
+
+def _hash_of(inputs: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+
+
+def _read(path: Path, kind: str) -> _Done | None:
+    """Return what the file of a stage says; None for one of an earlier version, whose stage is looked at again."""
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
+    form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
+    if "version" not in form:
+        return None
+    done = read_form(_DONE, form, where=str(path), cure=_CURE, raises=RecordError)
+    read_form(_OUTPUTS[kind], done.output, where=f"{path}: output", cure=_CURE, raises=RecordError)
+    return done

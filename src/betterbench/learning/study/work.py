@@ -1,0 +1,117 @@
+"""What a study lets others do: make a training set, train a learner, evaluate and diagnose it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from betterbench.demonstrations.making.production import set_hash
+from betterbench.demonstrations.sets.build import DEMONSTRATIONS, make_dataset
+from betterbench.demonstrations.sets.recipe import SetRecipe
+from betterbench.diagnosis import diagnose_run, stored
+from betterbench.errors import RecordError
+from betterbench.evaluation import Progress, evaluate, make_plan
+from betterbench.evaluation.figures.views import ViewRenderer
+from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJob, train_learners
+from betterbench.learning.study.outcomes import TrialOutcome, outcomes_of
+from betterbench.learning.training.data import require_questions
+from betterbench.policies.learned.address import require_torch
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.records import RunFolder
+from betterbench.vqa import SetOptions
+from betterbench.vqa import make_set as make_question_set
+
+QUESTIONS = SetOptions(cameras=("front",), quality="fast")
+"""How the demonstrations of a set are asked about; a question does not name its camera, so there is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Workshop:
+    """Who does the work of a study; each goes on where it was interrupted.
+
+    Attributes:
+        make_set: Makes the set of a recipe in a folder and returns its hash.
+        require_questions: Refuses a recipe that names sets of questions about other demonstrations than its own.
+        ask: Asks about so many questions about the demonstrations of a set, in a folder, and returns their hash.
+        train: Trains some learners, side by side if there are several.
+        evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it; refuses one
+            whose weights are not those of its digest.
+        threads: How many threads learners may take that are trained side by side.
+        require_set: Refuses a folder whose set is not the one with a hash.
+    """
+
+    make_set: Callable[[SetRecipe, Path, OnWork], str]
+    require_questions: Callable[[TrainingRecipe], None]
+    ask: Callable[[Path, int, Path, OnWork], str]
+    train: Callable[[Sequence[TrainingJob], OnWork], tuple[TrainedPolicy, ...]]
+    evaluate: Callable[[TrainedPolicy, str, int, Path, OnWork], tuple[TrialOutcome, ...]]
+    threads: int = 1
+    require_set: Callable[[Path, str], None] = lambda place, sha256: None  # noqa: ARG005 - for sets that are no runs
+
+
+def usual_workshop(*, workers: int = 1, device: str = "cpu") -> Workshop:
+    """Return the workshop of this machine; MissingDependencyError if torch is not installed."""
+    require_torch("better study")
+
+    def make_set(recipe: SetRecipe, out: Path, tell: OnWork) -> str:
+        made = make_dataset(
+            recipe, out, workers=workers, pictures=False, on_progress=lambda stage, d, n, _: tell(d, n, stage)
+        )
+        return made.sha256
+
+    def asked(source: Path, questions: int, out: Path, tell: OnWork) -> str:
+        run, options = RunFolder.open(source / DEMONSTRATIONS), replace(QUESTIONS, questions=questions)
+        made = make_question_set(
+            run,
+            out,
+            options,
+            open_photos=lambda: ViewRenderer(run, size=options.size, quality=options.quality),
+            workers=workers,
+            on_progress=lambda done, planned: tell(done, planned, "questions"),
+        )
+        return made.sha256
+
+    def evaluated(policy: TrainedPolicy, task: str, trials: int, out: Path, tell: OnWork) -> tuple[TrialOutcome, ...]:
+        plan = make_plan(
+            policy.address, tasks=(task,), trials=trials, observation=policy.observation, quality=policy.quality
+        )
+
+        def on_progress(progress: Progress) -> None:
+            tell(progress.done, progress.planned, "trials")
+
+        policy.require()
+        run = evaluate(plan, out, workers=workers, on_progress=on_progress)
+        policy.require()  # which the workers have read meanwhile
+        _require_evaluated(run, policy)
+        found = diagnose_run(run, on_progress=lambda done, of: tell(done, of, "diagnosis"))
+        stored.store_diagnosis(run, found)
+        return outcomes_of(found)
+
+    def trained(jobs: Sequence[TrainingJob], tell: OnWork) -> tuple[TrainedPolicy, ...]:
+        return train_learners(jobs, device, tell, workers=workers)
+
+    # On a card the learners would only take turns.
+    threads = workers if device == "cpu" else 1
+    return Workshop(make_set, require_questions, asked, trained, evaluated, threads, _require_set)
+
+
+def _require_set(place: Path, sha256: str) -> None:
+    """Raise RecordError if the demonstrations of a set are not those that it was made of."""
+    if set_hash(RunFolder.open(place / DEMONSTRATIONS)) != sha256:
+        raise RecordError(
+            f"{place}: holds other demonstrations than those that this study has made. Put the set back, or run a new "
+            "study into another folder; nothing was deleted."
+        )
+
+
+def _require_evaluated(run: RunFolder, policy: TrainedPolicy) -> None:
+    """Raise RecordError if a run was made with other weights than those of a learner, or does not say with which."""
+    told = run.context.get("policy")
+    metadata = told.get("metadata") if isinstance(told, Mapping) else None
+    checkpoint = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
+    if checkpoint != f"sha256 {policy.digest}" or run.context.get("policy_changes"):
+        raise RecordError(
+            f"{run.path}: was not made with the weights of {policy.address} that this study has trained. Move the "
+            "folder elsewhere, and the same command evaluates them."
+        )

@@ -1,0 +1,127 @@
+"""Batches of a training set: which frames a step draws follows from seed and step alone, so that nothing is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from betterbench.learning.training.data import TrainingSet
+from betterbench.learning.training.frames import FrameStore
+from betterbench.policies.learned.network import AskedBatch, ObjectsBatch, ShownBatch
+from betterbench.policies.learned.pixels import PicturesBatch
+from betterbench.policies.learned.recipe import TrainingRecipe
+
+
+class Batches:
+    """The frames of a training set as tensors on a device."""
+
+    def __init__(self, data: TrainingSet, recipe: TrainingRecipe, device: str) -> None:
+        self._recipe = recipe
+        frames = data.frames(held_out=False)
+        self._pool = np.concatenate([frames, *_repeats(frames, data, recipe)])
+        names = ("words", "sizes", "categories", "colors", "tools", "poses", "actions", "episodes", "first", "last")
+        self._store = data.frames_of
+        if data.frames_of is not None:
+            shown = np.ones(len(data.actions), bool) if data.shown is None else data.shown
+            self._picture_of = np.cumsum(shown) - 1
+        self._held = {name: torch.from_numpy(getattr(data, name)).to(device) for name in names}
+        self._questions, self._to_ask = data.questions, data.asked(held_out=False)
+        if data.questions is not None:
+            asked = ("words", "episodes", "tools", "poses", "answers")
+            self._asked = {name: torch.from_numpy(getattr(data.questions, name)).to(device) for name in asked}
+        self._device = device
+
+    def drawn(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
+        """Return the frames of a step that one of several processes computes."""
+        found = self._pool[_stream(self._recipe.seed, step, 0).integers(len(self._pool), size=self._recipe.batch)]
+        return found[rank::world]
+
+    def drawn_questions(self, step: int, rank: int = 0, world: int = 1) -> np.ndarray:
+        """Return the questions of a step that one of several processes computes."""
+        chosen = _stream(self._recipe.seed, step, 1).integers(len(self._to_ask), size=self._recipe.questions)
+        found: np.ndarray = self._to_ask[chosen]
+        return found[rank::world]
+
+    def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
+        """Return what is shown with questions, and the right answers."""
+        asked = self._questions
+        if asked is None:
+            raise AssertionError("nothing is asked without co-training")
+        at = torch.from_numpy(chosen).to(self._device)
+        held = self._asked
+        common = {"words": held["words"][at], "tools": held["tools"][at]}
+        shown: ShownBatch
+        if asked.frames_of is None or asked.frames is None:
+            things = {name: self._held[name][held["episodes"][at]] for name in ("sizes", "categories", "colors")}
+            shown = ObjectsBatch(**common, **things, poses=held["poses"][at])
+        else:
+            shown = PicturesBatch(
+                **common, pictures=self._pictures(asked.frames_of, asked.frames[chosen], training=training)
+            )
+        if training:
+            self._augment(shown)
+        return AskedBatch(shown, held["answers"][at])
+
+    def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
+        """Return what frames show, their chunks of actions, (B, chunk, 7), and which of these count, (B, chunk)."""
+        held, recipe = self._held, self._recipe
+        at = torch.from_numpy(frames).to(self._device)
+        episode = held["episodes"][at]
+        first, last = held["first"][episode], held["last"][episode]
+        ahead = at[:, None] + torch.arange(recipe.chunk, device=self._device)
+        back = at[:, None] - recipe.history_stride * torch.arange(recipe.history, device=self._device)
+        common = {"words": held["words"][episode], "tools": held["tools"][torch.maximum(back, first[:, None])]}
+        shown: ShownBatch
+        if self._store is None:
+            things = {name: held[name][episode] for name in ("sizes", "categories", "colors")}
+            shown = ObjectsBatch(**common, **things, poses=held["poses"][at])
+        else:
+            pictures = self._pictures(self._store, self._picture_of[frames], training=training)
+            shown = PicturesBatch(**common, pictures=pictures)
+        if training:
+            self._augment(shown)
+        return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
+
+    def _pictures(self, store: FrameStore, numbers: np.ndarray, *, training: bool) -> Tensor:
+        """Return what frames look like, (B, views, size, size, 3) uint8, each picture shifted in training."""
+        shifts, most = None, self._recipe.augmentation.shift_px
+        if training and most:
+            views = len(self._recipe.eyes.windows)
+            shifts = torch.randint(-most, most + 1, (len(numbers), views, 2)).numpy()
+        return torch.from_numpy(store.read(numbers, shifts)).to(self._device)
+
+    def _augment(self, shown: ShownBatch) -> None:
+        """Change what is shown as the recipe asks, with torch's own generator."""
+        recipe, batch = self._recipe, len(shown.words)
+        own, other = recipe.proprioception, recipe.augmentation
+        if own.noise_m:
+            noise = own.noise_m * torch.randn(batch, 1, 3, device=self._device)
+            shown.tools = torch.cat([shown.tools[..., :3] + noise, shown.tools[..., 3:]], dim=-1)
+        if isinstance(shown, PicturesBatch) and other.light:
+            shown.light = other.light * torch.randn(batch, 2, device=self._device)
+        if isinstance(shown, ObjectsBatch) and other.object_noise_m:
+            noise = other.object_noise_m * torch.randn_like(shown.poses[..., :3])
+            shown.poses = torch.cat([shown.poses[..., :3] + noise, shown.poses[..., 3:]], dim=-1)
+        if isinstance(shown, ObjectsBatch) and other.shift_m:
+            shift = other.shift_m * (2.0 * torch.rand(batch, 1, 3, device=self._device) - 1.0)
+            shift[..., 2] = 0.0
+            shown.tools = torch.cat([shown.tools[..., :3] + shift, shown.tools[..., 3:]], dim=-1)
+            shown.poses = torch.cat([shown.poses[..., :3] + shift, shown.poses[..., 3:]], dim=-1)
+        if own.dropout:
+            shown.blind = torch.rand(batch, device=self._device) < own.dropout
+
+
+def _stream(seed: int, step: int, what: int) -> np.random.Generator:
+    """Return the random numbers of a step; those of other steps, or of something else in it, do not depend on them."""
+    # The counter of a Philox generator makes streams of their own for each step, without what came before it.
+    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, what, step]))
+
+
+def _repeats(frames: np.ndarray, data: TrainingSet, recipe: TrainingRecipe) -> list[np.ndarray]:
+    """Return frames at changes of the gripper as often again as their weight says; a fraction is spread evenly."""
+    at_gripper = frames[data.at_gripper[frames]]
+    extra = recipe.gripper_weight - 1.0
+    whole = int(extra)
+    spread = np.linspace(0, len(at_gripper), round((extra - whole) * len(at_gripper)), endpoint=False).astype(np.int64)
+    return [at_gripper] * whole + [at_gripper[spread]]

@@ -1,0 +1,313 @@
+"""The frames of demonstrations as a learner of the ``pixels`` family sees them, drawn once and kept beside the data.
+
+One file holds the frames of one demonstration, named by everything they follow from: the record, the views, the render
+preset and the rows. A file is there whole or not at all, so drawing resumes where it was ended, and its bytes do not
+depend on the number of workers. Frames are read one by one from files that are mapped into memory, so that memory is
+bounded by what the system can spare.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import mmap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, TypeAdapter
+
+from betterbench.demonstrations.export.pictures import Pictures
+from betterbench.errors import InvalidInputError, RecordError
+from betterbench.interface import observation_spec
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import on_disk, remove_parts
+from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.json_form import (
+    SEAL,
+    dump_json,
+    open_ordinary,
+    parse_json,
+    read_form,
+    seal_of,
+    sealed_form,
+    strict_form,
+)
+from betterbench.learning.training.processes import TrainingProcesses
+from betterbench.policies.learned.eyes import looked_at
+from betterbench.policies.learned.recipe import Eyes
+from betterbench.records import Record, RunFolder
+from betterbench.records.compressed import pack_block, unpack_block
+
+FRAMES_VERSION = 1
+"""Version of how a record becomes frames, and of the files that hold them."""
+SUFFIX = ".frames"
+"""What the name of the folder of frames adds to that of the folder of demonstrations."""
+
+_MAX_HEADER = 1 << 16
+_ITSELF, _DIFFERENCE = 0, 1
+_INDEX_NUMBERS = 3  # where a picture begins and ends, and whether it is its difference to the first one of its view
+
+OnDrawn = Callable[[int, int], None]
+"""Called with the number of demonstrations whose frames are there, and of all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedFrames:
+    """The frames of one demonstration.
+
+    Attributes:
+        run: Its run.
+        record: Its record.
+        digest: SHA-256 of the record's file.
+        rows: (n,) rows of the record that are drawn.
+        folder: Folder in which its file is.
+    """
+
+    run: RunFolder
+    record: Record
+    digest: str
+    rows: np.ndarray
+    folder: Path
+
+    def file(self, eyes: Eyes) -> Path:
+        """Return the file that holds its frames."""
+        rows = hashlib.sha256(self.rows.astype("<i8").tobytes()).hexdigest()
+        told = {"version": FRAMES_VERSION, "record": self.digest, "eyes": _form(eyes), "rows": rows}
+        return self.folder / f"{hashlib.sha256(dump_json(told)).hexdigest()[:32]}.bin"
+
+
+def drawn_frames(
+    wanted: Sequence[WantedFrames], eyes: Eyes, *, workers: int = 1, on_drawn: OnDrawn | None = None
+) -> FrameStore:
+    """Return the frames of demonstrations, in their order; those that are missing or damaged are drawn first.
+
+    Raises:
+        RecordError: If a stored scene is missing or unreadable.
+        RunConflictError: If another process draws into the same folder.
+        StorageError: If the disk is full; what was drawn stays.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    files = [item.file(eyes) for item in wanted]
+    there = {file: found for file in files if (found := _EpisodeFrames.open(file)) is not None}
+    missing = {f: item for f, item in zip(files, wanted, strict=True) if f not in there}
+    left = len(missing)
+
+    def told(_: tuple[Path, WantedFrames]) -> None:
+        nonlocal left
+        left -= 1
+        if on_drawn is not None:
+            on_drawn(len(files) - left, len(files))
+
+    for folder in sorted({file.parent for file in missing}):
+        _draw(folder, {f: i for f, i in missing.items() if f.parent == folder}, eyes, workers, told)
+    return FrameStore([there.get(file) or _opened(file) for file in files])
+
+
+def _draw(
+    folder: Path,
+    missing: Mapping[Path, WantedFrames],
+    eyes: Eyes,
+    workers: int,
+    on_done: Callable[[tuple[Path, WantedFrames]], None],
+) -> None:
+    """Draw the files of a folder that are missing."""
+    cameras = observation_spec(eyes.observation).only(eyes.cameras).cameras
+
+    def work(pictures: Pictures, item: tuple[Path, WantedFrames]) -> None:
+        file, one = item
+        shown = pictures.of(one.run, one.record, rows=one.rows.tolist())
+        frames = np.stack([looked_at(eyes, views) for views in shown])
+        with on_disk(file):
+            write_durably(file, frames_bytes(frames))
+
+    with on_disk(folder), RunLock(folder / LOCK_NAME, waits=TrainingProcesses.here().size > 1):
+        remove_parts(folder)
+        # A process that trains together with this one may have drawn them while this one waited.
+        there = {file for file in missing if _EpisodeFrames.open(file) is not None}
+        for file in there:
+            on_done((file, missing[file]))
+        # Neighbors share a scene, which takes longer to open than a picture to draw.
+        waiting = sorted(
+            ((file, item) for file, item in missing.items() if file not in there),
+            key=lambda item: (item[1].record.metadata.scene_hash, item[0]),
+        )
+        in_threads(
+            waiting, work, workers=workers, open_resource=lambda: Pictures(cameras, eyes.quality), on_done=on_done
+        )
+
+
+def frames_bytes(frames: np.ndarray) -> bytes:
+    """Return the file of some frames, (n, views, size, size, 3) uint8.
+
+    Each picture is compressed by itself, or its difference to the first one of its view, modulo 256, where that is
+    shorter, as it is for a camera that stands still.
+    """
+    rows, views = frames.shape[:2]
+    index = np.zeros((rows, views, _INDEX_NUMBERS), "<i8")
+    blocks, at = list[bytes](), 0
+    for row in range(rows):
+        for view in range(views):
+            block, kind = pack_block(frames[row, view].tobytes()), _ITSELF
+            if row:
+                other = pack_block((frames[row, view] - frames[0, view]).tobytes())
+                if len(other) < len(block):
+                    block, kind = other, _DIFFERENCE
+            index[row, view] = at, at + len(block), kind
+            blocks.append(block)
+            at += len(block)
+    payload = index.tobytes() + b"".join(blocks)
+    told = {"version": FRAMES_VERSION, "shape": list(frames.shape), "sha256": hashlib.sha256(payload).hexdigest()}
+    header = dump_json(sealed_form(told))
+    return len(header).to_bytes(8, "little") + header + payload
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EpisodeFrames:
+    """The frames of one file, which is mapped into memory."""
+
+    path: Path
+    shape: tuple[int, ...]
+    sha256: str
+    index: np.ndarray
+    blocks: memoryview
+    first: np.ndarray
+
+    @classmethod
+    def open(cls, path: Path) -> _EpisodeFrames | None:
+        """Return the frames of a file; None if it is missing or damaged."""
+        try:
+            with open_ordinary(path) as file:
+                data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
+            length = int.from_bytes(data[:8], "little")
+            if length > _MAX_HEADER:
+                return None
+            form = parse_json(bytes(data[8 : 8 + length]))
+            if not isinstance(form, dict) or form.pop(SEAL, None) != seal_of(form):
+                return None
+            header = read_form(_HEADER, form, where=str(path), cure="Draw them again")
+            payload, shape = data[8 + length :], header.shape
+            if hashlib.sha256(payload).hexdigest() != header.sha256:
+                return None
+            size = 8 * _INDEX_NUMBERS * shape[0] * shape[1]
+            index = np.frombuffer(payload[:size], "<i8").reshape(shape[0], shape[1], _INDEX_NUMBERS)
+            blocks = payload[size:]
+            found = [_picture(blocks, index[0, view], None, shape) for view in range(shape[1])]
+            return cls(path, shape, header.sha256, index, blocks, np.stack(found))
+        except (OSError, ValueError, IndexError, RecordError, InvalidInputError):
+            return None
+
+    def into(self, row: int, out: np.ndarray) -> None:
+        """Put the pictures of a row into ``out``, (views, size, size, 3)."""
+        for view in range(self.shape[1]):
+            out[view] = _picture(self.blocks, self.index[row, view], self.first[view], self.shape)
+
+
+_Rows = Annotated[int, Field(ge=1, lt=1 << 31)]
+_Count = Annotated[int, Field(ge=1, le=64)]
+_Size = Annotated[int, Field(ge=1, le=4096)]
+_Colors = Annotated[int, Field(ge=3, le=3)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _Header:
+    """The header of a file of frames; its shape is (rows, views, size, size, 3)."""
+
+    version: Literal[1]  # FRAMES_VERSION
+    shape: tuple[_Rows, _Count, _Size, _Size, _Colors]
+    sha256: str
+
+    def __post_init__(self) -> None:
+        """Refuse pictures that are not square; raises InvalidInputError."""
+        if self.shape[2] != self.shape[3]:
+            raise InvalidInputError("shape", f"has pictures of {self.shape[2]} x {self.shape[3]}", "Square them")
+
+
+_HEADER = TypeAdapter(_Header)
+
+
+def _opened(file: Path) -> _EpisodeFrames:
+    found = _EpisodeFrames.open(file)
+    if found is None:
+        raise RecordError(f"{file}: frames are missing or damaged. Run the same command again to draw them.")
+    return found
+
+
+def _picture(blocks: memoryview, entry: np.ndarray, first: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    begin, end, kind = entry.tolist()
+    size, _, colors = shape[2:]
+    data = np.frombuffer(unpack_block(blocks[begin:end], size * size * colors), np.uint8).reshape(size, size, colors)
+    return data if kind == _ITSELF or first is None else data + first
+
+
+class FrameStore:
+    """The frames of several demonstrations, one after the other, to be read in any order.
+
+    Attributes:
+        sha256: Hash over all frames.
+        first: (E + 1,) number of the first frame of each demonstration, and of all frames.
+    """
+
+    def __init__(self, episodes: Sequence[_EpisodeFrames]) -> None:
+        if len({e.shape[1:] for e in episodes}) > 1:
+            raise InvalidInputError("frames", "they have several shapes", "Give the frames of one recipe")
+        self._episodes = tuple(episodes)
+        self.first = np.cumsum([0, *(e.shape[0] for e in episodes)])
+        self.sha256 = hashlib.sha256("".join(f"{e.sha256}\n" for e in episodes).encode()).hexdigest()
+
+    @classmethod
+    def open(cls, files: Sequence[Path]) -> FrameStore:
+        """Return the frames of files in their order; RecordError if one is missing or damaged."""
+        return cls([_opened(file) for file in files])
+
+    def __len__(self) -> int:
+        return int(self.first[-1])
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files [byte]."""
+        return sum(episode.path.stat().st_size for episode in self._episodes)
+
+    def read(self, numbers: np.ndarray, shifts: np.ndarray | None = None) -> np.ndarray:
+        """Return frames, (B, views, size, size, 3) uint8.
+
+        Args:
+            numbers: (B,) numbers of the frames.
+            shifts: (B, views, 2) by how many pixels each picture is moved down and to the right; its edges are
+                repeated. None for not at all.
+        """
+        found = np.empty((len(numbers), *self._episodes[0].shape[1:]), np.uint8)
+        owners = np.searchsorted(self.first, numbers, side="right") - 1
+        for place, (number, owner) in enumerate(zip(numbers.tolist(), owners.tolist(), strict=True)):
+            self._episodes[owner].into(number - int(self.first[owner]), found[place])
+        if shifts is not None:
+            for pictures, moves in zip(found, shifts.tolist(), strict=True):
+                for picture, (down, right) in zip(pictures, moves, strict=True):
+                    shift(picture, down, right)
+        return found
+
+
+def shift(picture: np.ndarray, down: int, right: int) -> None:
+    """Move a picture, (height, width, colors) and contiguous, in place by whole pixels; its edges are repeated."""
+    flat = picture.reshape(-1)
+    count = (down * picture.shape[1] + right) * picture.shape[2]
+    if count > 0:
+        flat[count:] = flat[:-count]
+    elif count < 0:
+        flat[:count] = flat[-count:]
+    # What came over from the row above or below is in the columns that the edge is repeated in.
+    if right:
+        inside, edge = (slice(right), right) if right > 0 else (slice(right, None), right - 1)
+        picture[:, inside] = picture[:, edge, None]
+    if down:
+        inside, edge = (slice(down), down) if down > 0 else (slice(down, None), down - 1)
+        picture[inside] = picture[edge]
+
+
+def _form(eyes: Eyes) -> dict[str, object]:
+    views = [{"camera": view.camera, "window": list(view.window)} for view in eyes.windows]
+    cameras = [[c.name, c.width, c.height] for c in observation_spec(eyes.observation).only(eyes.cameras).cameras]
+    return {"cameras": cameras, "views": views, "size": eyes.size, "quality": eyes.quality}

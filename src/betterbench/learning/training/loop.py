@@ -1,0 +1,482 @@
+"""The loop of training: each step follows from weights, seed and number of the step, so that it can be resumed."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Annotated, Any
+
+import torch
+import torch.distributed
+from pydantic import Field, TypeAdapter
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
+
+from betterbench.errors import InvalidInputError, RunConflictError, TrainingError, one_line
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import PART_SUFFIX, on_disk, remove_parts
+from betterbench.jobs.lock import LOCK_NAME, RunLock
+from betterbench.json_form import file_digest, read_form, read_object, strict_form
+from betterbench.learning.training.batches import Batches
+from betterbench.learning.training.curves import Log, LossRow
+from betterbench.learning.training.data import TrainingSet, scales_of
+from betterbench.learning.training.processes import TrainingProcesses
+from betterbench.learning.training.validation import phase_errors, right_answers, roll_out, rollout_trials
+from betterbench.policies.learned.checkpoint import (
+    FILE_NAME,
+    Trained,
+    checkpoint_file,
+    load_weights,
+    read_tensors,
+    require_code,
+    write_checkpoint,
+    write_tensors,
+)
+from betterbench.policies.learned.network import LearnerNetwork
+from betterbench.policies.learned.networks import new_network
+from betterbench.policies.learned.policy import Learner
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.records import first_difference
+from betterbench.records.run import keep_copies
+from betterbench.tasks.user_files import code_of, explaining
+
+STATE_NAME = "state.safetensors"
+"""What training resumes from: weights, their mean, and the moments of the optimizer."""
+_RECIPE_NAME = "recipe.json"
+_MAX_RECIPE = 1 << 20
+_ROW_STEPS = 50
+_BETAS = (0.9, 0.95)
+_STATE_CURE = "Train into another folder, or put the file back"
+_SAME = {
+    "torch": "that version of torch",
+    "device": "that --device",
+    "processes": "as many processes",
+    "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
+}
+"""What another training differs in beside recipe and data, as what one has to go on with."""
+_PATIENCE = timedelta(hours=6)
+"""How long processes wait for the first one, which alone validates and writes."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingProgress:
+    """How far a training is.
+
+    Attributes:
+        step: Steps that are done, those of earlier sittings included.
+        steps: Steps of the recipe.
+        loss: Mean loss of the last steps.
+        samples_per_s: Training samples per second of this sitting, without validation.
+    """
+
+    step: int
+    steps: int
+    loss: float
+    samples_per_s: float
+
+
+OnTraining = Callable[[TrainingProgress], None]
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingResult:
+    """A training that is complete.
+
+    Attributes:
+        checkpoint: File of the learner.
+        parameters: Numbers that were trained.
+        log: Its tables.
+        seconds: What this sitting took, reading of data left out [s].
+        samples_per_s: Training samples per second of this sitting, without validation; 0 if nothing was left to do.
+    """
+
+    checkpoint: Path
+    parameters: int
+    log: Log
+    seconds: float
+    samples_per_s: float
+
+
+def train(
+    recipe: TrainingRecipe,
+    data: TrainingSet,
+    out: Path,
+    *,
+    device: str = "cpu",
+    on_progress: OnTraining | None = None,
+) -> TrainingResult:
+    """Train a learner by a recipe, or go on where the last sitting was ended.
+
+    On one machine and with as many threads and processes, the weights are the same bit for bit whatever interrupts it.
+
+    Raises:
+        RunConflictError: If the folder holds another training, or another process writes to it.
+        TrainingError: If the loss is not finite; what was saved before stays.
+        InvalidInputError: If the saved state is damaged, or the device cannot be used.
+        StorageError: If the disk is full; what was saved before stays. Or if the folder was removed or moved meanwhile.
+    """
+    world = TrainingProcesses.here()
+    require_place(out, device)
+    if recipe.batch % world.size:
+        raise InvalidInputError("batch", f"{recipe.batch} is no multiple of {world.size} processes", "Change the batch")
+    if recipe.questions % world.size:
+        problem = f"{recipe.questions} questions are no multiple of {world.size} processes"
+        raise InvalidInputError("co_training.weight", problem, "Change the weight")
+    form = {
+        "recipe": recipe.to_json(),
+        "data": data.sha256,
+        "start": None if recipe.start is None else file_digest(checkpoint_file(recipe.start)),
+        "torch": str(torch.__version__),
+        "device": device.partition(":")[0],
+        "processes": world.size,
+    }
+    if (code := code_of("family", recipe.family)) is not None:
+        form["learner"] = code
+    with contextlib.ExitStack() as stack:
+        lock: RunLock | None = None
+        if world.rank == 0:
+            with on_disk(out):
+                lock = stack.enter_context(RunLock(out / LOCK_NAME))
+            _keep_recipe(form, out)
+            if code is not None:
+                keep_copies(out)
+            remove_parts(out)
+        stack.enter_context(_deterministic(recipe.threads))
+        stack.enter_context(_together(world, device))
+        trained = _Training(recipe, data, out, world.device(device), world, identity=_identity(form)).run(on_progress)
+        if lock is not None:
+            lock.require_in_place()
+        return trained
+
+
+def require_place(out: Path, device: str) -> None:
+    """Refuse a folder that holds other files, or a device that cannot be used, before any data are read.
+
+    Raises RunConflictError or InvalidInputError.
+    """
+    _require_device(TrainingProcesses.here().device(device))
+    others = [p for p in out.iterdir() if not p.name.endswith(PART_SUFFIX)] if out.is_dir() else []
+    if not (out / _RECIPE_NAME).exists() and any(p.name != LOCK_NAME for p in others):
+        raise RunConflictError(f"{out}: the folder holds other files and no training. Choose an empty or a new folder.")
+
+
+class _Training:
+    """One training while it runs."""
+
+    def __init__(
+        self,
+        recipe: TrainingRecipe,
+        data: TrainingSet,
+        out: Path,
+        device: str,
+        world: TrainingProcesses,
+        *,
+        identity: str,
+    ) -> None:
+        self._recipe, self._data, self._out, self._device, self._world = recipe, data, out, device, world
+        self._identity = identity
+        self._batches = Batches(data, recipe, device)
+        torch.manual_seed(recipe.seed)
+        self._network = new_network(recipe, data.vocabulary)
+        scales = scales_of(data)
+        buffers = dict(self._network.named_buffers())
+        for name in buffers.keys() & scales.keys():
+            buffers[name].copy_(torch.from_numpy(scales[name]))
+        if recipe.start is not None:
+            _begin_with(self._network, checkpoint_file(recipe.start), data)
+        for part, parameters in self._network.parts().items():
+            for parameter in parameters:
+                if part in recipe.frozen:
+                    parameter.requires_grad_(False)
+        self._network.to(device)
+        self._trained = {n: p for n, p in self._network.named_parameters() if p.requires_grad}
+        if not self._trained:
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
+        self._mean = {name: tensor.detach().clone() for name, tensor in self._network.state_dict().items()}
+        self._running = {name for name in buffers if name not in scales and name in self._mean}
+        self._optimizer = torch.optim.AdamW(
+            self._trained.values(), lr=recipe.learning_rate, betas=_BETAS, weight_decay=recipe.weight_decay
+        )
+        self._step, self._log = 0, Log()
+        self._rows: list[list[float]] = []  # loss and norm of the steps since the last row of the log
+        if (out / STATE_NAME).exists():
+            self._restore()
+
+    def run(self, on_progress: OnTraining | None) -> TrainingResult:
+        """Train to the end and write the checkpoint."""
+        recipe, began = self._recipe, time.perf_counter()
+        first, busy = self._step, 0.0
+        shared: nn.Module = self._network
+        if self._world.size > 1:
+            shared = DistributedDataParallel(self._network)
+        while self._step < recipe.steps:
+            at = time.perf_counter()
+            self._rows.append(self._advance(shared))
+            busy += time.perf_counter() - at
+            done, ended = self._step, self._step == recipe.steps
+            if done % _ROW_STEPS == 0 or ended:
+                means = [sum(values) / len(self._rows) for values in zip(*self._rows, strict=True)]
+                self._log.losses.append(LossRow(done, round(means[0], 6), self._rate(done - 1), round(means[1], 6)))
+                self._rows = []
+                if on_progress is not None and self._world.rank == 0:
+                    speed = (done - first) * recipe.batch / busy
+                    on_progress(TrainingProgress(done, recipe.steps, means[0], speed))
+            if done % recipe.validate_every == 0 or ended:
+                self._validate()
+            if done % recipe.save_every == 0 or ended:
+                self._save()
+        checkpoint = self._out / FILE_NAME
+        if self._world.rank == 0:
+            write_checkpoint(checkpoint, self._mean, self._about())
+            self._log.write(self._out)
+        count = sum(p.numel() for p in self._trained.values())
+        speed = (self._step - first) * recipe.batch / busy if busy else 0.0
+        return TrainingResult(checkpoint, count, self._log, time.perf_counter() - began, speed)
+
+    def _advance(self, shared: nn.Module) -> list[float]:
+        """Take one step; return its loss and the norm of its gradient."""
+        recipe, world = self._recipe, self._world
+        torch.manual_seed(_step_seed(recipe.seed, self._step, world.rank))
+        self._network.train()
+        for part in () if recipe.built_in else recipe.frozen:  # so that a frozen batch norm stays as it is too
+            if isinstance(module := getattr(self._network, part, None), nn.Module):
+                module.eval()
+        shown, actions, counted = self._batches.sample(
+            self._batches.drawn(self._step, world.rank, world.size), training=True
+        )
+        asked = None
+        if recipe.questions:
+            chosen = self._batches.drawn_questions(self._step, world.rank, world.size)
+            asked = self._batches.questions(chosen, training=True)
+        with explaining("family", recipe.family):
+            loss = shared(shown, actions, counted, asked)
+        if not recipe.built_in:
+            self._require_sound(loss)
+        self._optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        for name, weight in self._trained.items():
+            where = f"learner {recipe.family!r}"
+            if weight.grad is None:
+                raise InvalidInputError(where, f"no action depends on its weights {name}", "Use or remove them")
+            if weight.grad.is_sparse:
+                raise InvalidInputError(where, f"the gradient of {name} is sparse", "Make it dense")
+        norm = nn.utils.clip_grad_norm_(self._trained.values(), recipe.clip)
+        found = [float(loss.detach()), float(norm)]
+        if not all(math.isfinite(value) for value in found):
+            raise TrainingError(
+                f"step {self._step + 1}: the loss is {found[0]} and its gradient {found[1]}, so training cannot go on. "
+                f"What was saved in {self._out} stays: train with a smaller learning_rate or clip, into another folder."
+            )
+        for group in self._optimizer.param_groups:
+            group["lr"] = self._rate(self._step)
+        self._optimizer.step()
+        self._step += 1
+        self._follow()
+        return found
+
+    def _require_sound(self, loss: object) -> None:
+        """Refuse a learner of one's own whose loss is none, or that has made weights since it was built."""
+        where = f"learner {self._recipe.family!r}"
+        if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
+            raise InvalidInputError(where, "its loss is no number that its weights can be led by", "Correct loss")
+        new = sorted(self._network.state_dict().keys() ^ self._mean.keys())
+        if new:
+            raise InvalidInputError(where, f"{new[0]} was not there after build", "Make all modules in build")
+
+    def _rate(self, step: int) -> float:
+        """Return the learning rate of a step, counted from 0."""
+        recipe = self._recipe
+        if step < recipe.warmup:
+            return recipe.learning_rate * (step + 1) / recipe.warmup
+        share = (step - recipe.warmup) / max(1, recipe.steps - recipe.warmup)
+        return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
+
+    def _follow(self) -> None:
+        """Move the mean of the weights toward them; at first faster, because it began at random weights.
+
+        What a learner of one's own keeps beside them, as a batch norm does, is taken over as it is.
+        """
+        decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
+        with torch.no_grad():
+            names = list(self._trained)
+            torch._foreach_lerp_(
+                [self._mean[name] for name in names], [self._trained[name].detach() for name in names], 1.0 - decay
+            )
+            for name, buffer in self._network.named_buffers() if self._running else ():
+                if name in self._running:
+                    self._mean[name].copy_(buffer)
+
+    def _about(self) -> Trained:
+        code = code_of("family", self._recipe.family)
+        return Trained(self._recipe, self._data.vocabulary, self._step, self._data.sha256, code=code)
+
+    def _validate(self) -> None:
+        """Add the errors per phase and a few rollouts of the mean weights to the log."""
+        if self._world.rank:
+            return
+        network = new_network(self._recipe, self._data.vocabulary).to(self._device)
+        network.load_state_dict(self._mean)
+        network.eval()
+        self._log.errors += phase_errors(network, self._batches, self._data, self._recipe, self._step)
+        self._log.answers += right_answers(network, self._batches, self._data, self._step)
+        learner = Learner(network, self._about())
+        for trial in rollout_trials(self._data, self._recipe.rollouts):
+            self._log.rollouts.append(roll_out(learner, trial, self._step))
+
+    def _save(self) -> None:
+        """Write the tables, then the state that training resumes from."""
+        if self._world.rank:
+            return
+        self._log.write(self._out)
+        tensors = {f"weights/{name}": tensor for name, tensor in self._network.state_dict().items()}
+        tensors |= {f"mean/{name}": tensor for name, tensor in self._mean.items()}
+        for name, parameter in self._trained.items():
+            moments = self._optimizer.state[parameter]
+            tensors |= {f"first/{name}": moments["exp_avg"], f"second/{name}": moments["exp_avg_sq"]}
+        about = {"step": self._step, "rows": self._rows, "training": self._identity, "log": self._log.digest()}
+        write_tensors(self._out / STATE_NAME, tensors, about)
+
+    def _restore(self) -> None:
+        """Go back to the saved state; InvalidInputError if it is no state of this training."""
+        path = self._out / STATE_NAME
+        tensors, about = read_tensors(path, cure=_STATE_CURE)
+        if about.get("training") != self._identity:
+            raise InvalidInputError(str(path), "is the state of another training", _STATE_CURE)
+        state = read_form(_STATE, about, where=str(path), cure=_STATE_CURE)
+        if state.step > self._recipe.steps:
+            raise InvalidInputError(f"{path}: step", f"is beyond the {self._recipe.steps} of the recipe", _STATE_CURE)
+        parts: dict[str, dict[str, Tensor]] = {"weights": {}, "mean": {}, "first": {}, "second": {}}
+        for name, tensor in tensors.items():
+            part, _, rest = name.partition("/")
+            parts.setdefault(part, {})[rest] = tensor.to(self._device)
+        load_weights(self._network, parts["weights"], str(path))
+        _require_like(parts.pop("mean"), self._mean, f"{path}: mean")
+        for part in ("first", "second"):
+            _require_like(parts[part], self._trained, f"{path}: {part}")
+        self._mean = {name: tensors[f"mean/{name}"].to(self._device) for name in self._mean}
+        self._step, self._rows = state.step, state.rows
+        for name, parameter in self._trained.items():
+            self._optimizer.state[parameter] = {
+                "step": torch.tensor(float(self._step)),
+                "exp_avg": parts["first"][name],
+                "exp_avg_sq": parts["second"][name],
+            }
+        self._log = Log.read(self._out, self._step)
+        if state.log not in (None, self._log.digest()):
+            problem = "its tables are not those that were written with the saved state"
+            raise InvalidInputError(str(self._out), problem, _STATE_CURE)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What the state of a training says about itself; states of earlier versions say nothing of the tables."""
+
+    step: Annotated[int, Field(ge=0, lt=1 << 53)]
+    rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
+    training: str
+    log: str | None = None
+
+
+_STATE = TypeAdapter(_State)
+
+
+def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], where: str) -> None:
+    """Raise InvalidInputError unless tensors have the names, shapes and types of others."""
+    forms = [{n: (tuple(t.shape), t.dtype) for n, t in some.items()} for some in (there, wanted)]
+    if forms[0] != forms[1]:
+        names = sorted(n for n in forms[0].keys() ^ forms[1].keys()) or ["a shape"]
+        raise InvalidInputError(where, f"does not fit the learner ({one_line(names[0], most=80)} differs)", _STATE_CURE)
+
+
+def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
+    """Take over the weights of a checkpoint, which has to know the same words and things."""
+    weights, about = read_tensors(start)
+    require_code(about, f"start: {start}")
+    known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
+    if known is not None:
+        problem = f"it knows other words or things: {known[0]} is {known[1]} there and {known[2]} in the data"
+        raise InvalidInputError(f"start: {start}", problem, "Give a checkpoint that was trained on such data")
+    load_weights(network, weights, f"start: {start}")
+
+
+def _keep_recipe(form: Mapping[str, Any], out: Path) -> None:
+    """Write what decides the weights into the folder, or find the same there; RunConflictError if it is another."""
+    path = out / _RECIPE_NAME
+    if path.exists():
+        cure = "Choose another folder"
+        there = read_object(path, max_bytes=_MAX_RECIPE, cure=cure)
+        found = first_difference(_wherever(there), _wherever(form), "training")
+        if found is not None:
+            same = _SAME.get(found[0].split(".")[1], "the same recipe and data")
+            raise RunConflictError(
+                f"{out}: this folder holds another training: {found[0]} is {found[1]} there and {found[2]} here. "
+                f"Go on with {same}, or choose another folder."
+            )
+        if there == form:
+            return
+    with on_disk(out):
+        write_durably(path, (json.dumps(form, indent=1) + "\n").encode())
+
+
+def _identity(form: Mapping[str, Any]) -> str:
+    """Return a hash of what decides the weights."""
+    return hashlib.sha256(json.dumps(_wherever(form), sort_keys=True).encode()).hexdigest()
+
+
+def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what decides the weights without where it lies: what was moved is known by its hash."""
+    recipe = form.get("recipe")
+    if not isinstance(recipe, dict):
+        return dict(form)
+    recipe = {name: value for name, value in recipe.items() if name not in {"data", "start"}}
+    if isinstance(asking := recipe.get("co_training"), dict):
+        recipe["co_training"] = {name: value for name, value in asking.items() if name != "sets"}
+    return {**form, "recipe": recipe}
+
+
+def _require_device(device: str) -> None:
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, ValueError) as error:
+        problem = f"cannot be used ({' '.join(str(error).split())[:160]})"
+        raise InvalidInputError(f"--device {device}", problem, "Give cpu, or cuda where there is a card") from error
+
+
+@contextlib.contextmanager
+def _deterministic(threads: int) -> Iterator[None]:
+    """Compute with so many threads meanwhile, and leave torch's random numbers outside as they were."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
+    try:
+        with torch.random.fork_rng():
+            yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@contextlib.contextmanager
+def _together(world: TrainingProcesses, device: str) -> Iterator[None]:
+    """Connect the processes that train together; nothing where there is one alone."""
+    if world.size == 1:
+        yield
+        return
+    if device.startswith("cuda"):
+        torch.cuda.set_device(world.device(device))
+    torch.distributed.init_process_group("nccl" if device.startswith("cuda") else "gloo", timeout=_PATIENCE)
+    try:
+        yield
+    finally:
+        torch.distributed.destroy_process_group()
+
+
+def _step_seed(seed: int, step: int, rank: int) -> int:
+    digest = hashlib.sha256(f"betterbench training {seed} {step} {rank}".encode()).digest()
+    return int.from_bytes(digest[:8], "big") >> 1

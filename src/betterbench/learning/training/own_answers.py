@@ -1,0 +1,232 @@
+"""What a co-trained learner says of its own trials: where is the object that the instruction names?
+
+A learner that answers questions beside its actions may know where the object is and still reach elsewhere. Its own
+head is asked, about the states of the records of its trials and with what it sees when it acts there. It answers with a
+cell of the image, see :mod:`betterbench.learning.training.questions`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis
+from betterbench.errors import InvalidInputError
+from betterbench.learning.training.questions import question_text
+from betterbench.policies.learned.network import ObjectsBatch
+from betterbench.policies.learned.policy import Learner
+from betterbench.policies.learned.tokens import pose_numbers, things_of, tool_numbers
+from betterbench.records import Record, RunFolder
+from betterbench.statistics import Rate
+from betterbench.tasks import Kind
+from betterbench.vqa.blind import answer_class
+from betterbench.vqa.dataset import OpenPhotos
+from betterbench.vqa.named_object import NamedObject, named_object
+from betterbench.vqa.question import Question
+
+_CELL = re.compile(r"([0-7]),([0-7])")
+"""An answer that names a cell: column and row."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswer:
+    """One answer of a learner about a trial that it played.
+
+    Attributes:
+        trial: Task, condition and seed.
+        where: The variation, or the training condition.
+        label: What the diagnosis says of the trial.
+        success: Whether it succeeded.
+        object: Name of the object that the instruction names.
+        row: Row of the record that was asked about.
+        question: The question as the learner read it.
+        cell: The right answer: "column,row" of a grid of 8 x 8 over the image.
+        answer: What the learner answered.
+        nearest: Name of the loose object whose middle is nearest to the middle of the cell that it named; "" if it
+            named no cell. A cell is as large as an object, so that the next cell often shows the object too.
+    """
+
+    trial: str
+    where: str
+    label: str
+    success: bool
+    object: str
+    row: int
+    question: str
+    cell: str
+    answer: str
+    nearest: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it named the cell of the object."""
+        return self.answer == self.cell
+
+    @property
+    def means_it(self) -> bool:
+        """Whether it named a cell that is nearer to the object than to any other one."""
+        return self.nearest == self.object
+
+
+@dataclass(frozen=True, slots=True)
+class OwnAnswers:
+    """What a learner answered about some trials of one condition.
+
+    Attributes:
+        where: The task with the variation or the training condition.
+        cells: Answers that name the cell of the object, of those that were asked.
+        nearest: Answers that name a cell nearer to the object than to any other one, of those that were asked.
+        trials: Trials of which all answers are nearest to the object, of those that were asked about.
+    """
+
+    where: str
+    cells: Rate
+    nearest: Rate
+    trials: Rate
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        rates = {"cells": self.cells, "nearest": self.nearest, "trials": self.trials}
+        return {"where": self.where, **{name: rate.to_json() for name, rate in rates.items()}}
+
+
+def ask_about_run(
+    learner: Learner,
+    run: RunFolder,
+    diagnosis: RunDiagnosis,
+    *,
+    open_photos: OpenPhotos,
+    camera: str = "front",
+    tasks: Sequence[str] = (),
+    failures_only: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> tuple[OwnAnswer, ...]:
+    """Ask a learner where the named object is in the trials of its own run.
+
+    Args:
+        learner: The learner.
+        run: The run that it played.
+        diagnosis: The diagnosis of that run.
+        open_photos: Opens what draws the frames; of these only the places of objects in the image are used.
+        camera: Camera about which the learner was asked in training.
+        tasks: Tasks whose trials are asked about; all if empty.
+        failures_only: Leave out the trials that succeeded.
+        on_progress: Called with the number of trials done and planned.
+
+    Raises:
+        InvalidInputError: If the learner answers no questions, sees images, did not play the run, or no trial is left.
+        RecordError: If a record or its scene is damaged.
+    """
+    _require_asked(learner, run)
+    chosen = [
+        t
+        for t in diagnosis.trials
+        if t.record is not None
+        and t.kind not in (Kind.SYSTEM, Kind.UNFINISHED)
+        and (not tasks or t.task in tasks)
+        and not (failures_only and t.kind is Kind.NONE)
+    ]
+    if not chosen:
+        raise InvalidInputError(
+            str(run.path), "no trial is left to be asked about", "Leave out --failures-only or --tasks"
+        )
+    found: list[OwnAnswer] = []
+    with open_photos() as photos:
+        for number, trial in enumerate(chosen, start=1):
+            key = trial.trial_id
+            record = run.read_record(key.task, key.condition, key.seed)
+            about = named_object(record, trial, photos, camera=camera)
+            if about is not None:
+                said = own_answers(learner, record, about.row, about.questions)
+                found += [_own(q, answer, about, trial) for q, answer in zip(about.questions, said, strict=True)]
+            if on_progress is not None:
+                on_progress(number, len(chosen))
+    return tuple(found)
+
+
+def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
+    """Return what a learner of objects answers to questions about a row of a record."""
+    recipe, known = learner.trained.recipe, learner.trained.vocabulary
+    objects = record.state(row).info.objects
+    rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
+    tools = tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows])
+    poses = pose_numbers(record.object_positions[row], record.object_quaternions[row]).astype(np.float32)
+    found = []
+    for question in questions:
+        things = things_of(question_text(question), objects, known)
+        shown = ObjectsBatch(
+            words=learner.batch(things.words),
+            tools=learner.batch(tools),
+            poses=learner.batch(poses),
+            sizes=learner.batch(things.sizes),
+            categories=learner.batch(things.categories),
+            colors=learner.batch(things.colors),
+        )
+        with torch.inference_mode():
+            found.append(known.answers[int(learner.network.reply(shown)[0].argmax())])
+    return tuple(found)
+
+
+def summaries_of(answers: Sequence[OwnAnswer]) -> Iterator[OwnAnswers]:
+    """Yield what was answered by condition, in the order of the answers, and over all ("all")."""
+    groups: dict[str, list[OwnAnswer]] = {}
+    for answer in answers:
+        groups.setdefault(answer.where, []).append(answer)
+    for where, members in (*groups.items(), ("all", list(answers))):
+        by_trial: dict[str, bool] = {}
+        for answer in members:
+            by_trial[answer.trial] = by_trial.get(answer.trial, True) and answer.means_it
+        cells, nearest, n = sum(a.right for a in members), sum(a.means_it for a in members), len(members)
+        yield OwnAnswers(where, Rate(cells, n), Rate(nearest, n), Rate(sum(by_trial.values()), len(by_trial)))
+
+
+def answers_form(answers: Sequence[OwnAnswer]) -> list[dict[str, Any]]:
+    """Return the JSON form of answers."""
+    return [{**asdict(a), "right": a.right, "means_it": a.means_it} for a in answers]
+
+
+def _own(question: Question, answer: str, about: NamedObject, trial: TrialDiagnosis) -> OwnAnswer:
+    return OwnAnswer(
+        trial=str(trial.trial_id),
+        where=f"{trial.task}/{trial.variation or trial.condition}",
+        label=trial.label.value,
+        success=trial.success,
+        object=about.name,
+        row=about.row,
+        question=question_text(question),
+        cell=answer_class(question),
+        answer=answer,
+        nearest=_nearest(answer, about),
+    )
+
+
+def _nearest(answer: str, about: NamedObject) -> str:
+    """Return the name of the loose object nearest to the middle of the cell that an answer names, or ""."""
+    found = _CELL.fullmatch(answer)
+    if found is None:
+        return ""
+    x, y = (int(number) + 0.5 for number in found.groups())
+    return min(about.middles, key=lambda name: math.dist((x, y), about.middles[name]))
+
+
+def _require_asked(learner: Learner, run: RunFolder) -> None:
+    """Refuse a learner that answers no questions, is shown images, or is not the one that played a run."""
+    recipe = learner.trained.recipe
+    if not learner.trained.vocabulary.answers:
+        problem = "the learner was trained without questions, so it has no answers"
+        raise InvalidInputError("--learner", problem, "Train one with co_training in its recipe")
+    if recipe.sees != "objects":
+        problem = f"the learner of family {recipe.family!r} is shown images, and only learners of objects can be asked"
+        raise InvalidInputError("--learner", problem, "Name a learner of objects")
+    told = run.context.get("policy")
+    metadata = told.get("metadata") if isinstance(told, Mapping) else None
+    played = metadata.get("checkpoint") if isinstance(metadata, Mapping) else None
+    if played != f"sha256 {learner.fingerprint}":
+        problem = f"{run.path} was played by {'other weights' if played else 'a policy that is not a learner of ours'}"
+        raise InvalidInputError("--learner", problem, "Name the checkpoint that played the run")

@@ -1,0 +1,218 @@
+"""Questions about the frames of demonstrations, which a learner answers beside its actions (co-training).
+
+A learner answers by choosing among all answers of its training questions. A box or a point is answered by the cell of
+an 8 x 8 grid over the image in which its middle lies, as in the sets' own baselines. It sees what it sees when it acts
+at the same row, with the question in place of the instruction.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.learning.training.frames import FrameStore
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.policies.learned.tokens import pose_numbers, tool_numbers
+from betterbench.policies.learned.vocabulary import Vocabulary
+from betterbench.records import Record
+from betterbench.tasks import TrialId
+from betterbench.vqa import Question, QuestionSet, read_set
+from betterbench.vqa.blind import answer_class, in_cells
+from betterbench.vqa.types.grounding import CELLS
+
+_CURE = "Make a set with better vqa from the demonstrations that the recipe names"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingQuestions:
+    """Questions about the demonstrations of a training set, Q of them.
+
+    Attributes:
+        words: (Q, w) int64; ABSENT after the last word.
+        episodes: (Q,) int64 demonstration of each.
+        tools: (Q, history, 10) float32, the present first.
+        poses: (Q, n, 9) float32.
+        answers: (Q,) int64 numbers of the right answers in the vocabulary; -1 for one that training never shows.
+        types: What each is about.
+        frames_of: What the frames look like that are asked about; None for the family ``objects``.
+        frames: (Q,) int64 numbers of these frames.
+    """
+
+    words: np.ndarray
+    episodes: np.ndarray
+    tools: np.ndarray
+    poses: np.ndarray
+    answers: np.ndarray
+    types: tuple[str, ...]
+    frames_of: FrameStore | None = None
+    frames: np.ndarray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AskedQuestions:
+    """The questions of the sets of a recipe about its demonstrations, in the order of these.
+
+    Attributes:
+        questions: The questions, each with the number of its demonstration.
+        sha256: Hashes of the sets.
+    """
+
+    questions: tuple[tuple[int, Question], ...]
+    sha256: tuple[str, ...]
+
+    def texts(self, held_out: np.ndarray) -> list[str]:
+        """Return the texts of those that are trained on; ``held_out`` tells which demonstrations are not."""
+        return [question_text(question) for episode, question in self.questions if not held_out[episode]]
+
+    def answers(self, held_out: np.ndarray) -> tuple[str, ...]:
+        """Return the different answers of those that are trained on, sorted."""
+        return tuple(sorted({answer_class(q) for episode, q in self.questions if not held_out[episode]}))
+
+    def rows(self, count: int) -> list[np.ndarray]:
+        """Return the rows that are asked about of each of ``count`` demonstrations, each once, sorted."""
+        found: list[set[int]] = [set() for _ in range(count)]
+        for episode, question in self.questions:
+            found[episode].add(question.source.row)
+        return [np.array(sorted(rows), dtype=np.int64) for rows in found]
+
+
+def question_text(question: Question) -> str:
+    """Return a question with its options as a learner reads it: boxes in it are words for cells."""
+    return in_cells(question.prompt, question.width, CELLS)
+
+
+def read_questions(recipe: TrainingRecipe, records: Sequence[tuple[TrialId, str]]) -> AskedQuestions | None:
+    """Read the questions of a recipe about these demonstrations, by trial and SHA-256; None without co-training.
+
+    Raises:
+        RecordError: If a folder holds no complete set, or it is damaged.
+        InvalidInputError: If a set is of trials of evaluation, or asks about none of the demonstrations.
+    """
+    if recipe.co_training is None:
+        return None
+    number: dict[TrialId, list[int]] = {}
+    for i, (trial, _) in enumerate(records):
+        number.setdefault(trial, []).append(i)
+    sets = [_checked(read_set(Path(place))) for place in recipe.co_training.sets]
+    found = []
+    for made in sets:
+        asked = [
+            (episode, question)
+            for question in made.questions
+            for episode in number.get(question.source.trial, ())
+            if made.is_about(*records[episode])
+        ]
+        if not asked:
+            problem = f"none of its {len(made.questions)} questions is about a demonstration that is trained on"
+            raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
+        found += asked
+    return AskedQuestions(tuple(sorted(found, key=lambda item: (item[0], item[1].id))), tuple(s.sha256 for s in sets))
+
+
+def _checked(made: QuestionSet) -> QuestionSet:
+    if made.purpose != "training":
+        problem = "it asks about trials of evaluation, which nothing may be trained on"
+        raise InvalidInputError(f"co_training: {made.path}", problem, _CURE)
+    return made
+
+
+def _drawn(
+    asked: AskedQuestions, count: int, draw: Callable[[Sequence[np.ndarray]], FrameStore]
+) -> tuple[FrameStore, np.ndarray]:
+    """Draw the rows that are asked about of so many demonstrations; the frames, and the number of each question's."""
+    rows_of = asked.rows(count)
+    store = draw(rows_of)
+    first = dict(zip([e for e, rows in enumerate(rows_of) if len(rows)], store.first.tolist(), strict=False))
+    numbers = [first[e] + int(np.searchsorted(rows_of[e], q.source.row)) for e, q in asked.questions]
+    return store, np.array(numbers, dtype=np.int64)
+
+
+def training_questions(
+    asked: AskedQuestions,
+    records: Sequence[Record],
+    held_out: np.ndarray,
+    recipe: TrainingRecipe,
+    vocabulary: Vocabulary,
+    *,
+    objects: int,
+    draw: Callable[[Sequence[np.ndarray]], FrameStore] | None,
+) -> TrainingQuestions:
+    """Return the arrays of questions.
+
+    Args:
+        asked: The questions.
+        records: The demonstrations.
+        held_out: (E,) bool: demonstrations that are not trained on.
+        recipe: The recipe.
+        vocabulary: What the learner has numbers for.
+        objects: The most objects of a demonstration.
+        draw: Draws rows of each demonstration, for learners of pixels.
+
+    Raises:
+        InvalidInputError: If all questions are about demonstrations that are held out, or a row is not there.
+    """
+    questions = [question for _, question in asked.questions]
+    episodes = np.array([episode for episode, _ in asked.questions], dtype=np.int64)
+    if held_out[episodes].all():
+        cure = "Make a larger set, or give validation: 0"
+        raise InvalidInputError("co_training", "all questions are about demonstrations that are held out", cure)
+    for episode, question in asked.questions:
+        if question.source.row > records[episode].n_steps:
+            problem = f"question {question.id} is about row {question.source.row}, which the record does not have"
+            raise InvalidInputError("co_training", problem, _CURE)
+    ids = [vocabulary.word_ids(question_text(question)) for question in questions]
+    words = np.zeros((len(ids), max(map(len, ids))), dtype=np.int64)
+    for i, found in enumerate(ids):
+        words[i, : len(found)] = found
+    number = {answer: i for i, answer in enumerate(vocabulary.answers)}
+    back = recipe.history_stride * np.arange(recipe.history)
+    tools, poses = [], np.zeros((len(questions), objects, 9), dtype=np.float32)
+    for i, (episode, question) in enumerate(asked.questions):
+        record, row = records[episode], question.source.row
+        rows = np.maximum(row - back, 0)
+        tools.append(tool_numbers(record.ee_position[rows], record.ee_quaternion[rows], record.finger_width[rows]))
+        there = pose_numbers(record.object_positions[row], record.object_quaternions[row])
+        poses[i, : len(there)] = there
+    store, frames = (None, None) if draw is None else _drawn(asked, len(records), draw)
+    return TrainingQuestions(
+        words=words,
+        episodes=episodes,
+        tools=np.stack(tools),
+        poses=poses,
+        answers=np.array([number.get(answer_class(question), -1) for question in questions]),
+        types=tuple(question.type.value for question in questions),
+        frames_of=store,
+        frames=frames,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerRate:
+    """How many questions about held-out demonstrations were answered right.
+
+    Attributes:
+        step: Training step.
+        type: What the questions are about; "all" for all of them.
+        right: Questions that were answered right.
+        asked: Questions that were asked.
+    """
+
+    step: int
+    type: str
+    right: int
+    asked: int
+
+
+def answer_rates(step: int, types: Sequence[str], right: Sequence[bool]) -> list[AnswerRate]:
+    """Return the rates of right answers by type, sorted, then over all; none if nothing was asked."""
+    if not types:
+        return []
+    asked: Mapping[str, int] = Counter(types)
+    hits = Counter(name for name, hit in zip(types, right, strict=True) if hit)
+    found = [AnswerRate(step, name, hits[name], asked[name]) for name in sorted(asked)]
+    return [*found, AnswerRate(step, "all", sum(hits.values()), len(types))]

@@ -1,0 +1,98 @@
+"""Client of Being-H's inference server: ``being-h://host:port``.
+
+ZeroMQ REQ/REP with the questions of GR00T N1.5 (an endpoint, its data, a token), but written by torch. What the server
+answers is read without unpickling (:mod:`betterbench.policies.protocols.torch_payload`); the server unpickles what we
+send, which is its risk and not ours. ``get_modality_config`` is not asked for: it answers with objects of the server's
+own classes, which is just what must not be unpickled. Facts: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
+
+The bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`) needs torch on the server's side only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import PolicyError
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.endpoint_server import EndpointServer
+from betterbench.policies.clients.previous_chunk import moved_up, rows_left
+from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
+from betterbench.policies.conventions.presets import USUAL_ADAPTERS, adapter_of
+from betterbench.policies.protocols.torch_payload import import_torch, read_torch, write_torch
+
+_UNIFIED = "action_unified"
+
+
+class BeingHServer(EndpointServer):
+    """A server whose questions and answers are written by torch."""
+
+    def _encode(self, question: Mapping[str, Any]) -> bytes:
+        return write_torch(question)
+
+    def _decode(self, answer: bytes, endpoint: str) -> Mapping[str, Any]:
+        reply = read_torch(answer)
+        if not isinstance(reply, Mapping):
+            raise PolicyError(f"{self._where} answers {endpoint} with a {type(reply).__name__} in place of a map.")
+        return reply
+
+
+class BeingHClient(ServerClient[BeingHServer]):
+    """A Being-H policy; each environment has a client of its own.
+
+    With real-time chunking the server answers also with its whole chunk in its unified action space. With ``ahead`` or
+    ``delay``, what is left of that is sent back with the next question, and the number of control steps that pass while
+    the server computes, so that the new chunk continues the old one.
+    """
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
+        import_torch()
+        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
+        self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
+        self._delay = address.whole("delay", self.info.execution.ahead)
+        self._connection.open()
+
+    def _dial(self, timeout_s: float) -> BeingHServer:
+        return BeingHServer(self._address, self._key, timeout_s=timeout_s)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
+        super().reset(start)
+        self._last = None
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64."""
+        data = self.adapter.request(observation)
+        if self._last is not None:
+            data |= continue_previous_chunk(*self._last, step=observation.step, delay=self._delay)
+        reply = self._connection.request(lambda server, timeout_s: server.call("get_action", data, timeout_s))
+        actions = self.adapter.actions(reply, observation)
+        chunk = reply.get(_UNIFIED)
+        self._last = None if chunk is None else (observation.step, _numbers(chunk, self._where))
+        return actions
+
+
+def continue_previous_chunk(asked_at: int, chunk: np.ndarray, *, step: int, delay: int) -> dict[str, Any]:
+    """Return what is added to a question so that the new chunk continues the old one; empty if nothing is left of it.
+
+    The server keeps the first ``delay`` rows of what it is sent as the first of its new chunk, (..., horizon, dim) in
+    the policy's own action space.
+    """
+    if not delay or rows_left(asked_at, chunk, step=step) < delay:
+        return {}
+    return {"prev_chunk": moved_up(asked_at, chunk, step=step), "inference_delay": delay}
+
+
+def _numbers(chunk: object, where: str) -> np.ndarray:
+    """Return the whole chunk as an array; the server sends lists but takes none."""
+    try:
+        array: np.ndarray = np.asarray(chunk, dtype=np.float32)
+    except (TypeError, ValueError):
+        array = np.zeros(0, dtype=np.float32)
+    if array.ndim not in (2, 3) or not array.size:
+        raise PolicyError(f"{where}: {_UNIFIED} is not a chunk of numbers, (horizon, dim).")
+    return array

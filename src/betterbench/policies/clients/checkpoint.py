@@ -1,0 +1,284 @@
+"""A checkpoint of LeRobot: its weights, what is done before and after them, and what it declares to see and answer."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+import importlib
+import re
+import sys
+import threading
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
+from betterbench.installation import missing_extra
+from betterbench.json_form import open_ordinary, parse_json, read_ordinary
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.lerobot_types import require_type
+
+_PREPROCESSOR = "policy_preprocessor.json"
+_HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
+_INSIDE = "pretrained_model"
+_LOADED_FROM = (".json", ".safetensors")
+
+CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
+"""Types of policies that answer a whole chunk from one observation alone. The others remember what they saw."""
+
+NOISE_TYPES = ("smolvla", "pi0", "pi05")
+"""Those of them that begin with noise, which is given to them, so that an answer does not depend on who asks beside."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What a checkpoint declares: (height, width) of images and sizes of state vectors by key, numbers of an action."""
+
+    images: Mapping[str, tuple[int, int]]
+    states: Mapping[str, int]
+    action: int
+
+    @classmethod
+    def of(cls, config: Any, where: str) -> Features:  # noqa: ANN401 - a configuration of LeRobot's
+        """Read the configuration of a policy.
+
+        Raises InvalidInputError if it wants what no observation holds, or answers something else than an action.
+        """
+        images, states = {}, {}
+        for key, feature in (config.input_features or {}).items():
+            kind, shape = str(getattr(feature.type, "value", feature.type)), tuple(feature.shape)
+            if kind == "VISUAL" and len(shape) == 3 and shape[0] == 3:
+                # Cameras that the policy was trained to miss stay out; it fills them in itself.
+                if "empty_camera" not in key:
+                    images[key] = (int(shape[1]), int(shape[2]))
+            elif kind == "STATE" and len(shape) == 1 and key.endswith(".state"):
+                states[key] = int(shape[0])
+            else:
+                raise InvalidInputError(
+                    where,
+                    f"its input {key!r} is {kind} of shape {shape}, which no observation holds",
+                    "Train it on images (3, height, width), observation.state and the instruction",
+                )
+        outputs = dict(config.output_features or {})
+        shape = tuple(outputs["action"].shape) if "action" in outputs else ()
+        if len(shape) != 1:
+            raise InvalidInputError(where, f"it answers {sorted(outputs)}, no flat action", "Train it on 'action'")
+        return cls(images, states, int(shape[0]))
+
+
+class Checkpoint:
+    """The loaded weights with their processors, which several policies in one process share.
+
+    ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held while it computes.
+    """
+
+    def __init__(self, path: str, device: str | None, where: str) -> None:
+        """Load a folder or a hub id (:func:`load_checkpoint` loads nothing twice) onto a device; None to choose one.
+
+        Raises:
+            MissingDependencyError: If LeRobot, or what this type of policy needs, is not installed.
+            InvalidInputError: If there is no such checkpoint, or it cannot be used.
+        """
+        self._torch = _import("torch")
+        factory, configs = _import("lerobot.policies.factory"), _import("lerobot.configs.policies")
+        self.lock = threading.Lock()
+        self.device = self._choose_device(device, where)
+        try:
+            # LeRobot announces what it loads on stdout, which belongs to the tables of the command line.
+            with contextlib.redirect_stdout(sys.stderr):
+                _import("lerobot.policies")  # registers the types
+                known = configs.PreTrainedConfig.get_known_choices()
+                if kind := _told_type(path):
+                    require_type(kind, known, where)
+                self.config = configs.PreTrainedConfig.from_pretrained(path)
+                require_type(str(self.config.type), known, where)
+                self._check_config(path, where)
+                self.config.device = self.device
+                # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
+                if getattr(self.config, "pretrained_backbone_weights", None):
+                    self.config.pretrained_backbone_weights = None
+                self.type = str(self.config.type)
+                self.features = Features.of(self.config, where)
+                made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
+                self._before, self._after = factory.make_pre_post_processors(
+                    self.config,
+                    pretrained_path=path,
+                    preprocessor_overrides={"device_processor": {"device": self.device}},
+                )
+        except ImportError as error:
+            raise MissingDependencyError(
+                f"{where} needs a package that is not installed ({error}). Install LeRobot with the extra of its type; "
+                "docs/policies.md lists them."
+            ) from error
+        except BetterError:
+            raise
+        except Exception as error:
+            # Whatever LeRobot raises about a checkpoint that it cannot use is one line for the user.
+            problem = " ".join(str(error).split())[:300] or type(error).__name__
+            raise InvalidInputError(
+                where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
+            ) from error
+        self.policy = made.to(self.device).eval()
+        self.versions = {name: str(_import(name).__version__) for name in ("lerobot", "torch")}
+        self.fingerprint = _fingerprint(path)
+
+    def _choose_device(self, device: str | None, where: str) -> str:
+        torch = self._torch
+        if device is None:
+            mps = getattr(torch.backends, "mps", None)
+            return "cuda" if torch.cuda.is_available() else "mps" if mps and mps.is_available() else "cpu"
+        try:
+            torch.zeros(1, device=device)
+        except (RuntimeError, AssertionError, ValueError) as error:
+            problem = " ".join(str(error).split())[:160]
+            raise InvalidInputError(
+                where, f"device={device} cannot be used ({problem})", "Give cpu, cuda or cuda:N, or leave it out"
+            ) from error
+        return device
+
+    def _check_config(self, path: str, where: str) -> None:
+        if getattr(self.config, "use_peft", False):
+            raise InvalidInputError(where, "it holds an adapter of PEFT alone", "Merge it into its base and save that")
+        folder = Path(path)
+        if folder.is_dir() and not (folder / _PREPROCESSOR).is_file():
+            raise InvalidInputError(
+                where,
+                f"it has no {_PREPROCESSOR}, so the normalization of its numbers is not known",
+                "Checkpoints from before LeRobot 0.4 are converted by lerobot.processor.migrate_policy_normalization",
+            )
+
+    def sibling(self) -> Any:  # noqa: ANN401 - a policy of LeRobot's
+        """Return a policy with the same weights and a memory of its own."""
+        # A shallow copy shares the modules; reset() replaces what a policy remembers, in this copy only.
+        made = copy.copy(self.policy)
+        made.reset()
+        return made
+
+    def chunks(self, batch: Mapping[str, Any], seeds: Sequence[int]) -> np.ndarray:
+        """Return the chunks of several environments.
+
+        Args:
+            batch: Images (B, 3, H, W) float32 in [0, 1], states (B, size) float32, and the instructions as "task".
+            seeds: For a policy that begins with noise a number for each of them, from which it is drawn.
+
+        Returns:
+            (B, horizon, dim) float64, in the units of the data it was trained on.
+        """
+        torch = self._torch
+        with self.lock, torch.inference_mode(), self._precision():
+            prepared = self._before(dict(batch))
+            extra = {"noise": self._noise(seeds)} if self.type in NOISE_TYPES else {}
+            raw = self.policy.predict_action_chunk(prepared, **extra)
+            # The processors were written for one action per environment: each action is a row of its own for them.
+            done = self._after(raw.reshape(-1, raw.shape[-1]))
+        actions = done.reshape(*raw.shape[:2], -1)[..., : self.features.action]
+        return np.asarray(actions.float().cpu().numpy(), dtype=np.float64)
+
+    def step(self, policy: Any, batch: Mapping[str, Any], seed: int) -> np.ndarray:  # noqa: ANN401 - LeRobot's
+        """Return the next action of one environment, (1, dim) float64."""
+        torch = self._torch
+        devices = [torch.device(self.device)] if self.device.startswith("cuda") else []
+        with self.lock, torch.inference_mode(), self._precision(), torch.random.fork_rng(devices):
+            torch.manual_seed(seed)
+            done = self._after(policy.select_action(self._before(dict(batch))))
+        return np.asarray(done.float().cpu().numpy(), dtype=np.float64).reshape(1, -1)[:, : self.features.action]
+
+    def tensor(self, array: np.ndarray) -> Any:  # noqa: ANN401 - a tensor
+        """Return an array as a tensor."""
+        return self._torch.from_numpy(array)
+
+    def _precision(self) -> contextlib.AbstractContextManager[Any]:
+        if getattr(self.config, "use_amp", False):
+            amp: contextlib.AbstractContextManager[Any] = self._torch.autocast(self.device.partition(":")[0])
+            return amp
+        return contextlib.nullcontext()
+
+    def _noise(self, seeds: Sequence[int]) -> Any:  # noqa: ANN401 - a tensor
+        shape = (int(self.config.chunk_size), int(self.config.max_action_dim))
+        drawn = [np.random.default_rng(seed).standard_normal(shape, dtype=np.float32) for seed in seeds]
+        return self._torch.from_numpy(np.stack(drawn)).to(self.device)
+
+
+_LOADED: weakref.WeakValueDictionary[tuple[str, str | None], Checkpoint] = weakref.WeakValueDictionary()
+_LOADING = threading.Lock()
+
+
+def load_checkpoint(address: PolicyAddress) -> Checkpoint:
+    """Return the checkpoint of "lerobot:CHECKPOINT", the same object for all in this process while somebody has it.
+
+    Raises what :class:`Checkpoint` raises.
+    """
+    where = f"policy {address}"
+    _import("torch")
+    _import("lerobot")
+    path = _located(address.target, where)
+    key = (path, address.options.get("device"))
+    with _LOADING:
+        found = _LOADED.get(key)
+        if found is None:
+            found = Checkpoint(*key, where)
+            _LOADED[key] = found
+        return found
+
+
+def _fingerprint(path: str) -> str:
+    """Return the SHA-256 of the files that a checkpoint was loaded from."""
+    folder = Path(path)
+    if not folder.is_dir():
+        folder = Path(_import("huggingface_hub").snapshot_download(path, local_files_only=True))
+    whole = hashlib.sha256()
+    for file in sorted(f for f in folder.iterdir() if f.suffix in _LOADED_FROM):
+        whole.update(f"{file.name}\n".encode())
+        with open_ordinary(file) as opened:
+            whole.update(hashlib.file_digest(opened, "sha256").digest())
+    return whole.hexdigest()
+
+
+def _told_type(path: str) -> str:
+    """Return the type that the configuration in a folder names; an empty text for an id on the hub."""
+    file = Path(path) / "config.json"
+    form = parse_json(read_ordinary(file)) if file.is_file() else {}
+    return str(form.get("type", "")) if isinstance(form, dict) else ""
+
+
+def _located(target: str, where: str) -> str:
+    """Return the folder that holds the configuration, or the id on the hub."""
+    folder = Path(target).expanduser()
+    if (folder / _INSIDE / "config.json").is_file():
+        folder /= _INSIDE
+    if (folder / "config.json").is_file():
+        _check_form(folder / "config.json", where)
+        return str(folder.resolve())
+    if folder.exists() or not _HUB_ID.fullmatch(target):
+        there = "holds no config.json" if folder.exists() else "does not exist"
+        raise InvalidInputError(
+            where, f"{target} {there}", "Name the folder pretrained_model that LeRobot saved, or OWNER/NAME on the hub"
+        )
+    return target
+
+
+def _check_form(file: Path, where: str) -> None:
+    try:
+        form = parse_json(read_ordinary(file))
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(where, f"{file.name} cannot be read ({error})", "Save the checkpoint again") from error
+    if not isinstance(form, dict) or not isinstance(form.get("type"), str):
+        raise InvalidInputError(
+            where, f"{file.name} names no type of policy, so it is not a checkpoint of LeRobot", "Name another folder"
+        )
+
+
+def _import(name: str) -> Any:  # noqa: ANN401 - LeRobot is not installed where types are checked
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise missing_extra(
+            f"lerobot: needs LeRobot, which is not installed ({error})",
+            "lerobot",
+            otherwise="or serve the checkpoint from an environment that has it: better serve lerobot:CHECKPOINT.",
+        ) from error

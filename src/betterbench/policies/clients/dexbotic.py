@@ -1,0 +1,128 @@
+"""Bodies and declarations of Dexbotic's inference server, which is reached with ``http://host:7891/v1/infer``.
+
+``POST /v1/infer`` takes JSON: the prompt, images by the number of their slot as PNG files in base64, and a state; it
+answers ``actions``. ``POST /process_frame``, of older releases, takes the same as a form with files and answers
+``response``. ``GET /v1/capabilities`` declares slots, state and the size of an action, and ``POST /v1/reset`` begins an
+episode; a form says so in its first request. Facts: dexmal/dexbotic, ``dexbotic/exp/base_exp.py``,
+``dexbotic/client.py`` and ``docs/InferenceAPI.md``; dexmal/dexbotic-benchmark,
+``evaluation/policies/base_vla_agent.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, PolicyError, one_line
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.protocols.wire import png_of
+
+FORM_PATH = "/process_frame"
+INFER_PATH = "/v1/infer"
+
+OBSERVATION = "observation"
+_ANSWER, _FORM_ANSWER = "actions", "response"
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Where requests go, and the paths beside it; ``form`` if they are forms."""
+
+    form: bool
+    capabilities: str
+    reset: str
+
+    @classmethod
+    def of(cls, path: str) -> Route | None:
+        """Return the route of a path, or None if it is not one of Dexbotic's; a proxy may put something before it."""
+        bare = path.rstrip("/")
+        if bare.endswith(FORM_PATH):
+            return cls(True, "", "")
+        if not bare.endswith(INFER_PATH):
+            return None
+        before = bare.removesuffix("infer")
+        return cls(False, f"{before}capabilities", f"{before}reset")
+
+
+def encode_form(request: Mapping[str, Any], *, first: bool) -> tuple[str, bytes]:
+    """Return the content type and the body of a form with what a request of :data:`presets.DEXBOTIC` holds.
+
+    Args:
+        request: ``observation`` with prompt, images by slot and, if the model takes it, a state; entries beside it
+            (``send.KEY=VALUE``) become fields of the form.
+        first: Whether it is the first one of an episode, which models with a memory need to know.
+
+    Raises:
+        PolicyError: If it is a request of another layout.
+    """
+    seen = request.get(OBSERVATION)
+    images = seen.get("images") if isinstance(seen, Mapping) else None
+    if not isinstance(seen, Mapping) or not isinstance(images, Mapping) or not all(map(str.isdecimal, images)):
+        raise PolicyError(f"{FORM_PATH} takes the layout of preset dexbotic. Give it, or another path.")
+    fields = {"text": str(seen.get("prompt", "")), "episode_first_frame": str(first)}
+    if isinstance(seen.get("state"), np.ndarray):
+        fields["states"] = json.dumps(seen["state"].tolist())
+    fields |= {key: str(value) for key, value in request.items() if key != OBSERVATION}
+    mark = f"betterbench-{uuid4().hex}"
+    parts = [
+        f'--{mark}\r\nContent-Disposition: form-data; name="{_quoted(name)}"\r\n\r\n{value}\r\n'.encode()
+        for name, value in fields.items()
+    ]
+    for slot in sorted(images, key=int):
+        head = f'--{mark}\r\nContent-Disposition: form-data; name="image"; filename="{slot}.png"\r\n'
+        parts += [f"{head}Content-Type: image/png\r\n\r\n".encode(), png_of(images[slot]), b"\r\n"]
+    return f"multipart/form-data; boundary={mark}", b"".join((*parts, f"--{mark}--\r\n".encode()))
+
+
+def read_form_answer(reply: object) -> object:
+    """Return the answer to a form under the name that ``/v1/infer`` gives it."""
+    return {_ANSWER: reply[_FORM_ANSWER]} if isinstance(reply, Mapping) and _FORM_ANSWER in reply else reply
+
+
+def compare_capabilities(told: object, adapter: Adapter, where: str) -> dict[str, Any]:
+    """Return what a server declares about its model, after comparing it with an adapter.
+
+    Raises HandshakeError with both sides if the model needs an image, a state or a size of actions that the adapter has
+    not, or generates no actions at all.
+    """
+    if not isinstance(told, Mapping):
+        raise HandshakeError(f"{where} declares capabilities that are not a map. Update the server.")
+    found = []
+    if told.get("vla") is False:
+        found.append("the model generates text and no actions")
+    modalities = _map(told, "modalities")
+    given = {key[-1] for rule in adapter.views if (key := rule.key)[:2] == (OBSERVATION, "images")}
+    slots = _map(modalities, "images").get("slots")
+    for slot in slots if isinstance(slots, list) else []:
+        if isinstance(slot, Mapping) and slot.get("required") is True and str(slot.get("slot")) not in given:
+            number, name = (one_line(slot.get(key), most=40) for key in ("slot", "name"))
+            found.append(f"images: the model needs slot {number} ({name}), the adapter gives {_listed(given)}")
+    if _map(modalities, "state").get("required") is True and not adapter.states:
+        found.append("state: the model needs one, the adapter gives none")
+    size, columns = _map(told, "action_spec").get("action_dim"), sum(adapter.answer.columns.values())
+    if isinstance(size, int) and not isinstance(size, bool) and size != columns:
+        found.append(f"actions: the model answers {size} numbers, the adapter reads {columns}")
+    if found:
+        raise HandshakeError(
+            f"{where} and adapter {adapter.name} declare different conventions: {'; '.join(found)}. "
+            "Give another preset, or adapter=FILE."
+        )
+    return {str(key): value for key, value in told.items()}
+
+
+def _map(form: Mapping[Any, Any], name: str) -> Mapping[Any, Any]:
+    found = form.get(name)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _listed(slots: set[str]) -> str:
+    return f"slot {', '.join(sorted(slots))}" if slots else "no image"
+
+
+def _quoted(name: str) -> str:
+    return name.replace('"', "%22").replace("\r", "%0D").replace("\n", "%0A")

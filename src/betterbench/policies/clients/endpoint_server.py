@@ -1,0 +1,79 @@
+"""A connection to a server of named endpoints over ZeroMQ, as GR00T and Being-H have them; they differ in the codec."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from betterbench.errors import HandshakeError, PolicyError, last_line
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.request_client import RequestClient
+
+ERROR_REPLY = b"ERROR"
+"""What these servers answer when they cannot even say what went wrong."""
+
+
+class EndpointServer:
+    """A socket over which the server has answered a ping.
+
+    Raises:
+        OSError: If the server is not there, or not ready.
+        HandshakeError: If it refuses the token, speaks another protocol or declares other conventions.
+    """
+
+    def __init__(self, address: PolicyAddress, token: str | None, *, timeout_s: float) -> None:
+        end = time.monotonic() + timeout_s
+        self._where, self._token = address.server_name, token
+        self._client = RequestClient(*address.server(), timeout_s=timeout_s)
+        try:
+            self._greet(end)
+        except BaseException:
+            self.close()
+            raise
+
+    def _greet(self, end: float) -> None:
+        """Make sure before ``end`` [s, monotonic] that the server is alive and is the right one."""
+        self._first("ping", end)
+
+    def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
+        """Ask something at the beginning, where an error means that the two sides do not fit."""
+        try:
+            return self.call(endpoint, None, end - time.monotonic())
+        except PolicyError as error:
+            hint = "" if "nauthorized" not in str(error) else " Give api_key_env=NAME with the variable of its token."
+            raise HandshakeError(f"{error}{hint}") from error
+
+    def _encode(self, question: Mapping[str, Any]) -> bytes:
+        """Return the frame of a question."""
+        raise NotImplementedError
+
+    def _check_frame(self, answer: bytes, endpoint: str) -> None:
+        """Raise PolicyError if a frame is one that must not be decoded."""
+
+    def _decode(self, answer: bytes, endpoint: str) -> Any:  # noqa: ANN401 - as decoded
+        """Return the value of a frame; raise PolicyError if it cannot be read."""
+        raise NotImplementedError
+
+    def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float) -> Any:  # noqa: ANN401 - as decoded
+        """Return the decoded answer to a question, which must come within a time [s].
+
+        Raises OSError if no answer came, PolicyError if it is an error of the server's, or cannot be read.
+        """
+        question: dict[str, Any] = {"endpoint": endpoint}
+        if data is not None:
+            question["data"] = data
+        if self._token is not None:
+            question["api_token"] = self._token
+        answer = self._client.ask(self._encode(question), max(0.0, timeout_s))
+        self._check_frame(answer, endpoint)
+        if answer == ERROR_REPLY:
+            raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
+        reply = self._decode(answer, endpoint)
+        if isinstance(reply, Mapping) and "error" in reply:
+            raise PolicyError(f"{self._where} reports an error: {last_line(str(reply['error'])) or 'no text'}")
+        return reply
+
+    def close(self) -> None:
+        """End the connection."""
+        self._client.close()

@@ -1,0 +1,242 @@
+"""Client of servers with ``POST /act``: ``http://host:port/act``; OpenVLA, OpenVLA-OFT, X-VLA, Dexbotic and their like.
+
+One request, one answer, a new connection for each, and nothing before the first: such a server declares neither what it
+wants nor what its numbers mean, so the address has to name a preset or an adapter. Dexbotic's
+(:mod:`betterbench.policies.clients.dexbotic`) declares its images and the size of its actions, which are compared.
+Facts: OpenVLA and OpenVLA-OFT, ``vla-scripts/deploy.py``; X-VLA, ``models/modeling_xvla.py``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import io
+import socket
+import ssl
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast, get_args
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, PolicyError, one_line
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.dexbotic import FORM_PATH, Route, compare_capabilities, encode_form, read_form_answer
+from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
+from betterbench.policies.conventions.adapter import set_entry
+from betterbench.policies.conventions.answers import get_entry, number_array
+from betterbench.policies.conventions.in_calvin import X_VLA_CALVIN
+from betterbench.policies.conventions.presets import X_VLA, adapter_of
+from betterbench.policies.protocols.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
+
+JSON = "application/json"
+_REFUSED = (401, 403)
+_ABSENT = (404, 405)
+_PASSING = (408, 425, 429, 502, 503, 504)
+_KNOCK_S = 2.0
+_LONGEST_BODY_SHOWN = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class HttpAnswer:
+    """The answer to a request: its status, and its body."""
+
+    status: int
+    body: bytes
+
+
+class HttpServer:
+    """Where a server is. Each request has a connection of its own, as those of the clients people know."""
+
+    def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
+        """Find out whether somebody listens; raise OSError if not."""
+        self._host, self._port = address.server()
+        encrypted = address.scheme == "https" or address.choice("tls", ("true", "false"), "false") == "true"
+        self._tls = ssl.create_default_context() if encrypted else None
+        name = f"[{self._host}]" if ":" in self._host else self._host
+        self._name = f"Host: {name}:{self._port}"
+        self._asked = ["Accept: application/json", "Connection: close"]
+        self._asked += [] if key is None else [f"Authorization: Bearer {key}"]
+        self._path = address.path
+        socket.create_connection((self._host, self._port), min(timeout_s, _KNOCK_S)).close()
+
+    def post(self, body: bytes, timeout_s: float, *, kind: str = JSON, path: str | None = None) -> HttpAnswer:
+        """Send a body, to the path of the address or to another one, and return the answer; see :meth:`ask`."""
+        return self.ask("POST", path or self._path, body, timeout_s, kind=kind)
+
+    def ask(self, method: str, path: str, body: bytes, timeout_s: float, *, kind: str = JSON) -> HttpAnswer:
+        """Send a request and return the answer, which has to be there whole within a time [s].
+
+        Raises OSError if it is not, or the connection broke, and PolicyError if its body is too large.
+        """
+        end = time.monotonic() + timeout_s
+        typed, sized = ([f"Content-Type: {kind}"], [f"Content-Length: {len(body)}"]) if method == "POST" else ([], [])
+        lines = [f"{method} {path} HTTP/1.1", self._name, *typed, *self._asked, *sized]
+        head = "\r\n".join((*lines, "", "")).encode("ascii")
+        with contextlib.ExitStack() as stack:
+            connected = stack.enter_context(socket.create_connection((self._host, self._port), max(0.001, timeout_s)))
+            if self._tls is not None:
+                connected = stack.enter_context(self._tls.wrap_socket(connected, server_hostname=self._host))
+            connected.settimeout(max(0.001, end - time.monotonic()))
+            connected.sendall(head + body)
+            source = _Source(connected, end)
+            answer = stack.enter_context(http.client.HTTPResponse(cast("socket.socket", source), method=method))
+            try:
+                answer.begin()
+                read = answer.read(MAX_BODY_BYTES + 1)
+            except http.client.HTTPException as error:
+                problem = one_line(error, most=100) or type(error).__name__
+                raise ConnectionError(f"the server there does not speak HTTP ({problem})") from error
+        if len(read) <= MAX_BODY_BYTES and answer.length:
+            raise ConnectionError(f"the answer is cut off: {answer.length} bytes are missing")
+        if len(read) > MAX_BODY_BYTES:
+            raise PolicyError(f"the server answered with more than {MAX_BODY_BYTES} bytes.")
+        return HttpAnswer(answer.status, read)
+
+    def close(self) -> None:
+        """There is nothing to close between two requests."""
+
+
+class _Source(io.RawIOBase):
+    """What the parser of the standard library reads from: a socket whose every read ends at one deadline."""
+
+    def __init__(self, connected: socket.socket, end: float) -> None:
+        self._socket, self._end = connected, end
+
+    def makefile(self, _mode: str) -> io.BufferedReader:
+        return io.BufferedReader(self)
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:  # noqa: ANN401 - whatever holds bytes
+        left = self._end - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError("no answer in time")
+        self._socket.settimeout(left)
+        return self._socket.recv_into(buffer)
+
+
+class HttpActClient(ServerClient[HttpServer]):
+    """A policy behind ``POST /act``; each environment has a client of its own."""
+
+    feeds_back = True
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
+        super().__init__(address, adapter_of(address), seed=seed)
+        self._route = Route.of(address.path)
+        usual: ArrayCoding = "map" if self._route is None else "png"
+        if self.adapter.name in (X_VLA.name, X_VLA_CALVIN.name):
+            usual = "text"
+        self._arrays = address.choice("arrays", get_args(ArrayCoding), usual)
+        self._encoded = address.choice("encoded", ("true", "false"), "false") == "true"
+        self._capabilities: Mapping[str, Any] = {}
+        self._first = True
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the numbers that are fed back
+        self._connection.open()
+        self.info = describe_remote_policy(address, self.adapter, self._capabilities, says_actions=False)
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; a server that has a word for it is told."""
+        super().reset(start)
+        self._first = True
+        route = self._route
+        if route is not None and route.reset:
+            # What it answers does not matter: most of its models have nothing to forget, and some of them no such path.
+            self._connection.request(
+                lambda server, timeout_s: server.post(b"{}", timeout_s, path=route.reset), replies=False
+            )
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64."""
+        request = self._fed_back(self.adapter.request(observation), observation.step)
+        kind, form = JSON, self._route is not None and self._route.form
+        if form:
+            kind, body = encode_form(request, first=self._first)
+        else:
+            body = encode_body(request, arrays=self._arrays, encoded=self._encoded)
+        answer = self._connection.request(lambda server, timeout_s: self._post(server, body, timeout_s, kind))
+        self._first = False
+        reply = read_form_answer(decode_body(answer.body)) if form else decode_body(answer.body)
+        if isinstance(reply, str):
+            raise PolicyError(
+                f"{self._where} answers {one_line(reply)!r}, with which these servers report any failure. "
+                "Its own output tells more; compare the keys that it reads with the adapter."
+            )
+        if isinstance(reply, Mapping) and "error" in reply:
+            raise PolicyError(f"{self._where} reports an error: {_told(reply)}")
+        # OpenVLA answers with the array itself, OFT with a list of them.
+        reply = self.adapter.named(_stacked(reply), self._where)
+        actions = self.adapter.actions(reply, observation)
+        if self.adapter.feedback is not None:
+            rows = np.atleast_2d(np.asarray(get_entry(reply, self.adapter.feedback.answer_key), np.float64))
+            self._last = (observation.step, rows.reshape(-1, rows.shape[-1])[:, : self.adapter.feedback.size])
+        return actions
+
+    def _fed_back(self, request: dict[str, Any], step: int) -> dict[str, Any]:
+        """Return a request whose state begins with what was played last, if the policy has answered in this trial."""
+        feedback, last = self.adapter.feedback, self._last
+        if feedback is None or last is None or step <= last[0]:
+            return request
+        played = last[1][min(step - last[0], len(last[1])) - 1]
+        state = get_entry(request, feedback.state_key)
+        set_entry(request, feedback.state_key, np.concatenate([played, np.asarray(state)[feedback.size :]]))
+        return request
+
+    def _post(self, server: HttpServer, body: bytes, timeout_s: float, kind: str) -> HttpAnswer:
+        """Send a body and return the answer if it is one; a server that wants something else ends the run."""
+        answer = server.post(body, timeout_s, kind=kind)
+        status, path = answer.status, self._address.path
+        if status == http.client.OK:
+            return answer
+        if status in _REFUSED:
+            raise HandshakeError(
+                f"{self._where} refuses this client (HTTP {status}). "
+                "Give api_key_env=NAME with the variable that holds its key."
+            )
+        if 300 <= status < 400:
+            raise HandshakeError(f"{self._where} redirects (HTTP {status}), which is refused. Give its own address.")
+        if status in _ABSENT:
+            older = "" if self._route is None or self._route.form else f" Older releases of Dexbotic have {FORM_PATH}."
+            raise HandshakeError(
+                f"{self._where} has no POST {path} (HTTP {status}). Correct the path in the address.{older}"
+            )
+        if status in _PASSING:
+            raise ConnectionError(f"the server answered HTTP {status}")
+        try:
+            told = _told(decode_body(answer.body))
+        except PolicyError:
+            told = one_line(answer.body[:_LONGEST_BODY_SHOWN].decode("utf-8", "replace")) or "no text"
+        raise PolicyError(f"{self._where} answers HTTP {status}: {told}")
+
+    def _dial(self, timeout_s: float) -> HttpServer:
+        """Find the server, and compare what it declares if it declares something."""
+        end = time.monotonic() + timeout_s
+        server = HttpServer(self._address, self._key, timeout_s=timeout_s)
+        if self._route is not None and self._route.capabilities:
+            answer = server.ask("GET", self._route.capabilities, b"", end - time.monotonic())
+            if answer.status == http.client.OK:
+                self._capabilities = compare_capabilities(decode_body(answer.body), self.adapter, self._where)
+                self._require_same(self._capabilities)
+            elif answer.status in _PASSING:
+                raise ConnectionError(f"the server answered HTTP {answer.status}")
+        return server
+
+
+def _stacked(reply: object) -> object:
+    """Return a list of arrays as one array; anything else as it is."""
+    if isinstance(reply, list) and any(isinstance(row, np.ndarray) for row in reply):
+        try:
+            return np.stack([number_array(row) for row in reply])
+        except ValueError:
+            return reply
+    return reply
+
+
+def _told(reply: object) -> str:
+    """Return what an answer says went wrong, in one line."""
+    if isinstance(reply, Mapping):
+        reply = reply.get("error", reply.get("detail", reply))
+    return one_line(reply) or "no text"

@@ -1,0 +1,268 @@
+"""Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
+
+The checkpoint says which images, which state and how many numbers of an action it was trained with; from that comes
+an adapter, unless the address gives one. Normalization is done by the checkpoint's own processors.
+
+Which types of policies there are, and what each of them needs, is said in
+:mod:`betterbench.policies.clients.lerobot_types`. Policies that answer a chunk from one observation (ACT, pi0, pi0.5,
+SmolVLA) take batches: one instance serves many environments, and every answer depends on its observation alone, the
+noise of the flow policies included. All others (diffusion, VQ-BeT, TD-MPC and whatever has a memory of observations)
+are asked at every step and play their chunks themselves, as LeRobot's own evaluation does; their instances share the
+weights.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import HandshakeError, InvalidInputError
+from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
+from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.clients.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
+from betterbench.policies.clients.remote import AdaptedPolicy, check_start, describe_remote_policy
+from betterbench.policies.conventions.adapter import Adapter, InstructionRule
+from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
+from betterbench.policies.conventions.handshake import Declaration
+from betterbench.policies.conventions.image_rule import ImageRule
+from betterbench.policies.conventions.presets import adapter_of
+from betterbench.policies.conventions.proprioception import StatePart, StateRule
+
+_TASK = ("task",)
+_ACTION = ("action",)
+_STATES: Mapping[str, tuple[StatePart, ...]] = {
+    "ee": ("ee_position", "ee_axis_angle", "gripper_fingers"),
+    "joints": ("joint_positions", "gripper_width"),
+}
+"""The two states of our LeRobot environment; both have eight numbers."""
+
+_CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
+_KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
+"""What others call our cameras: LIBERO's names in LeRobot's own data sets."""
+
+_WRIST_WORDS = ("wrist", "hand", "gripper")
+
+
+class LerobotPolicy(AdaptedPolicy):
+    """A policy that answers whole chunks; one instance serves many environments."""
+
+    def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
+        self._address, self._checkpoint = address, checkpoint
+        self._where = f"policy {address}"
+        features = checkpoint.features
+        # An adapter of the user's is not completed by guesses, and need not be.
+        self.adapter = adapter_of(address, None if address.names_adapter else derive_adapter(address, features))
+        compare_features(self.adapter, features, self._where)
+        self.server = Declaration(
+            self._where, cameras={key: (size[1], size[0]) for key, size in features.images.items()}
+        )
+        info = describe_remote_policy(address, self.adapter, {})
+        self.info: PolicyInfo = replace(
+            info,
+            metadata={
+                **info.metadata,
+                "policy type": checkpoint.type,
+                "device": checkpoint.device,
+                "checkpoint": f"sha256 {checkpoint.fingerprint}",
+                **{f"{name} version": version for name, version in checkpoint.versions.items()},
+            },
+            execution=self._execution(),
+            heavy=True,
+        )
+
+    def _execution(self) -> Execution:
+        """Return how chunks are played: as the address says, else as the checkpoint was evaluated in LeRobot."""
+        if any(option in self._address.options for option in EXECUTION_OPTIONS):
+            return self._address.execution()
+        config = self._checkpoint.config
+        rate = getattr(config, "temporal_ensemble_coeff", None)
+        if rate is not None:
+            return Execution(ensemble=float(rate))
+        return Execution(horizon=max(1, int(getattr(config, "n_action_steps", 1))))
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode in one of the environments; raise HandshakeError if it wants actions of another kind."""
+        check_start(self.adapter, start, self._where)
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64; raise PolicyError if the answer cannot be read."""
+        return self.act_batch([observation])[0]
+
+    def act_batch(self, observations: Sequence[Observation]) -> list[np.ndarray]:
+        """Return the next actions of several environments."""
+        noisy = self._checkpoint.type in NOISE_TYPES
+        seeds = [seed_of(seen) for seen in observations] if noisy else []
+        chunks = self._checkpoint.chunks(self._batch(observations), seeds)
+        return [
+            self.adapter.actions({_ACTION[0]: chunk}, seen) for chunk, seen in zip(chunks, observations, strict=True)
+        ]
+
+    def _batch(self, observations: Sequence[Observation]) -> dict[str, Any]:
+        """Return what LeRobot's processors take: tensors with a leading batch axis, and the instructions."""
+        tensor = self._checkpoint.tensor
+        batch: dict[str, Any] = {}
+        shown = [self.adapter.images(seen) for seen in observations]
+        for key in shown[0]:
+            images = np.stack([one[key] for one in shown]).transpose(0, 3, 1, 2)
+            batch[key[0]] = tensor(images.astype(np.float32) / 255.0)
+        for rule in self.adapter.states:
+            values = [self.adapter.state(rule, seen) for seen in observations]
+            batch[rule.key[0]] = tensor(np.stack([np.atleast_1d(value) for value in values]).astype(np.float32))
+        batch[_TASK[0]] = [seen.instruction for seen in observations]
+        return batch
+
+
+class LerobotStepPolicy(AdaptedPolicy):
+    """A policy with a memory; each environment has one of its own, and all share the weights."""
+
+    def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
+        given = [option for option in EXECUTION_OPTIONS if option in address.options]
+        if given:
+            raise address.error(
+                f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",
+                f"Leave {', '.join(given)} out; n_action_steps of the checkpoint says how many it plays",
+            )
+        self._inner = LerobotPolicy(address, checkpoint)
+        self._checkpoint, self._policy = checkpoint, checkpoint.sibling()
+        self.adapter, self.server = self._inner.adapter, self._inner.server
+        self.info: PolicyInfo = replace(self._inner.info, execution=Execution())
+        self._seed = 0
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Forget the last episode; raise HandshakeError if the episode wants actions of another kind."""
+        self._inner.reset(start)
+        self._policy.reset()
+        self._seed = start.episode
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next action, (1, dim) float64; raise PolicyError if the answer cannot be read."""
+        batch = self._inner._batch([observation])
+        seed = seed_of(observation, self._seed)
+        return self.adapter.actions({_ACTION[0]: self._checkpoint.step(self._policy, batch, seed)}, observation)
+
+
+def load_lerobot(address: PolicyAddress) -> Policy:
+    """Return the policy of a checkpoint, which takes batches if it answers chunks from one observation.
+
+    Raises what :class:`Checkpoint` and :func:`derive_adapter` raise, and HandshakeError if the adapter of the address
+    gives something else than the checkpoint wants.
+    """
+    checkpoint = load_checkpoint(address)
+    remembers = int(getattr(checkpoint.config, "n_obs_steps", 1)) > 1
+    if checkpoint.type in CHUNK_TYPES and not remembers:
+        return LerobotPolicy(address, checkpoint)
+    return LerobotStepPolicy(address, checkpoint)
+
+
+def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
+    """Return the adapter that follows from a checkpoint, and from the address's state, action_space and camera.KEY.
+
+    Raises:
+        InvalidInputError: If something stays open; the text names the option that decides it.
+        UnknownNameError: If an option's value does not exist.
+    """
+    where = f"policy {address}"
+    layout = address.choice("state", tuple(_STATES), "ee")
+    states = []
+    for key, size in features.states.items():
+        rule = StateRule((key,), _STATES[layout])
+        if size != rule.size:
+            raise InvalidInputError(
+                where,
+                f"its {key} has {size} numbers, and those that are known here have {rule.size}",
+                "Give adapter=FILE with the parts of its state",
+            )
+        states.append(rule)
+    views = tuple(
+        ImageRule((key,), _camera(key, address, where), width, height)
+        for key, (height, width) in features.images.items()
+    )
+    shared = {rule.camera for rule in views if sum(other.camera == rule.camera for other in views) > 1}
+    if shared:
+        keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
+        raise InvalidInputError(
+            where, f"{keys} would all show the camera {min(shared)}", "Give camera.KEY=NAME for each"
+        )
+    return Adapter(
+        "lerobot",
+        views=views,
+        states=tuple(states),
+        instruction=InstructionRule(_TASK),
+        answer=_answer(address, features, where),
+    )
+
+
+def compare_features(adapter: Adapter, features: Features, where: str) -> None:
+    """Raise a HandshakeError that names both sides if an adapter and a checkpoint declare different things."""
+    wanted = {
+        **{key: f"an image of {width} x {height}" for key, (height, width) in features.images.items()},
+        **{key: f"{size} numbers" for key, size in features.states.items()},
+        "action": f"{features.action} numbers",
+    }
+    given = {
+        **{"/".join(r.key): f"an image of {r.width or 'any'} x {r.height or 'any'}" for r in adapter.views},
+        **{"/".join(rule.key): f"{rule.size} numbers" for rule in adapter.states},
+        **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
+    }
+    found = [
+        f"{key}: the checkpoint says {wanted.get(key, 'nothing')}, the adapter {given.get(key, 'nothing')}"
+        for key in sorted({*wanted, *given})
+        if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
+    ]
+    if adapter.instruction.key != _TASK or adapter.instruction.depth:
+        found.append("the instruction: LeRobot takes it as a string under 'task'")
+    if found:
+        raise HandshakeError(
+            f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found)}. "
+            "Correct the adapter, or leave it out."
+        )
+
+
+def seed_of(observation: Observation, salt: int = 0) -> int:
+    """Return a number that depends on what is seen, and on nothing that is asked beside it."""
+    digest = hashlib.sha256(f"lerobot|{salt}|{observation.step}|{observation.instruction}".encode())
+    digest.update(np.asarray(observation.joint_positions, np.float64).tobytes())
+    digest.update(np.asarray(observation.ee_position, np.float64).tobytes())
+    for name, image in sorted(observation.images.items()):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(image).tobytes())
+    return int.from_bytes(digest.digest()[:8], "little") >> 1
+
+
+def _camera(key: str, address: PolicyAddress, where: str) -> str:
+    """Return which of our cameras an image shows."""
+    given = address.options.get(f"camera.{key}")
+    if given is not None:
+        return given
+    name = key.rpartition(".")[2].lower()
+    if name in _CAMERAS:
+        return name
+    if name in _KNOWN_AS:
+        return _KNOWN_AS[name]
+    if any(word in name for word in _WRIST_WORDS):
+        return "wrist"
+    raise InvalidInputError(
+        where, f"the camera that {key} shows is not known", f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}"
+    )
+
+
+def _answer(address: PolicyAddress, features: Features, where: str) -> AnswerRule:
+    """Return how actions of so many numbers are read."""
+    space = address.options.get("action_space", "ee_delta" if features.action == 7 else "")
+    turned = "quaternion_wxyz" if space == "ee_pose" else "axis_angle"
+    parts = (
+        (AnswerPart(_ACTION, "joints"), AnswerPart(_ACTION, "gripper"))
+        if space.startswith("joint")
+        else (AnswerPart(_ACTION, "translation"), AnswerPart(_ACTION, "rotation"), AnswerPart(_ACTION, "gripper"))
+    )
+    if not space:
+        raise InvalidInputError(
+            where,
+            f"its actions have {features.action} numbers, and their meaning is not known",
+            "Add action_space=NAME (joint_position, joint_delta or ee_pose have 8), or adapter=FILE",
+        )
+    return AnswerRule(space, parts, rotation=turned)  # type: ignore[arg-type]

@@ -1,0 +1,207 @@
+"""Client of openpi's websocket protocol: ``openpi://host:port``, or ``openpi://host:port/path``.
+
+The server speaks first, one map of metadata. Then each binary frame with an observation is answered by one with
+actions; a text frame is an error and ends the connection. There is no reset: every observation stands for itself.
+Facts: openpi's ``packages/openpi-client``.
+
+Servers that have taken the protocol over differ in details, which are understood too. Arrays may be marked as
+msgpack-numpy does: in answers, and in requests if those of the metadata are or ``arrays=nd`` says so. vLLM-Omni
+(``vllm_omni/entrypoints/openpi``, ``connection.py`` and ``serving.py``) serves at a path, answers the bare array of
+actions, reports an error as a map with ``type`` "error", and tells episodes apart by a ``session_id``, which is sent if
+its metadata say ``needs_session_id``.
+
+Real-time chunking is not in openpi itself. Its fork kai0 (OpenDriveLab/kai0, ``src/openpi/policies/policy.py``) and
+those like it take the rest of the old chunk as ``prev_action_chunk``, in the units in which they answer, with
+``inference_delay`` and ``execute_horizon``; with ``delay=N`` these are sent.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, get_args
+from uuid import uuid4
+
+import numpy as np
+
+from betterbench.errors import PolicyError, last_line, one_line, printable
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.clients.previous_chunk import moved_up, rows_left
+from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.answers import get_entry
+from betterbench.policies.conventions.handshake import (
+    Declaration,
+    compare_declarations,
+    declare_adapter,
+    read_execution,
+    read_server,
+)
+from betterbench.policies.conventions.presets import PRESETS, USUAL_ADAPTERS, adapter_of
+from betterbench.policies.protocols.websocket import WebSocket
+from betterbench.policies.protocols.wire import (
+    MAX_FRAME_BYTES,
+    OpenpiArrays,
+    decode_openpi,
+    encode_openpi,
+    marks_arrays_as_nd,
+)
+from betterbench.tasks import TrialId
+
+_LONGEST_REASON = 20_000
+_SESSION = "session_id"
+
+
+class OpenpiClient(ServerClient[WebSocket]):
+    """A policy behind openpi's protocol; each environment has a client of its own."""
+
+    def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
+        # What is wrong with the address itself is told before anybody is dialed.
+        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        self._max_bytes = max_bytes
+        self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
+        self._session = _new_session()
+        self._delay = address.whole("delay")
+        if self._delay and len(self.adapter.answer.columns) > 1:
+            raise address.error(
+                f"adapter {self.adapter.name} reads several arrays, and delay needs one", "Leave it out"
+            )
+        self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
+        self._start: EpisodeStart | None = None
+        self._trial: TrialId | None = None
+        self._serves_expert = False
+        self._server_s = 0.0
+        self._chosen: Adapter | None = None  # at the first handshake
+        self.last_reply: dict[str, Any] = {}
+        self._metadata: Mapping[str, Any] = {}
+        self._within = False
+        self._connection.open()
+        ours = self._metadata.get("betterbench")
+        ours = ours if isinstance(ours, Mapping) else {}
+        wants, looks_at = ours.get("needs_images"), ours.get("looks_at")
+        info = describe_remote_policy(
+            address,
+            self.adapter,
+            self._metadata,
+            needs_images=wants if isinstance(wants, bool) else None,
+            cameras=looks_at if isinstance(looks_at, list) else None,
+        )
+        # What the address says about playing chunks goes before what the server says, and that before the preset.
+        told = read_execution(self._where, ours)
+        if told is not None and not set(EXECUTION_OPTIONS) & set(address.options):
+            info = replace(info, execution=told)
+        self.info = info
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name with their unit."""
+        return {**self._connection.figures, "policy_server_s": round(self._server_s, 6)}
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; the server is told by another ``session_id``, if it declares to need one."""
+        super().reset(start)
+        self._start, self._server_s, self._session, self._last = start, 0.0, _new_session(), None
+
+    def name_trial(self, trial: TrialId) -> None:
+        """Note which trial begins. Only a server that declares to serve an expert is told: it simulates the trial."""
+        self._trial = trial
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the next actions, (horizon, dim) float64."""
+        trial = self._trial if self._serves_expert else None
+        request = self.adapter.request(observation, self._start, trial)
+        if self._metadata.get("needs_session_id") is True:
+            request.setdefault(_SESSION, self._session)
+        frame = encode_openpi(request | self._continuation(observation.step), arrays=self._arrays)
+
+        def exchange(connection: WebSocket, timeout_s: float) -> object:
+            end = time.monotonic() + timeout_s
+            # The protocol numbers neither questions nor answers.
+            connection.refuse_unasked()
+            connection.send(frame, timeout_s)
+            answer = connection.receive(end - time.monotonic())
+            connection.mark_end_of_answer()
+            return self._read(answer, (Mapping, np.ndarray))
+
+        reply = self.adapter.named(self._connection.request(exchange), self._where)
+        actions = self.adapter.actions(reply, observation)
+        if self._delay:
+            self._last = (observation.step, _whole_chunk(get_entry(reply, next(iter(self.adapter.answer.columns)))))
+        taken = {key[0] for key in self.adapter.answer.columns}
+        self.last_reply = {str(k): v for k, v in reply.items() if k not in taken}
+        timing = reply.get("server_timing")
+        spent = timing.get("infer_ms") if isinstance(timing, Mapping) else None
+        if isinstance(spent, (int, float)) and 0.0 <= spent < 1e9:
+            self._server_s += 0.001 * float(spent)
+        return actions
+
+    def _continuation(self, step: int) -> dict[str, Any]:
+        """Return what is added to a request so that the new chunk continues the old one; empty without such a rest."""
+        if self._last is None or rows_left(*self._last, step=step) < self._delay:
+            return {}
+        horizon = self._address.execution(self.adapter.horizon).horizon
+        executed = {} if horizon is None else {"execute_horizon": horizon}
+        return {"prev_action_chunk": moved_up(*self._last, step=step), "inference_delay": self._delay, **executed}
+
+    def _dial(self, timeout_s: float) -> WebSocket:
+        """Connect, read the metadata and compare; after a restart of the server it is done again."""
+        end = time.monotonic() + timeout_s
+        connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
+        with connection.greeting("it took the connection and sent no metadata; is it an openpi server?"):
+            frame = connection.receive(end - time.monotonic())
+            self._agree(self._read(frame, (Mapping,)))
+            if "arrays" not in self._address.options:
+                self._arrays = "nd" if isinstance(frame, bytes) and marks_arrays_as_nd(frame) else "openpi"
+        return connection
+
+    def _agree(self, metadata: Mapping[Any, Any]) -> None:
+        """Choose the adapter at the first handshake, and compare conventions at each."""
+        declared = metadata.get("betterbench")
+        theirs = Declaration(self._where) if declared is None else read_server(self._where, declared)
+        read_execution(self._where, declared)  # a malformed one is refused at every handshake
+        # A process of this run: what it says of the policy goes to the record, whoever asked where.
+        self._within = isinstance(declared, Mapping) and declared.get("within") is True
+        self._serves_expert = isinstance(declared, Mapping) and declared.get("expert") is True
+        adapter = self._chosen
+        if adapter is None:
+            adapter = adapter_of(self._address, PRESETS.get(theirs.preset or ""))
+            if theirs.action_space is not None and adapter.answer.as_is and "action_space" not in self._address.options:
+                adapter = adapter.in_space(theirs.action_space)
+        layouts = declared.get("layouts") if isinstance(declared, Mapping) else None
+        if isinstance(layouts, list) and adapter.name in [name for name in layouts if isinstance(name, str)]:
+            # The server speaks this layout too; how many columns an action has in it is the preset's business.
+            columns = theirs.action_dim if adapter.answer.as_is else None
+            theirs = replace(theirs, preset=adapter.name, action_dim=columns)
+        compare_declarations(declare_adapter("this side", adapter), theirs)
+        self._require_same(metadata)
+        self._chosen = self.adapter = adapter
+        self.server = theirs
+        self._metadata = {str(k): v for k, v in metadata.items()}
+
+    def _read(self, frame: bytes | str, kinds: tuple[type, ...]) -> Any:  # noqa: ANN401 - one of the kinds
+        """Return the value in a frame; raise PolicyError if it is an error of the server's, or of another kind."""
+        if isinstance(frame, str):
+            if self._within:
+                raise PolicyError(printable(frame, most=_LONGEST_REASON))
+            raise PolicyError(f"{self._where} reports an error: {last_line(frame) or 'without a text'}")
+        value = decode_openpi(frame)
+        if not isinstance(value, kinds):
+            raise PolicyError(f"{self._where} sent a {type(value).__name__} in place of a map.")
+        if isinstance(value, Mapping) and isinstance(value.get("type"), str) and value["type"] == "error":
+            raise PolicyError(f"{self._where} reports an error: {one_line(value.get('message', 'without a text'))}")
+        return value
+
+
+def _whole_chunk(given: object) -> np.ndarray:
+    """Return the chunk of an answer that has been read, (horizon, dim) float32."""
+    array = np.asarray(given, dtype=np.float32)
+    while array.ndim > 2:
+        array = array[0]
+    return np.atleast_2d(array)
+
+
+def _new_session() -> str:
+    """Return a name that no other client of a server uses."""
+    return f"betterbench-{uuid4().hex}"

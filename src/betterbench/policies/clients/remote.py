@@ -1,0 +1,188 @@
+"""What policies with an adapter have in common, and those behind a server."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Generic
+
+from betterbench.errors import HandshakeError, one_line, printable
+from betterbench.interface import EpisodeStart, ObservationSpec, PolicyInfo
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.connection import Connection, ConnectionLimits, PolicyConnection, api_key
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.handshake import Declaration, compare_declarations, declare_adapter, space_cure
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA
+
+_LONGEST_TEXT = 2000
+_MOST_ENTRIES = 100
+
+
+def describe_remote_policy(
+    address: PolicyAddress,
+    adapter: Adapter,
+    declared: Mapping[str, Any],
+    *,
+    needs_images: bool | None = None,
+    cameras: Sequence[object] | None = None,
+    says_actions: bool = True,
+) -> PolicyInfo:
+    """Return what a client says about its policy; it is stored with the run.
+
+    ``needs_images`` is False if the server says that it looks at no image, None to tell from the adapter. A camera that
+    the adapter names is sent, and so rendered, all the same. ``cameras`` are those that the server says it looks at,
+    None for all. ``says_actions`` is False if the server declares nothing
+    about its actions: unless the address does, what they are taken for stands in the metadata as "assumed", and is told
+    before a run.
+    """
+    named = any(camera != EVERY_CAMERA for camera in adapter.cameras)
+    metadata = {"adapter": json.dumps(adapter.to_json(), sort_keys=True)}
+    if not says_actions and not address.names_adapter:
+        answer = adapter.answer
+        metadata["assumed"] = (
+            f"policy server {address.scheme}://{address.target} does not declare what its actions mean; they are read "
+            f"as preset {adapter.name} does ({answer.space}, rotation {answer.rotation}, gripper {answer.gripper}). "
+            "Write ?preset=NAME or ?adapter=FILE to say so yourself."
+        )
+    for name, value in sorted(declared.items(), key=lambda item: str(item[0]))[:_MOST_ENTRIES]:
+        metadata[f"server: {one_line(str(name)[:100])}"] = plain_text(value)
+    return PolicyInfo(
+        str(address),
+        action_space=adapter.answer.space,
+        needs_images=bool(adapter.views) if needs_images is None else needs_images or named,
+        metadata=metadata,
+        execution=address.execution(adapter.horizon),
+        cameras=None if cameras is None or named else tuple(map(plain_text, cameras[:_MOST_ENTRIES])),
+    )
+
+
+def plain_text(value: object) -> str:
+    """Return something that a server declared as a text of bounded length."""
+    try:
+        text = value if isinstance(value, str) else json.dumps(value, default=str)
+    except TypeError:  # a map with keys that are not texts
+        text = str(value)
+    whole = printable(text, most=_LONGEST_TEXT)
+    if whole == text:
+        return text
+    # The digest tells a resumed run that something beyond the cut, or that cannot be printed, has changed.
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return f"{printable(text[:_LONGEST_TEXT], most=_LONGEST_TEXT)}... (sha256 {digest})"
+
+
+def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
+    """Check that an episode wants actions of the kind that a policy gives; raise HandshakeError if it does not."""
+    if start.action_space != adapter.answer.space:
+        raise HandshakeError(
+            f"action space: the run asks for {start.action_space!r}, {who} answers in {adapter.answer.space!r}. "
+            f"{space_cure(adapter.answer.space)}."
+        )
+
+
+class AdaptedPolicy:
+    """A policy with one adapter from its beginning, which compares itself with a run."""
+
+    adapter: Adapter
+    server: Declaration
+    offered: Declaration | None = None
+    """What this side declares in the words of the server, where those are other words than ours."""
+
+    @property
+    def _compared(self) -> Declaration:
+        """What a run is compared with."""
+        return self.server
+
+    def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
+        """Compare the conventions of a run with the policy's; raise a HandshakeError that names both if they differ."""
+        adapter, theirs = self.adapter, self._compared
+        ours = replace(declare_adapter("the run", adapter, rate_hz=rate_hz), action_space=space)
+        compare_declarations(ours, theirs)
+        if space != adapter.answer.space:
+            raise HandshakeError(
+                f"action space: the run says {space!r}, {theirs.who} answers in {adapter.answer.space!r}. "
+                f"{space_cure(adapter.answer.space)}."
+            )
+        rendered = {camera.name for camera in observation.cameras}
+        missing = [c for c in adapter.cameras if c != EVERY_CAMERA and c not in rendered]
+        if missing:
+            raise HandshakeError(
+                f"cameras: {theirs.who} is shown {', '.join(missing)} by adapter {adapter.name}, the run renders "
+                f"{', '.join(sorted(rendered)) or 'none'}. Give --observation with them, or camera.KEY=NAME in the "
+                "address."
+            )
+        if adapter.depths and not observation.depth:
+            raise HandshakeError(
+                f"depth: adapter {adapter.name} shows depth images, and the observation {observation.name} has none. "
+                "In CALVIN, give --observation calvin_depth; elsewhere, remove depths from the adapter."
+            )
+        if adapter.control_rate_hz != rate_hz:
+            raise HandshakeError(
+                f"control rate: the run says {rate_hz:g} Hz, adapter {adapter.name} {adapter.control_rate_hz:g} Hz. "
+                "Correct control_rate_hz in the adapter."
+            )
+
+
+class ServerClient(AdaptedPolicy, Generic[Connection]):
+    """A policy behind a server; each environment has a client of its own.
+
+    What a client raises when it is made is said at :func:`betterbench.policies.clients.connect.connect`. Its ``act``
+    raises PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be
+    reached.
+    """
+
+    info: PolicyInfo
+    feeds_back = False
+    """Whether the client shows a policy its own last answer
+    (:class:`betterbench.policies.conventions.adapter.Feedback`)."""
+
+    def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:
+        """Prepare; a subclass opens the connection when it is ready to compare conventions.
+
+        The seed is that of the jitter between attempts.
+        """
+        if adapter.feedback is not None and not self.feeds_back:
+            raise address.error(
+                f"adapter {adapter.name} shows the policy its last answer, which is offered for http:// alone",
+                "Leave feedback out of the adapter",
+            )
+        self._address, self._where = address, address.server_name
+        self._key = api_key(address, "api_token_env" if "api_token_env" in address.options else "api_key_env")
+        self.adapter, self.server = adapter, Declaration(self._where)
+        self._connection = PolicyConnection(self._where, self._dial, ConnectionLimits.of(address, seed=seed))
+        self._declared: dict[str, str] | None = None  # at the first handshake
+
+    def _dial(self, timeout_s: float) -> Connection:
+        """Connect and compare conventions within a time [s]; after a restart of the server it is done again."""
+        raise NotImplementedError
+
+    def _require_same(self, declared: Mapping[Any, Any]) -> None:
+        """Compare what the server declares with what it declared first.
+
+        Raises HandshakeError, with both values, if it has come back as another one: two checkpoints would share a run.
+        """
+        told = {str(name): plain_text(value) for name, value in declared.items()}
+        before, self._declared = self._declared or told, self._declared or told
+        for name in sorted(before.keys() | told.keys()):
+            if before.get(name) != told.get(name):
+                was, now = (one_line(side.get(name, "nothing"), most=200) for side in (before, told))
+                raise HandshakeError(
+                    f"{self._where} has come back as another one: {one_line(name, most=100)} was {was} and is {now}. "
+                    "Start the first one and run the same command again, or give --allow-changed-policy to go on with "
+                    "both in one run."
+                )
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """Wall-clock figures of the episode so far, by name with their unit."""
+        return self._connection.figures
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Begin an episode; raise HandshakeError if it wants actions of another kind."""
+        check_start(self.adapter, start, self._where)
+        self._connection.count_anew()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._connection.close()

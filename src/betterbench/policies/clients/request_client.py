@@ -1,0 +1,117 @@
+"""A ZeroMQ socket that asks and is answered, and that does not hang when an answer never comes."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import threading
+import time
+
+import zmq
+
+from betterbench.errors import PolicyError
+from betterbench.policies.protocols.wire import MAX_FRAME_BYTES
+
+_KNOCK_S = 2.0
+_GLANCE_S = 0.1
+_SETTLE_S = 0.002
+
+
+class RequestClient:
+    """A socket to one server, which sees a REQ socket: an empty frame, then the question.
+
+    A REQ socket itself throws away what comes unasked, if it is there in time, and says nothing. This one refuses it.
+    Whoever gets an OSError from it closes it and makes another one; a late answer to the old one then has nobody to go
+    to and cannot be taken for the answer to the next question.
+    """
+
+    def __init__(self, host: str, port: int, *, timeout_s: float) -> None:
+        """Connect; raise OSError if nobody listens, which ZeroMQ does not tell: it connects in the background."""
+        self.where = f"{f'[{host}]' if ':' in host else host}:{port}"
+        try:
+            socket.create_connection((host, port), min(timeout_s, _KNOCK_S)).close()
+        except OSError as error:
+            raise ConnectionError(f"nobody listens on {self.where}: {error}") from error
+        self._busy, self._ended = threading.Lock(), threading.Event()
+        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._socket = self._context.socket(zmq.DEALER)
+        self._socket.setsockopt(zmq.LINGER, 0)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
+        self._socket.setsockopt(zmq.IPV6, int(":" in host))
+        # Tells at once when the server goes away, which ZeroMQ would hide until the deadline.
+        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._answered_at = 0.0
+        self._poller = zmq.Poller()
+        self._poller.register(self._socket, zmq.POLLIN)
+        self._poller.register(self._monitor, zmq.POLLIN)
+        try:
+            self._socket.connect(f"tcp://{self.where}")
+        except zmq.ZMQError as error:
+            self.close()
+            raise ConnectionError(f"{self.where}: {error}") from error
+
+    def ask(self, frame: bytes, timeout_s: float) -> bytes:
+        """Send a frame and return the answer.
+
+        Raises OSError if no answer came in time, the server went away or has sent something unasked, PolicyError if
+        the answer is not a single frame.
+        """
+        deadline = time.monotonic() + timeout_s
+        with self._busy:
+            try:
+                # A second answer comes right after the first one, and would be taken for that to this question.
+                settled = self._answered_at + _SETTLE_S - time.monotonic()
+                if self._socket.poll(max(0, math.ceil(1000.0 * settled))):
+                    raise ConnectionError("it sent an answer that nobody asked for")
+                self._socket.send_multipart([b"", frame])
+                self._wait(deadline, timeout_s)
+                empty, *parts = self._socket.recv_multipart()
+                self._answered_at = time.monotonic()
+            except zmq.ZMQError as error:
+                raise ConnectionError(str(error)) from error
+            finally:
+                if self._ended.is_set():
+                    self._destroy()
+        if empty or len(parts) != 1:
+            raise PolicyError(f"policy server {self.where} answered with {len(parts)} frames. Send one.")
+        return parts[0]
+
+    def _wait(self, deadline: float, timeout_s: float) -> None:
+        """Return when an answer is there."""
+        while True:
+            left = deadline - time.monotonic()
+            ready = dict(self._poller.poll(max(0, math.ceil(1000.0 * min(left, _GLANCE_S)))))
+            if self._socket in ready:
+                return
+            if self._ended.is_set():
+                raise ConnectionError("the connection was closed on this side")
+            if self._monitor in ready:
+                # ZeroMQ drops it itself when an answer is too large, and does not tell which it was.
+                raise ConnectionError(
+                    f"the connection was dropped by the server, or for an answer of more than {MAX_FRAME_BYTES} bytes"
+                )
+            if left <= 0.0:
+                raise TimeoutError(f"no answer within {timeout_s:.3g} s")
+
+    def close(self) -> None:
+        """Throw the socket away; harmless when that was done already.
+
+        A socket belongs to one thread at a time: while another one waits for an answer, that one is told to stop, and
+        throws it away.
+        """
+        self._ended.set()
+        if self._busy.acquire(timeout=10.0 * _GLANCE_S):
+            try:
+                self._destroy()
+            finally:
+                self._busy.release()
+
+    def _destroy(self) -> None:
+        if self._socket.closed:
+            return
+        with contextlib.suppress(zmq.ZMQError):
+            self._socket.disable_monitor()
+        self._monitor.close(linger=0)
+        self._socket.close(linger=0)
+        self._context.term()

@@ -1,0 +1,359 @@
+"""Adapters: what a policy is shown and how its answers are read, as data that can be stored, compared and declared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from betterbench.errors import InvalidInputError, PolicyError, UnknownNameError
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.json_form import NO_TRUTH, read_bounded, read_form, strict_form
+from betterbench.policies.conventions.answers import AnswerRule
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.tasks import TrialId
+
+PANDA_OPENING_M = 0.08
+"""Distance of the pads of a fully open Franka gripper [m]."""
+
+CONTROL_RATE_HZ = 20.0
+"""Control rate of the suite [Hz]."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class InstructionRule:
+    """Where the instruction goes.
+
+    Attributes:
+        depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
+        template: Sentence that the policy was trained with, in which ``{}`` is the instruction.
+    """
+
+    key: tuple[str, ...]
+    depth: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
+    template: str = "{}"
+
+    def __post_init__(self) -> None:
+        """Check the template."""
+        if self.template.count("{}") != 1:
+            raise InvalidInputError(
+                f"instruction {'/'.join(self.key)}: template",
+                f"{self.template!r} has no place",
+                "Write {} into it once",
+            )
+
+    def write(self, instruction: str) -> str:
+        """Return the text that is sent."""
+        return self.template.replace("{}", instruction)
+
+    def read(self, text: str) -> str:
+        """Return the instruction in a text that was sent; a text that does not follow the template is one itself."""
+        before, _, after = self.template.partition("{}")
+        follows = text.startswith(before) and text.endswith(after) and len(text) > len(before) + len(after)
+        return text[len(before) : len(text) - len(after)] if follows else text
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ConstantRule:
+    """An entry of every request that does not depend on what is seen, such as the name of a normalization.
+
+    Attributes:
+        value: What is sent; None for an entry without a safe default, which the address has to give (``send.KEY=``).
+    """
+
+    key: tuple[str, ...]
+    value: bool | int | float | str | None = None
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class DepthRule:
+    """A depth image that a policy is shown, (height, width) float32 [m], as large as it is drawn."""
+
+    key: tuple[str, ...]
+    camera: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """A state that begins with numbers of the policy's own answer, from its first answer on.
+
+    Attributes:
+        state_key: Key of the state.
+        answer_key: Key of the answer.
+        size: How many numbers of the row that was played last replace the first ones of the state.
+    """
+
+    state_key: tuple[str, ...]
+    answer_key: tuple[str, ...]
+    size: int
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Adapter:
+    """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
+
+    Attributes:
+        leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
+        ee_offset_m: Added to the position of the end effector in the robot's base frame, for a policy with another
+            origin; (-0.66, 0, 0.912) is LIBERO's world for its table scenes [m].
+        tool_offset_m: The policy's tool point in the frame of ours, for positions in states and absolute poses; that
+            of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are played about our own point.
+        gripper_opening_m: Distance of the pads that counts as fully open [m].
+        episode_key: Where our own servers are told how the episode began, or None.
+        constants: Entries that are the same in every request.
+        depths: Depth images, for a run that draws them (``--observation calvin_depth``); not for GR00T.
+        feedback: The state that holds what the policy answered, or None; ``POST /act`` alone knows it.
+        horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
+            own client does; None for all.
+    """
+
+    name: str
+    views: tuple[ImageRule, ...]
+    states: tuple[StateRule, ...]
+    instruction: InstructionRule
+    answer: AnswerRule = field(default_factory=AnswerRule)
+    leading_axes: Annotated[Literal[0, 1, 2], NO_TRUTH] = 0
+    ee_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gripper_opening_m: float = PANDA_OPENING_M
+    control_rate_hz: float = CONTROL_RATE_HZ
+    episode_key: tuple[str, ...] | None = None
+    tool_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    horizon: int | None = None
+    constants: tuple[ConstantRule, ...] = ()
+    feedback: Feedback | None = None
+    depths: tuple[DepthRule, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the keys, the numbers and the feedback."""
+        if self.feedback is not None:
+            sizes = {rule.key: rule.size for rule in self.states}
+            columns = self.answer.columns
+            if self.feedback.size > min(
+                sizes.get(self.feedback.state_key, 0), columns.get(self.feedback.answer_key, 0)
+            ):
+                raise InvalidInputError(
+                    f"adapter {self.name}: feedback",
+                    f"{self.feedback.size} numbers do not fit into the state {'/'.join(self.feedback.state_key)!r} "
+                    f"and the answer {'/'.join(self.feedback.answer_key)!r}",
+                    "Name a state and an answer of the adapter, and no more numbers than both have",
+                )
+        keys = [p.key for p in self.views] + [s.key for s in self.states] + [self.instruction.key]
+        keys += [rule.key for rule in self.depths]
+        keys += [] if self.episode_key is None else [self.episode_key]
+        keys += [constant.key for constant in self.constants]
+        for i, key in enumerate(keys):
+            if not key or not all(key):
+                raise InvalidInputError(f"adapter {self.name}", "a key is empty", "Give a name")
+            if any(key[: len(other)] == other or other[: len(key)] == key for other in keys[:i]):
+                raise InvalidInputError(
+                    f"adapter {self.name}", f"two entries use the key {'/'.join(key)!r}", "Give each its own"
+                )
+        for name in ("gripper_opening_m", "control_rate_hz"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give more than 0")
+        for name, offset in (("ee_offset_m", self.ee_offset_m), ("tool_offset_m", self.tool_offset_m)):
+            if not all(abs(v) < 100.0 for v in offset):
+                raise InvalidInputError(f"adapter {self.name}: {name}", "it is out of range", "Give meters")
+        if self.horizon is not None and self.horizon < 1:
+            raise InvalidInputError(
+                f"adapter {self.name}: horizon", f"{self.horizon} is out of range", "Give 1 or more"
+            )
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that it needs, each once; ``*`` for all there are."""
+        return tuple(dict.fromkeys([rule.camera for rule in self.views] + [rule.camera for rule in self.depths]))
+
+    def images(self, observation: Observation) -> dict[tuple[str, ...], np.ndarray]:
+        """Return exactly the images that the policy is shown, by key of the request: (height, width, 3) uint8.
+
+        Raises PolicyError if the run does not render a camera that is needed.
+        """
+        shown = {}
+        for rule in self.views:
+            for camera in observation.images if rule.camera == EVERY_CAMERA else (rule.camera,):
+                if camera not in observation.images:
+                    there = ", ".join(observation.images) or "none"
+                    raise PolicyError(
+                        f"adapter {self.name} wants the camera {camera!r}, and the run renders {there}. "
+                        f"Give --observation with it, or camera.{'/'.join(rule.key)}=NAME in the policy's address."
+                    )
+                shown[rule.named(camera)] = rule.show(observation.images[camera])
+        return shown
+
+    def state(self, rule: StateRule, observation: Observation) -> np.ndarray | float | int:
+        """Return one of its states: (size,) of the type that the policy wants, or a number for a scalar."""
+        return rule.read(
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            gripper_opening_m=self.gripper_opening_m,
+        )
+
+    def request(
+        self, observation: Observation, start: EpisodeStart | None = None, trial: TrialId | None = None
+    ) -> dict[str, Any]:
+        """Return the message that asks a policy for actions; an entry is nested where its key has several names.
+
+        The trial is for a server that simulates it itself (a served expert); ``start`` is used only with an
+        ``episode_key``. Raises PolicyError if the run does not render a camera that is needed.
+        """
+        message: dict[str, Any] = {}
+        for key, image in self.images(observation).items():
+            set_entry(message, key, image.reshape((1,) * self.leading_axes + image.shape))
+        for depth in self.depths:
+            if depth.camera not in observation.depth:
+                raise PolicyError(
+                    f"adapter {self.name} wants the depth of the camera {depth.camera!r}, and the run draws none. "
+                    "In CALVIN, give --observation calvin_depth."
+                )
+            drawn = observation.depth[depth.camera]
+            set_entry(message, depth.key, drawn.reshape((1,) * self.leading_axes + drawn.shape))
+        for rule in self.states:
+            value = self.state(rule, observation)
+            if isinstance(value, np.ndarray):
+                value = value.reshape((1,) * self.leading_axes + value.shape)
+            set_entry(message, rule.key, value)
+        instruction: Any = self.instruction.write(observation.instruction)
+        for _ in range(self.instruction.depth):
+            instruction = [instruction]
+        set_entry(message, self.instruction.key, instruction)
+        for constant in self.constants:
+            set_entry(message, constant.key, constant.value)
+        if self.episode_key is not None and start is not None:
+            set_entry(message, self.episode_key, asdict(start) | ({} if trial is None else asdict(trial)))
+        return message
+
+    def actions(self, reply: object, observation: Observation) -> np.ndarray:
+        """Return the actions that a reply means, (horizon, dim) float64 in the action space ``answer.space``.
+
+        Raises a PolicyError that names the key and what it holds, if the reply cannot be read.
+        """
+        if not isinstance(reply, Mapping):
+            raise PolicyError(f"the reply is a {type(reply).__name__}, not a map with actions.")
+        return self.answer.read(
+            reply,
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            control_rate_hz=self.control_rate_hz,
+        )
+
+    def named(self, reply: object, who: str) -> Mapping[Any, Any]:
+        """Return a map of an answer: the answer, or what is not a map under the one key that the actions stand at.
+
+        Raises PolicyError if the actions are looked for under several keys.
+        """
+        if isinstance(reply, Mapping):
+            return reply
+        keys = list(self.answer.columns)
+        if len(keys) > 1 or len(keys[0]) > 1:
+            wanted = ", ".join("/".join(key) for key in keys)
+            raise PolicyError(f"{who} answers an array, and adapter {self.name} reads {wanted}.")
+        return {keys[0][0]: reply}
+
+    def reply(self, actions: np.ndarray, observation: Observation) -> dict[str, Any]:
+        """Return what a policy with this adapter would answer to mean these actions."""
+        message: dict[str, Any] = {}
+        written = self.answer.write(
+            actions,
+            observation,
+            ee_offset_m=self.ee_offset_m,
+            tool_offset_m=self.tool_offset_m,
+            control_rate_hz=self.control_rate_hz,
+        )
+        for key, array in written.items():
+            set_entry(message, key, array)
+        return message
+
+    def with_cameras(self, cameras: Mapping[str, str]) -> Adapter:
+        """Return the adapter with other cameras under some of its keys; nested keys are joined by "/".
+
+        Raises UnknownNameError if the adapter has no such key.
+        """
+        known = {"/".join(rule.key): rule for rule in self.views}
+        for key in cameras:
+            if key not in known:
+                raise UnknownNameError(f"image of adapter {self.name}", key, known)
+        changed = tuple(replace(rule, camera=cameras[key]) if key in cameras else rule for key, rule in known.items())
+        return replace(self, views=changed)
+
+    def with_constants(self, values: Mapping[str, bool | int | float | str]) -> Adapter:
+        """Return the adapter with other constants, or more of them; nested keys are joined by "/"."""
+        known = {"/".join(rule.key): rule for rule in self.constants}
+        known |= {key: ConstantRule(tuple(key.split("/")), value) for key, value in values.items()}
+        return replace(self, constants=tuple(known.values()))
+
+    def in_space(self, space: str) -> Adapter:
+        """Return the adapter with answers in another action space.
+
+        Raises UnknownNameError if there is none of that name, InvalidInputError if its columns do not make such an
+        action.
+        """
+        return replace(self, answer=self.answer.in_space(space))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form with every default written out; a key of one name is a string, else a list."""
+        form: dict[str, Any] = _shorter(_ADAPTER.dump_python(self, mode="json"))
+        return form
+
+    @classmethod
+    def from_json(cls, form: object, *, where: str = "adapter") -> Adapter:
+        """Read the JSON form.
+
+        Raises InvalidInputError if a field is missing, unknown or malformed, UnknownNameError for an unknown action
+        space.
+        """
+        return read_form(_ADAPTER, _longer(form), where=where, cure=_CURE)
+
+    @classmethod
+    def load(cls, path: Path) -> Adapter:
+        """Read an adapter from a JSON file; raise InvalidInputError if it cannot be read; the text names the field."""
+        where = f"adapter {path}"
+        form = read_form(
+            _ANYTHING, read_bounded(path, max_bytes=_MAX_BYTES, cure="Give a JSON file"), where=where, cure=_CURE
+        )
+        return cls.from_json({"name": path.stem, **form}, where=where)
+
+
+_ANYTHING = TypeAdapter(dict[str, Any])
+_MAX_BYTES = 1_000_000
+_CURE = "Write it as docs/policies.md and docs/calvin.md show, or as better doctor --policy P --json prints it"
+_ADAPTER = TypeAdapter(Adapter)
+_KEYS = ("key", "episode_key", "state_key", "answer_key")
+
+
+def set_entry(message: dict[str, Any], key: tuple[str, ...], value: object) -> None:
+    """Set an entry of a message, making the maps on the way to it."""
+    *way, last = key
+    for name in way:
+        message = message.setdefault(name, {})
+    message[last] = value
+
+
+def _shorter(form: Any) -> Any:  # noqa: ANN401 - a JSON value
+    """Return a JSON form with keys of one name as strings."""
+    return _with_keys(form, lambda key: key[0] if isinstance(key, list) and len(key) == 1 else key)
+
+
+def _longer(form: Any) -> Any:  # noqa: ANN401 - a JSON value
+    """Return a JSON form with keys as lists."""
+    return _with_keys(form, lambda key: [key] if isinstance(key, str) else key)
+
+
+def _with_keys(form: Any, change: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - a JSON value
+    if isinstance(form, list):
+        return [_with_keys(value, change) for value in form]
+    if not isinstance(form, dict):
+        return form
+    return {name: change(value) if name in _KEYS else _with_keys(value, change) for name, value in form.items()}

@@ -1,0 +1,208 @@
+"""Handshakes: what each side declares about its conventions, and the comparison that stops a run when they differ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
+
+from betterbench.errors import BetterError, HandshakeError, InvalidInputError, one_line
+from betterbench.interface import Execution
+from betterbench.interface.actions import ActionSpace, action_space
+from betterbench.json_form import first_problem
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA
+
+PROTOCOL = 1
+"""Version of what our own servers declare."""
+
+_MOST_SHOWN = 12
+"""Differences that one message names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """What one side says about its conventions; what it leaves out is not compared.
+
+    Attributes:
+        action_scale: What one unit of each number amounts to.
+        action_convention: Frame, reference and polarity in words.
+        position: Format of translations or positions ("delta_xyz").
+        rotation: Format of rotations ("axis_angle").
+        gripper: Polarity of the gripper ("close_positive").
+        state: Format of the robot's state.
+        language: Whether the instruction is sent, or wanted ("instruction").
+        rate_hz: Control rate [Hz].
+        cameras: Images by key, each with (width, height) or None for any size. What one side wants, the other one
+            has to give; more may be given.
+    """
+
+    who: str
+    preset: str | None = None
+    action_space: str | None = None
+    action_dim: int | None = None
+    action_low: tuple[float, ...] | None = None
+    action_high: tuple[float, ...] | None = None
+    action_scale: tuple[float, ...] | None = None
+    action_convention: str | None = None
+    position: str | None = None
+    rotation: str | None = None
+    gripper: str | None = None
+    state: str | None = None
+    language: str | None = None
+    rate_hz: float | None = None
+    cameras: Mapping[str, tuple[int, int] | None] | None = None
+
+    def rows(self) -> dict[str, str]:
+        """Return what is declared as texts by name, for tables."""
+        shown = {}
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if entry.name not in ("who", "cameras") and value is not None:
+                shown[entry.name.replace("_", " ")] = one_line(value) if isinstance(value, str) else _text(value)
+        for key, size in (self.cameras or {}).items():
+            shown[_camera(key)] = _size(size)
+        return shown
+
+
+class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
+    """What one of our own servers declares; newer ones may declare more."""
+
+    preset: str
+    action_space: dict[str, Any]
+    control_rate_hz: float | None = None
+    cameras: dict[str, Annotated[tuple[int, int], Strict(False)] | None] | None = None
+
+
+_SERVER = TypeAdapter(_ServerForm)
+
+
+def declare_space(who: str, space: ActionSpace) -> Declaration:
+    """Return the declaration of an action space alone."""
+    return Declaration(
+        who,
+        action_space=space.name,
+        action_dim=space.dim,
+        action_low=space.low,
+        action_high=space.high,
+        action_scale=space.scale,
+        action_convention=space.convention,
+    )
+
+
+def declare_adapter(who: str, adapter: Adapter, *, rate_hz: float | None = None) -> Declaration:
+    """Return what an adapter gives to a policy and takes from it, at its own control rate [Hz] if no other is given."""
+    answer = adapter.answer
+    space = action_space(answer.space)
+    absolute = answer.space == "ee_pose"
+    return Declaration(
+        who,
+        preset=adapter.name,
+        action_space=space.name,
+        action_dim=sum(answer.columns.values()),
+        action_low=space.low if answer.as_is else None,
+        action_high=space.high if answer.as_is else None,
+        action_scale=space.scale if answer.as_is else None,
+        action_convention=space.convention if answer.as_is else None,
+        position=None if space.name.startswith("joint") else "absolute_xyz" if absolute else "delta_xyz",
+        rotation=None if space.name.startswith("joint") else answer.rotation,
+        gripper=answer.gripper,
+        state=", ".join(part for rule in adapter.states for part in rule.parts) or None,
+        language="instruction",
+        rate_hz=adapter.control_rate_hz if rate_hz is None else rate_hz,
+        cameras={
+            "/".join(rule.key): None if rule.width is None or rule.height is None else (rule.width, rule.height)
+            for rule in adapter.views
+        },
+    )
+
+
+def read_server(who: str, form: object) -> Declaration:
+    """Read what one of our own servers declares; raise HandshakeError if it is malformed or of another version."""
+    version = form.get("protocol") if isinstance(form, Mapping) else None
+    if not isinstance(version, int) or version != PROTOCOL:
+        raise HandshakeError(
+            f"{who} speaks version {one_line(version, most=20)} of our declaration, this side {PROTOCOL}. "
+            "Install the same release on both sides."
+        )
+    try:
+        told = _SERVER.validate_python(form)
+        declared = ActionSpace.from_json(told.action_space)
+    except (BetterError, ValidationError) as error:
+        problem = ": ".join(first_problem(error)) if isinstance(error, ValidationError) else one_line(error)
+        raise HandshakeError(
+            f"{who} declares conventions that cannot be read ({problem}). Update the server."
+        ) from error
+    return replace(declare_space(who, declared), preset=told.preset, rate_hz=told.control_rate_hz, cameras=told.cameras)
+
+
+def read_execution(who: str, form: object) -> Execution | None:
+    """Read how one of our own servers says that its chunks are played, or None if it does not say.
+
+    Raises HandshakeError if it is malformed.
+    """
+    told = form.get("execution") if isinstance(form, Mapping) else None
+    if told is None:
+        return None
+    kinds: dict[str, tuple[type, ...]] = {"horizon": (int,), "ahead": (int,), "ensemble": (int, float)}
+    given = {k: v for k, v in told.items() if v is not None} if isinstance(told, Mapping) else {"": told}
+    if not all(k in kinds and isinstance(v, kinds[k]) and not isinstance(v, bool) for k, v in given.items()):
+        raise HandshakeError(
+            f"{who} declares an execution that cannot be read. Install the same release on both sides."
+        )
+    try:
+        return Execution(**given)
+    except InvalidInputError as error:
+        raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
+
+
+def space_cure(space: str) -> str:
+    """Return what to do about a policy that answers in another action space than the run's.
+
+    A foreign world is played in the space of its own, so there the option does not exist.
+    """
+    return f"Give --action-space {space} in a suite of ours, and in LIBERO and CALVIN another policy or preset"
+
+
+def compare_declarations(ours: Declaration, theirs: Declaration) -> None:
+    """Raise a HandshakeError with both sides' values of everything that both declare and in which they differ."""
+    found = []
+    for entry in fields(Declaration):
+        if entry.name in ("who", "cameras"):
+            continue
+        mine, other = getattr(ours, entry.name), getattr(theirs, entry.name)
+        if mine is not None and other is not None and mine != other:
+            name = entry.name.replace("_", " ")
+            found.append(f"{name}: {ours.who} says {_text(mine)}, {theirs.who} says {_text(other)}")
+    given = ours.cameras or {}
+    if ours.cameras is not None and not any("{camera}" in key or key == EVERY_CAMERA for key in given):
+        for key, wanted in (theirs.cameras or {}).items():
+            if key not in given:
+                there = ", ".join(given) or "no images"
+                found.append(f"{_camera(key)}: {theirs.who} wants it, {ours.who} gives {there}")
+            elif wanted is not None and given[key] not in (None, wanted):
+                found.append(f"{_camera(key)}: {ours.who} says {_size(given[key])}, {theirs.who} says {_size(wanted)}")
+    if found:
+        more = [f"{len(found) - _MOST_SHOWN} more"] if len(found) > _MOST_SHOWN else []
+        raise HandshakeError(
+            f"The two sides declare different conventions: {'; '.join(found[:_MOST_SHOWN] + more)}. "
+            "Choose another preset, or correct the adapter, the run or the server."
+        )
+
+
+def _camera(key: str) -> str:
+    return f"camera {one_line(key, most=60)}"
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"({', '.join(_text(v) for v in value)})"
+    if isinstance(value, str):
+        return repr(one_line(value))
+    return f"{value:g}" if isinstance(value, float) else one_line(value)
+
+
+def _size(size: tuple[int, int] | None) -> str:
+    return "any size" if size is None else f"{size[0]} x {size[1]}"

@@ -1,0 +1,64 @@
+"""The field's own clients in LIBERO: how each preset is spoken to, and how its answers are played, in LIBERO itself.
+
+A preset such as ``starvla`` stands for a policy that was fine-tuned on demonstrations of ours. In LIBERO the same name
+stands for a checkpoint that was trained on LIBERO, and its answers are played as the policy's own client plays them:
+the number that is given to ``env.step`` is the same (tests/sim/worlds/test_answers.py).
+
+Sources: starVLA ``examples/simBenchmarks/LIBERO/eval_files/eval_libero.py`` (``_binarize_gripper_open``); Being-H
+``BeingH/benchmark/libero/run_libero_eval.py``; Isaac-GR00T's LIBERO environments, openvla and openvla-oft
+``experiments/robot/libero`` (``normalize_gripper_action``, ``invert_gripper_action``); vla-evaluation-harness
+``benchmarks/libero/benchmark.py``; X-VLA ``evaluation/libero/libero_client.py``. openpi's and LeRobot's clients pass
+actions on as they come.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from betterbench.interface.actions import LIBERO_ABSOLUTE
+from betterbench.policies.conventions.adapter import Adapter, ConstantRule
+from betterbench.policies.conventions.answers import AnswerRule
+from betterbench.policies.conventions.proprioception import StatePart
+
+SHORT_STATE: tuple[StatePart, ...] = ("ee_position", "ee_axis_angle_short", "gripper_fingers")
+"""LIBERO's eight numbers as vla-evaluation-harness sends them: its rotation vector is at most half a turn long."""
+
+_CHANGES: Mapping[str, Callable[[AnswerRule], AnswerRule]] = {
+    "starvla": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
+    "starvla_state": lambda rule: replace(rule, gripper="open_fraction", precision="float32"),
+    "being_h_libero": lambda rule: replace(rule, gripper="open_linear"),
+    "gr00t_libero_panda": lambda rule: replace(rule, gripper="open_sign"),
+    "openvla": lambda rule: replace(rule, gripper="open_sign"),
+    "openvla_oft": lambda rule: replace(rule, gripper="open_sign"),
+    # A number below 0 opens, and everything else closes.
+    "vla_eval": lambda rule: replace(rule, gripper="closed_at_least", gripper_threshold=0.0),
+}
+
+
+def in_libero(adapter: Adapter) -> Adapter:
+    """Return how the clients of LIBERO speak to a policy with this preset; the preset itself where nothing differs."""
+    if adapter.name == "x_vla":
+        return _x_vla(adapter)
+    if adapter.name not in _CHANGES:
+        return adapter
+    states = adapter.states
+    if adapter.name == "vla_eval":
+        states = tuple(replace(rule, parts=SHORT_STATE) for rule in states)
+    return replace(adapter, states=states, answer=_CHANGES[adapter.name](adapter.answer))
+
+
+def _x_vla(adapter: Adapter) -> Adapter:
+    """Return X-VLA's LIBERO client: absolute poses, the pose that robosuite's controller measures, and domain 3.
+
+    It turns the front image by 180 degrees and leaves the wrist image as robosuite delivers it.
+    """
+    front, wrist = adapter.views
+    measured: tuple[StatePart, ...] = ("controller_position", "controller_rotation_6d", *("zero",) * 11)
+    return replace(
+        adapter,
+        views=(front, replace(wrist, turn=180)),
+        states=tuple(replace(rule, parts=measured, dtype="float64") for rule in adapter.states),
+        answer=replace(adapter.answer, space=LIBERO_ABSOLUTE.name),
+        constants=(ConstantRule(("domain_id",), 3),),
+    )

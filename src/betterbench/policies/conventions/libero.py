@@ -1,0 +1,70 @@
+"""LIBERO's own conventions: what differs for a checkpoint that was trained on LIBERO and not on demonstrations of ours.
+
+- **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
+  gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
+  actions of 0.1 to 1.0). Our controller carries out what it is told, so these numbers are the units.
+- **Origin.** Positions are in LIBERO's world, where the robot's base stands at another place in each kind of scene
+  (``libero/libero/envs/robots``: ``base_xpos_offset``, with the lengths of the tables in ``envs/problems``).
+- **Tool point.** LIBERO's is 0.097 m from the hand (robosuite's ``grip_site``), ours 0.1034 m, so ours is 6.4 mm lower.
+- **Images.** LIBERO's renderer delivers the rows from the bottom up (robosuite's "opengl" convention), and its clients
+  turn images by 180 degrees. What a policy saw in training is therefore upright and *mirrored* (openvla/openvla issue
+  295, huggingface/lerobot issue 3830, ARISE-Initiative/robosuite issue 56).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.answers import Polarity
+
+MEASURED_TRANSLATION_M = 0.0125
+"""What one action unit moves the end effector in one control step of LIBERO [m]."""
+
+MEASURED_ROTATION_RAD = 0.1
+"""What one action unit turns the end effector in one control step of LIBERO [rad]."""
+
+TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
+"""LIBERO's tool point in the frame of ours, whose z axis points from the hand to the fingertips [m]."""
+
+_TABLE, _FLOOR, _STUDY = (-0.66, 0.0, 0.912), (-0.6, 0.0, 0.0), (-0.75, 0.0, 0.912)
+_LIVING_ROOM = (-0.51, 0.0, 0.42)
+
+BASES_M: Mapping[str, tuple[float, float, float]] = {
+    "spatial": _TABLE,
+    "object": _FLOOR,
+    "goal": _TABLE,
+    "10": _TABLE,
+    "90": _TABLE,
+    "study": _STUDY,
+    "living_room": _LIVING_ROOM,
+}
+"""Where the robot's base stands in LIBERO's world, by suite, and by scene where it differs from that of the suite [m].
+
+LIBERO-10 and LIBERO-90 mix kitchens, whose position stands here for both, with living rooms and studies.
+"""
+
+
+def trained_on_libero(adapter: Adapter, name: str, suite: str, *, gripper: Polarity = "close_positive") -> Adapter:
+    """Return an adapter for a checkpoint that was trained on a suite of LIBERO.
+
+    Args:
+        adapter: The layout as a policy that was fine-tuned on our demonstrations uses it.
+        name: Name of the adapter that is returned.
+        suite: A key of :data:`BASES_M`.
+        gripper: Polarity of the gripper in the checkpoint's data.
+    """
+    return replace(
+        adapter,
+        name=name,
+        views=tuple(replace(view, mirror=True) for view in adapter.views),
+        answer=replace(
+            adapter.answer,
+            translation_unit_m=MEASURED_TRANSLATION_M,
+            rotation_unit_rad=MEASURED_ROTATION_RAD,
+            gripper=gripper,
+        ),
+        ee_offset_m=BASES_M[suite],
+        tool_offset_m=TOOL_OFFSET_M,
+    )

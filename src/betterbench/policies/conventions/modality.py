@@ -1,0 +1,115 @@
+"""What a GR00T server declares: which entries each modality has, and how many time steps of them it is given."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from betterbench.errors import HandshakeError
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.protocols.wire import ModalityConfig
+
+SEEN = ("video", "state")
+"""Modalities of an observation that come with a time axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Modalities:
+    """The modalities of a server.
+
+    Attributes:
+        video: Names of the images it wants; None if it does not say. Likewise the others.
+        steps: Per modality in ``SEEN`` the control steps of each sample relative to now, the last one 0.
+        prefixed: Whether names come with their modality ("video.front"), as N1.5 writes them.
+    """
+
+    video: tuple[str, ...] | None = None
+    state: tuple[str, ...] | None = None
+    language: tuple[str, ...] | None = None
+    action: tuple[str, ...] | None = None
+    steps: Mapping[str, tuple[int, ...]] = field(default_factory=lambda: dict.fromkeys(SEEN, (0,)))
+    horizon: int | None = None
+    prefixed: bool = False
+
+    @classmethod
+    def read(cls, reply: object, where: str) -> Modalities:
+        """Read what ``get_modality_config`` answered; a plain map, as starVLA's server sends, declares nothing.
+
+        Raises HandshakeError if it is something else, or asks for what no client can know.
+        """
+        marked = [isinstance(value, ModalityConfig) for value in reply.values()] if isinstance(reply, Mapping) else []
+        if isinstance(reply, Mapping) and not any(marked):
+            return cls()
+        if not isinstance(reply, Mapping) or not all(marked):
+            raise HandshakeError(f"{where} answers get_modality_config with something else than modality configs.")
+        names = {
+            kind: tuple(_bare(key, kind) for key in reply[kind].modality_keys)
+            for kind in (*SEEN, "language", "action")
+            if kind in reply
+        }
+        steps = {kind: reply[kind].delta_indices if kind in reply else (0,) for kind in SEEN}
+        for kind, wanted in steps.items():
+            if names.get(kind) and (not wanted or wanted[-1] != 0 or list(wanted) != sorted(set(wanted))):
+                raise HandshakeError(
+                    f"{where} wants {kind} at the steps {list(wanted)} relative to now. "
+                    "This client gives steps in order that end with 0, such as [-1, 0]."
+                )
+        prefixed = any(key.startswith(f"{kind}.") for kind, config in reply.items() for key in config.modality_keys)
+        horizon = len(reply["action"].delta_indices) if "action" in reply else None
+        return cls(**names, steps={k: v or (0,) for k, v in steps.items()}, horizon=horizon or None, prefixed=prefixed)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether an answer depends on more than what is seen now."""
+        return any(len(steps) > 1 for steps in self.steps.values())
+
+    def check(self, adapter: Adapter, where: str) -> None:
+        """Raise a HandshakeError that names both sides of each modality in which the adapter differs.
+
+        The name under which the instruction stands is not a convention: the server's is used.
+        """
+        given = {
+            "video": [name_of(rule.key) for rule in adapter.views],
+            "state": [name_of(rule.key) for rule in adapter.states],
+            "action": [name_of(key) for key in adapter.answer.columns],
+        }
+        differences = []
+        for kind, ours in given.items():
+            theirs = getattr(self, kind)
+            if theirs is not None and set(theirs) != set(ours):
+                side = "this side reads" if kind == "action" else "this side gives"
+                verb = "answers" if kind == "action" else "wants"
+                differences.append(f"{kind}: the server {verb} {_listed(theirs)}, {side} {_listed(ours)}")
+        if self.language is not None and len(self.language) != 1:
+            differences.append(f"language: the server wants {_listed(self.language)}, this side gives one instruction")
+        if differences:
+            raise HandshakeError(
+                f"{where} and the adapter {adapter.name!r} declare different modalities. {'; '.join(differences)}. "
+                "Give adapter=FILE with the names of the modality.json that the server was fine-tuned with."
+            )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, which is stored with the run."""
+        return {
+            **{kind: getattr(self, kind) for kind in (*SEEN, "language", "action")},
+            "steps": {kind: list(steps) for kind, steps in self.steps.items()},
+            "horizon": self.horizon,
+        }
+
+
+def name_of(key: tuple[str, ...]) -> str:
+    """Return the bare name of an adapter's key: ("video", "front") and ("video.front",) are both "front"."""
+    if len(key) > 1:
+        return "/".join(key[1:])
+    kind, dot, rest = key[0].partition(".")
+    return rest if dot and kind in (*SEEN, "action") else key[0]
+
+
+def _bare(key: str, kind: str) -> str:
+    """Return a server's name without the modality that N1.5 writes before it."""
+    return key.removeprefix(f"{kind}.") if kind != "language" else key
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names)) or "nothing"

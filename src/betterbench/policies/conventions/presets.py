@@ -1,0 +1,631 @@
+"""The adapters of known policies, and what an address changes about them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface.actions import (
+    PLAYED_IN,
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    WORLD_ACTION_SPACES,
+)
+from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, OWN_OPTIONS, PolicyAddress
+from betterbench.policies.conventions.adapter import Adapter, ConstantRule, InstructionRule
+from betterbench.policies.conventions.answers import AnswerKind, AnswerPart, AnswerRule, Polarity, twist
+from betterbench.policies.conventions.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
+from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS, in_calvin
+from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
+from betterbench.policies.conventions.in_libero import SHORT_STATE, in_libero
+from betterbench.policies.conventions.libero import (
+    BASES_M,
+    MEASURED_ROTATION_RAD,
+    MEASURED_TRANSLATION_M,
+    trained_on_libero,
+)
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.policies.conventions.rotation import RotationFormat
+
+_UNITS: dict[str, tuple[float, float]] = {
+    "libero": (TRANSLATION_PER_UNIT_M, ROTATION_PER_UNIT_RAD),
+    "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
+    "physical": (1.0, 1.0),
+}
+"""What one action unit amounts to, as translation [m] and rotation [rad]."""
+
+_TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
+
+
+def _twist_by_axis(translation: tuple[str, str, str], rotation: tuple[str, str, str], gripper: str) -> AnswerRule:
+    """Return the rule of an answer with one key per axis, in LIBERO's units."""
+    kinds: tuple[AnswerKind, ...] = ("translation_x", "translation_y", "translation_z")
+    kinds += ("rotation_x", "rotation_y", "rotation_z")
+    axes = tuple(AnswerPart((key,), kind) for key, kind in zip((*translation, *rotation), kinds, strict=True))
+    return AnswerRule("ee_delta", (*axes, AnswerPart((gripper,), "gripper")))
+
+
+NATIVE = Adapter(
+    "native",
+    views=(ImageRule(("better/images/{camera}",), EVERY_CAMERA),),
+    states=(
+        StateRule(("better/step",), ("step",), "int64", scalar=True),
+        StateRule(("better/joint_positions",), ("joint_positions",), "float64"),
+        StateRule(("better/joint_velocities",), ("joint_velocities",), "float64"),
+        StateRule(("better/ee_position",), ("ee_position",), "float64"),
+        StateRule(("better/ee_quaternion",), ("ee_quaternion_wxyz",), "float64"),
+        StateRule(("better/gripper_width",), ("gripper_width",), "float64", scalar=True),
+    ),
+    instruction=InstructionRule(("prompt",)),
+    episode_key=("better/episode",),
+)
+"""Our own observation, whole, over openpi's wire; the answer is an action of ours, played as it is."""
+
+OPENPI_LIBERO = Adapter(
+    "openpi_libero",
+    views=(
+        ImageRule(("observation/image",), "front", 224, 224),
+        ImageRule(("observation/wrist_image",), "wrist", 224, 224),
+    ),
+    states=(StateRule(("observation/state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("prompt",)),
+    answer=AnswerRule("ee_delta", twist("actions")),
+    horizon=5,
+)
+"""The LIBERO layout of openpi (``src/openpi/policies/libero_policy.py`` and ``examples/libero/main.py``).
+
+This is the layout for a policy that was fine-tuned on demonstrations of ours; ``openpi_libero_SUITE`` is that of a
+checkpoint trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`). Our images are upright, so they
+are never to be turned by 180 degrees. The state is the tool's position and rotation vector and the two finger joints.
+openpi's example client executes 5 actions of a chunk.
+"""
+
+OPENPI_DROID = Adapter(
+    "openpi_droid",
+    views=(
+        ImageRule(("observation/exterior_image_1_left",), "left_shoulder", 224, 224),
+        ImageRule(("observation/wrist_image_left",), "wrist", 224, 224),
+    ),
+    states=(
+        StateRule(("observation/joint_position",), ("joint_positions",)),
+        StateRule(("observation/gripper_position",), ("gripper_closed_fraction",)),
+    ),
+    instruction=InstructionRule(("prompt",)),
+    answer=AnswerRule(
+        "joint_delta",
+        (AnswerPart(("actions",), "joints"), AnswerPart(("actions",), "gripper")),
+        joint_unit_rad=0.2,
+        step_rate_hz=15.0,
+        gripper="closed_fraction",
+    ),
+    horizon=8,
+)
+"""The DROID layout of openpi (``src/openpi/policies/droid_policy.py`` and ``examples/droid/main.py``).
+
+DROID's actions are seven joint velocities in units of 0.2 rad per step at 15 Hz, that is 3 rad/s (``droid/robot_ik/
+robot_ik_solver.py``: ``max_joint_delta``, ``control_hz``), and a gripper position from 0 (open) to 1 (closed), of which
+the client executes whether it is above a half. They are played as velocities: at our 20 Hz one unit is a step of
+0.15 rad, and ``joint_delta`` is clipped at 0.1 rad (2 rad/s, the slowest joint's limit), so velocities above two thirds
+are slowed down and counted as clipped. DROID adds a step to the measured joint angles, we to the last commanded ones.
+The exterior camera stands beside the robot: ``left_shoulder`` comes nearest, which ``--observation droid`` renders;
+``camera.observation/exterior_image_1_left=front`` shows the front view instead. openpi's example client executes 8
+actions of a chunk.
+"""
+
+GR00T_NEW_EMBODIMENT = Adapter(
+    "gr00t_new_embodiment",
+    views=(ImageRule(("video", "front"), "front", 256, 256), ImageRule(("video", "wrist"), "wrist", 256, 256)),
+    states=(
+        StateRule(("state", "ee_position"), ("ee_position",)),
+        StateRule(("state", "ee_rotation"), ("ee_axis_angle",)),
+        StateRule(("state", "gripper"), ("gripper_width",)),
+    ),
+    instruction=InstructionRule(("language", "annotation.human.action.task_description"), depth=2),
+    answer=AnswerRule("ee_delta", twist("ee_position", "ee_rotation", "gripper")),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``new_embodiment`` (Isaac-GR00T, ``getting_started/data_preparation.md``).
+
+Keys and slices of a new embodiment are those of the ``meta/modality.json`` it was fine-tuned with; these are the ones
+of our own export. The server tells its own at connection, and they are compared.
+"""
+
+_XYZ = ("x", "y", "z")
+_ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
+_TASK_DESCRIPTION = InstructionRule(("language", "annotation.human.action.task_description"), depth=2)
+
+GR00T_LIBERO_PANDA = Adapter(
+    "gr00t_libero_panda",
+    views=(ImageRule(("video", "image"), "front", 256, 256), ImageRule(("video", "wrist_image"), "wrist", 256, 256)),
+    states=(
+        StateRule(("state", "x"), ("ee_x",)),
+        StateRule(("state", "y"), ("ee_y",)),
+        StateRule(("state", "z"), ("ee_z",)),
+        StateRule(("state", "roll"), ("ee_axis_angle_x",)),
+        StateRule(("state", "pitch"), ("ee_axis_angle_y",)),
+        StateRule(("state", "yaw"), ("ee_axis_angle_z",)),
+        StateRule(("state", "gripper"), ("gripper_fingers",)),
+    ),
+    instruction=_TASK_DESCRIPTION,
+    answer=replace(_twist_by_axis(_XYZ, _ROLL_PITCH_YAW, "gripper"), gripper="open_fraction"),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``libero_panda`` (N1.6; ``libero_sim`` in N1.7, ``gr00t/configs/data/
+embodiment_configs.py``), and the LIBERO example of N1.5 (``examples/Libero/custom_data_config.py``).
+
+What is called roll, pitch and yaw there is a rotation vector (``quat2axisangle`` in the clients), in the state and in
+the action. The gripper of the data is 1 for open: the clients turn it round. ``gr00t_libero_panda_SUITE`` is for a
+checkpoint that was trained on LIBERO itself (:mod:`betterbench.policies.conventions.libero`).
+"""
+
+GR00T_OXE_WIDOWX = Adapter(
+    "gr00t_oxe_widowx",
+    views=(ImageRule(("video", "image_0"), "front", 256, 256),),
+    states=(
+        StateRule(("state", "x"), ("ee_x",)),
+        StateRule(("state", "y"), ("ee_y",)),
+        StateRule(("state", "z"), ("ee_z",)),
+        StateRule(("state", "roll"), ("ee_roll_from_down",)),
+        StateRule(("state", "pitch"), ("ee_pitch_from_down",)),
+        StateRule(("state", "yaw"), ("ee_yaw_from_down",)),
+        StateRule(("state", "pad"), ("zero",)),
+        StateRule(("state", "gripper"), ("gripper_open_fraction",)),
+    ),
+    instruction=_TASK_DESCRIPTION,
+    answer=replace(
+        _twist_by_axis(_XYZ, _ROLL_PITCH_YAW, "gripper"),
+        rotation="rpy",
+        translation_unit_m=1.0,
+        rotation_unit_rad=1.0,
+        step_rate_hz=5.0,
+        gripper="open_fraction",
+    ),
+    leading_axes=2,
+)
+"""GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
+(``examples/SimplerEnv/custom_data_config.py``).
+
+BridgeData V2's numbers: meters and angles about the base's axes, at 5 Hz, and a gripper that is 1 for open. Its
+rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are played as velocities: at our 20 Hz a step is a
+quarter of theirs.
+"""
+
+GR00T_OXE_DROID = Adapter(
+    "gr00t_oxe_droid",
+    views=(
+        ImageRule(("video", "exterior_image_1_left"), "left_shoulder", 320, 180),
+        ImageRule(("video", "wrist_image_left"), "wrist", 320, 180),
+    ),
+    states=(
+        StateRule(("state", "joint_position"), ("joint_positions",)),
+        StateRule(("state", "gripper_position"), ("gripper_closed_fraction",)),
+    ),
+    instruction=InstructionRule(("language", "annotation.language.language_instruction"), depth=2),
+    answer=AnswerRule(
+        "joint_position",
+        (AnswerPart(("joint_position",), "joints"), AnswerPart(("gripper_position",), "gripper")),
+        gripper="closed_fraction",
+    ),
+    leading_axes=2,
+)
+"""GR00T N1.6 with the embodiment tag ``oxe_droid`` (``examples/DROID``): joint angles in, absolute joint angles out,
+which the server has already made of the model's relative ones; the gripper is 1 for closed.
+
+Its client plays the angles at 15 Hz; here they come at 20 Hz, a third faster. N1.7's tag
+``oxe_droid_relative_eef_relative_joint`` has two more entries (``eef_9d``), in a tool frame of DROID's own, and is not
+this one. For the camera see :data:`OPENPI_DROID`.
+"""
+
+BEING_H_LIBERO = Adapter(
+    "being_h_libero",
+    views=(ImageRule(("video.top_view",), "front"), ImageRule(("video.wrist_view",), "wrist")),
+    states=(
+        StateRule(("state.eef_position",), ("ee_position",)),
+        StateRule(("state.eef_rotation",), ("ee_axis_angle",)),
+        StateRule(("state.libero_gripper_position",), ("gripper_fingers",)),
+    ),
+    instruction=InstructionRule(("language.instruction",), depth=1),
+    answer=AnswerRule("ee_delta", twist("action.eef_position", "action.eef_rotation", "action.gripper_position")),
+    leading_axes=1,
+    horizon=8,
+)
+"""Being-H0.5 with its LIBERO data config ``libero_nonorm`` (BeingBeyond/Being-H, ``configs/data_config.py``).
+
+As its own client does (``BeingH/benchmark/utils/policy.py``), images go out as they are rendered; the server resizes
+them, and 8 actions of a chunk are executed.
+
+``being_h_libero_SUITE`` is for a checkpoint trained on LIBERO itself. Its data count an open gripper as 1
+(``BeingH/benchmark/libero/run_libero_eval.py`` turns it round).
+"""
+
+VLA_EVAL = Adapter(
+    "vla_eval",
+    views=(ImageRule(("images", "agentview"), "front"), ImageRule(("images", "wrist"), "wrist")),
+    states=(StateRule(("states",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("task_description",)),
+    answer=AnswerRule("ee_delta", twist("actions")),
+)
+"""The LIBERO layout of vla-evaluation-harness (``src/vla_eval/benchmarks/libero/benchmark.py``), which nearly all its
+model servers take: images by camera, eight numbers of state, and the instruction. Sizes are the server's business.
+Servers that want one image take the first. ``vla_eval_libero_SUITE`` is for models trained on LIBERO itself."""
+
+VLA_EVAL_ABSOLUTE = replace(
+    VLA_EVAL,
+    name="vla_eval_absolute",
+    states=(
+        StateRule(("states",), SHORT_STATE),
+        StateRule(("controller_states",), ("controller_position", "controller_axis_angle", "gripper_fingers")),
+    ),
+    answer=AnswerRule("libero_absolute", twist("actions"), gripper="closed_at_least", gripper_threshold=0.0),
+)
+"""vla-evaluation-harness in LIBERO with ``absolute_action``, as its X-VLA server asks for."""
+
+_STARVLA_VIEWS = (ImageRule(("image", "front"), "front", 224, 224), ImageRule(("image", "wrist"), "wrist", 224, 224))
+
+STARVLA = Adapter(
+    "starvla",
+    views=_STARVLA_VIEWS,
+    states=(),
+    instruction=InstructionRule(("lang",)),
+    answer=AnswerRule("ee_delta", twist("actions")),
+)
+"""One example of starVLA's requests, without a state (``deployment/model_server``): what stands under ``image`` is sent
+as a list, in this order; sizes are those of its LIBERO client.
+
+Some of its models write a state that they are sent into the prompt, so it is sent only when asked for
+(:data:`STARVLA_STATE`). ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on
+LIBERO itself, which count an open gripper as 1.
+"""
+
+STARVLA_STATE = replace(
+    STARVLA,
+    name="starvla_state",
+    states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+)
+"""The same with LIBERO's eight numbers of state, for a model that was trained with them."""
+
+OPENVLA = Adapter(
+    "openvla",
+    views=(ImageRule(("image",), "front", 224, 224),),
+    states=(),
+    instruction=InstructionRule(("instruction",)),
+    answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
+)
+"""The body of OpenVLA's ``POST /act`` (``vla-scripts/deploy.py``): one image and the instruction.
+
+``send.unnorm_key=NAME`` adds the name of the normalization, which a checkpoint of several data sets needs. All its data
+count an open gripper as 1. Checkpoints that were trained with random crops see the central 0.9 of the image, which some
+servers cut out and others do not: ``keep=0.9``. ``openvla_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""
+
+OPENVLA_OFT = Adapter(
+    "openvla_oft",
+    views=(ImageRule(("full_image",), "front", 224, 224), ImageRule(("wrist_image",), "wrist", 224, 224)),
+    states=(StateRule(("state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("instruction",)),
+    answer=AnswerRule("ee_delta", twist("actions"), gripper="open_fraction"),
+)
+"""The body of OpenVLA-OFT's ``POST /act``, with two images and LIBERO's state; the answer is a chunk. See
+:data:`OPENVLA`; ``openvla_oft_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+
+X_VLA = Adapter(
+    "x_vla",
+    views=(ImageRule(("image0",), "front", 256, 256), ImageRule(("image1",), "wrist", 256, 256)),
+    states=(StateRule(("proprio",), ("ee_position", "ee_rotation_6d", *("zero",) * 11)),),
+    instruction=InstructionRule(("language_instruction",)),
+    answer=AnswerRule(
+        "ee_pose",
+        (
+            AnswerPart(("action",), "translation"),
+            AnswerPart(("action",), "rotation"),
+            AnswerPart(("action",), "gripper"),
+            AnswerPart(("action",), "unused", 10),
+        ),
+        rotation="rotation_6d",
+        gripper="closed_fraction",
+    ),
+    constants=(ConstantRule(("domain_id",)), ConstantRule(("steps",), 10)),
+)
+"""The body of X-VLA's ``POST /act`` (``models/modeling_xvla.py``, ``evaluation/libero/libero_client.py``).
+
+Images, a state of twice ten numbers of which a single arm fills nine, and absolute poses of the tool as the answer.
+Arrays go out as texts (``arrays=text``). ``domain_id`` names the data set whose prompt the model uses (3 is LIBERO) and
+has to be given: ``send.domain_id=3``. Its own client sends the pose that was last commanded in place of the measured
+one; this one sends what is measured.
+"""
+
+DEXBOTIC = Adapter(
+    "dexbotic",
+    views=(
+        ImageRule(("observation", "images", "1"), "front", 256, 256),
+        ImageRule(("observation", "images", "2"), "wrist", 256, 256),
+    ),
+    states=(StateRule(("observation", "state"), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("observation", "prompt")),
+    answer=AnswerRule("ee_delta", twist("actions")),
+)
+"""The body of Dexbotic's ``POST /v1/infer`` for its pi0, pi0.5 and DM0 models on LIBERO (dexmal/dexbotic-benchmark,
+``evaluation/policies/base_vla_agent.py``, ``evaluation/configs/libero``): two images by slot, LIBERO's state and the
+bare instruction. ``POST /process_frame`` gets the same as a form (:mod:`betterbench.policies.clients.dexbotic`).
+
+Its clients hand the answer to LIBERO as it is, so a gripper of +1 closes. They execute 5 (pi0) to 12 (DM0) actions of a
+chunk. ``dexbotic_libero_SUITE`` is for checkpoints trained on LIBERO itself.
+"""
+
+DEXBOTIC_COGACT = replace(
+    DEXBOTIC,
+    name="dexbotic_cogact",
+    views=DEXBOTIC.views[:1],
+    states=(),
+    instruction=InstructionRule(("observation", "prompt"), template="What action should the robot take to {}?"),
+)
+"""The same for its CogACT, MemVLA and OFT models: one image, no state, and the instruction in the sentence that they
+were trained with. ``dexbotic_cogact_libero_SUITE`` is for checkpoints trained on LIBERO itself."""
+
+LEROBOT = Adapter(
+    "lerobot",
+    views=(
+        ImageRule(("observation.images.front",), "front", 256, 256),
+        ImageRule(("observation.images.wrist",), "wrist", 256, 256),
+    ),
+    states=(StateRule(("observation.state",), ("ee_position", "ee_axis_angle", "gripper_fingers")),),
+    instruction=InstructionRule(("task",)),
+    answer=AnswerRule("ee_delta", twist("action")),
+)
+"""LeRobot's own names, as ``lerobot:CHECKPOINT`` derives them from a checkpoint that was trained on our export.
+
+The state is that of our LeRobot environment (:mod:`betterbench.episodes.lerobot_env`).
+"""
+
+_LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
+    (OPENPI_LIBERO, "openpi_libero", "close_positive"),
+    (BEING_H_LIBERO, "being_h_libero", "open_fraction"),
+    (VLA_EVAL, "vla_eval_libero", "close_positive"),
+    (GR00T_LIBERO_PANDA, "gr00t_libero_panda", "open_fraction"),
+    (STARVLA, "starvla_libero", "open_fraction"),
+    (STARVLA_STATE, "starvla_state_libero", "open_fraction"),
+    (OPENVLA, "openvla_libero", "open_fraction"),
+    (OPENVLA_OFT, "openvla_oft_libero", "open_fraction"),
+    (DEXBOTIC, "dexbotic_libero", "close_positive"),
+    (DEXBOTIC_COGACT, "dexbotic_cogact_libero", "close_positive"),
+)
+
+USUAL_ADAPTERS: Mapping[str, Adapter] = {
+    "openpi": NATIVE,
+    "gr00t": GR00T_NEW_EMBODIMENT,
+    "being-h": BEING_H_LIBERO,
+    "vla-eval": VLA_EVAL,
+    "starvla": STARVLA,
+}
+"""The preset of each kind of server whose address names none."""
+
+_LAYOUTS = (
+    *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
+    *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
+    *(DEXBOTIC, DEXBOTIC_COGACT),
+)
+
+PRESETS: dict[str, Adapter] = {
+    adapter.name: adapter
+    for adapter in (
+        *_LAYOUTS,
+        VLA_EVAL_ABSOLUTE,
+        *CALVIN_PRESETS.values(),
+        *(
+            trained_on_libero(layout, f"{name}_{suite}", suite, gripper=gripper)
+            for layout, name, gripper in _LIBERO_LAYOUTS
+            for suite in BASES_M
+        ),
+    )
+}
+
+OWN_PRESETS = {name: adapter for name, adapter in PRESETS.items() if adapter.answer.space not in WORLD_ACTION_SPACES}
+"""The presets that are played in our own scenes."""
+
+UNTRANSLATED = {f"{name}_{suite}": layout.name for layout, name, _ in _LIBERO_LAYOUTS for suite in BASES_M}
+"""The layout of each preset that translates from our scenes to LIBERO's conventions, which LIBERO itself needs none of.
+"""
+
+
+def preset(name: str) -> Adapter:
+    """Return a preset by name; raise UnknownNameError if there is no such preset."""
+    try:
+        return PRESETS[name]
+    except KeyError:
+        raise UnknownNameError("preset", name, PRESETS) from None
+
+
+def own_preset(name: str) -> Adapter:
+    """Return a preset that is played in our own scenes.
+
+    Raises UnknownNameError if there is no such preset, and InvalidInputError if only a foreign world plays its actions.
+    """
+    found = preset(name)
+    if name not in OWN_PRESETS:
+        raise InvalidInputError(
+            f"preset {name}",
+            f"its actions are {found.answer.space}, which our own scenes do not have",
+            f"Give one of {', '.join(presets_in(''))}",
+        )
+    return found
+
+
+def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapter:
+    """Return the adapter that an address asks for, or the default if it names neither a preset nor a file.
+
+    In a foreign world, a preset is what that world's own clients do with such a policy.
+
+    Raises InvalidInputError if it names both, or neither without a default, or an option is malformed, or the world
+    does not play such actions, and UnknownNameError if a name in it does not exist.
+    """
+    options, where = address.options, f"policy {address}"
+    if "preset" in options and "adapter" in options:
+        raise InvalidInputError(where, "it gives both preset and adapter", "Give one")
+    named = preset(options["preset"]) if "preset" in options else default
+    if "adapter" in options:
+        adapter = Adapter.load(Path(options["adapter"]))
+    elif named is not None:
+        adapter = _in_world(named, address)
+    else:
+        trained = ", ".join(f"{name}_SUITE" for _, name, _ in _LIBERO_LAYOUTS)
+        also = "" if address.world else f"; trained on LIBERO: {trained}"
+        raise InvalidInputError(
+            where,
+            "neither it nor the server says which images and state the policy wants",
+            f"Add ?preset=NAME ({', '.join(presets_in(address.world))}{also}) or ?adapter=FILE",
+        )
+    cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
+    if cameras:
+        adapter = adapter.with_cameras(cameras)
+    adapter = _with_constants(adapter, address)
+    answer = _answer(adapter.answer, address)
+    played = PLAYED_IN[address.world]
+    if answer.space not in played:
+        raise _not_played(adapter.name, answer.space, address)
+    adapter = _with_offset(adapter, answer, address)
+    rate_hz = CALVIN_RATE_HZ if address.world == "calvin" else adapter.control_rate_hz
+    views = tuple(_image(rule, address) for rule in adapter.views)
+    return replace(adapter, views=views, answer=answer, control_rate_hz=rate_hz)
+
+
+def _with_offset(adapter: Adapter, answer: AnswerRule, address: PolicyAddress) -> Adapter:
+    """Return the adapter with the offset that an address gives; InvalidInputError where it would have no effect."""
+    if "ee_offset" not in address.options:
+        return adapter
+    if adapter.name == NATIVE.name:
+        reason = "the native layout is in the frame of the robot's base"
+    elif not any(rule.holds_position for rule in adapter.states) and answer.space != "ee_pose":
+        reason = f"{adapter.name} knows no position of the end effector"
+    else:
+        return replace(adapter, ee_offset_m=_offset(address))
+    raise address.error(f"ee_offset has no effect, because {reason}", "Leave ee_offset out")
+
+
+def _in_world(adapter: Adapter, address: PolicyAddress) -> Adapter:
+    """Return what a preset is in the world of an address."""
+    if address.world.startswith("libero"):
+        usual = adapter is GR00T_NEW_EMBODIMENT and "preset" not in address.options
+        return in_libero(
+            GR00T_LIBERO_PANDA if usual else adapter
+        )  # which NVIDIA's checkpoints of LIBERO are asked with
+    if address.world == "calvin":
+        return in_calvin(adapter, chosen="preset" in address.options)
+    return adapter
+
+
+def _not_played(name: str, space: str, address: PolicyAddress) -> InvalidInputError:
+    """Return the error about actions that the world of an address does not play, with a cure that exists there."""
+    world, offered = _WORLD_NAMES[address.world], f"Give preset=NAME ({', '.join(presets_in(address.world))})"
+    if space in WORLD_ACTION_SPACES and not address.world:
+        suite = "calvin" if space in PLAYED_IN["calvin"] else "libero_object"
+        offered = f"It is played with --suite {suite}; in our own scenes, {offered[0].lower()}{offered[1:]}"
+    elif address.world:
+        offered += f", or action_space={PLAYED_IN[address.world][0]} for answers that are {world}'s own"
+    return address.error(f"{name} answers in {space}, which {world} does not play", offered)
+
+
+def presets_in(world: str) -> tuple[str, ...]:
+    """Return the names of the presets that are played in a foreign world, or in our own scenes if it is empty."""
+    if world == "calvin":
+        return tuple(CALVIN_PRESETS)
+    layouts = _LAYOUTS if world == "" else (*_LAYOUTS, VLA_EVAL_ABSOLUTE)
+    shown = {layout.name: in_libero(layout) if world else layout for layout in layouts}
+    return tuple(name for name, layout in shown.items() if layout.answer.space in PLAYED_IN[world])
+
+
+_WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
+
+
+def space_in_world(text: str, world: str) -> str | None:
+    """Return the action space in which a remote policy answers in a foreign world; None where its address does not say.
+
+    Raises what :func:`adapter_of` raises.
+    """
+    if text.partition(":")[0] not in OWN_OPTIONS:
+        return None
+    address = PolicyAddress.parse(text, world=world)
+    usual = USUAL_ADAPTERS.get(address.scheme)
+    return adapter_of(address, usual).answer.space if usual is not None or address.names_adapter else None
+
+
+def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
+    """Return the adapter with the constants that an address gives; raise InvalidInputError if one is still open."""
+    given = {k.removeprefix(CONSTANT_OPTION): v for k, v in address.options.items() if k.startswith(CONSTANT_OPTION)}
+    if given:
+        adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})
+    for rule in adapter.constants:
+        if rule.value is None:
+            name = "/".join(rule.key)
+            raise address.error(
+                f"{adapter.name} sends {name}, which has no safe default", f"Add {CONSTANT_OPTION}{name}=VALUE"
+            )
+    return adapter
+
+
+def _constant(text: str) -> bool | int | float | str:
+    """Return a number or truth value as such, and everything else as the text that it is."""
+    if text in ("true", "false"):
+        return text == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            value = kind(text)
+            return value if math.isfinite(value) else text
+    return text
+
+
+def _image(rule: ImageRule, address: PolicyAddress) -> ImageRule:
+    width, height = _size(address) if "size" in address.options else (rule.width, rule.height)
+    return replace(
+        rule,
+        width=width,
+        height=height,
+        fit=address.choice("fit", get_args(Fit), rule.fit),
+        keep=address.number("keep", rule.keep),
+        turn=_TURNS[address.choice("turn", tuple(_TURNS), str(rule.turn))],
+        mirror=address.choice("mirror", ("true", "false"), str(rule.mirror).lower()) == "true",
+    )
+
+
+def _answer(rule: AnswerRule, address: PolicyAddress) -> AnswerRule:
+    space = address.choice("action_space", PLAYED_IN[address.world], rule.space)
+    rule = rule.in_space(space)
+    translation, rotation = _UNITS.get(
+        address.choice("units", (*_UNITS, "preset"), "preset"), (rule.translation_unit_m, rule.rotation_unit_rad)
+    )
+    for name in ("rotation", "units", "frame"):
+        meaningless = space.startswith("joint") or (name == "units" and (space == "ee_pose" or "absolute" in space))
+        if meaningless and name in address.options:
+            raise address.error(f"{name} has no effect for {space}", f"Leave {name} out")
+    return replace(
+        rule,
+        space=space,
+        translation_unit_m=translation,
+        rotation_unit_rad=rotation,
+        frame=address.choice("frame", ("base", "tool"), rule.frame),
+        rotation=address.choice("rotation", get_args(RotationFormat), rule.rotation),
+        gripper=address.choice("gripper", get_args(Polarity), rule.gripper),
+    )
+
+
+def _size(address: PolicyAddress) -> tuple[int, int]:
+    text = address.options["size"]
+    width, _, height = text.partition("x")
+    sides = (width, height or width)
+    if not all(s.isdecimal() and s.isascii() and len(s) <= 4 for s in sides):
+        raise address.error(f"size={text} is not a size", "Write size=224 or size=320x240")
+    return int(sides[0]), int(sides[1])
+
+
+def _offset(address: PolicyAddress) -> tuple[float, float, float]:
+    text = address.options["ee_offset"]
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise address.error(f"ee_offset={text} is not a triple of meters", "Write ee_offset=-0.66,0,0.912") from None
+    return x, y, z

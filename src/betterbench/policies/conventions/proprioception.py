@@ -1,0 +1,226 @@
+"""The state of the robot as a policy wants it: which numbers, in which format and order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.geometry import TOOL_DOWN, normalize, rotate, to_axis_angle_near, turn_between
+from betterbench.interface import Observation
+from betterbench.json_form import strict_form
+from betterbench.policies.conventions.rotation import ROTATION_SIZES, RotationFormat, to_format
+
+StatePart = Literal[
+    "ee_position",
+    "ee_quaternion_wxyz",
+    "ee_quaternion_xyzw",
+    "ee_axis_angle",
+    "ee_rpy",
+    "ee_rotation_6d",
+    "ee_rotation_6d_rows",
+    "ee_rotation_6d_interleaved",
+    "ee_matrix",
+    "ee_rpy_from_down",
+    "ee_x",
+    "ee_y",
+    "ee_z",
+    "ee_axis_angle_x",
+    "ee_axis_angle_y",
+    "ee_axis_angle_z",
+    "ee_roll",
+    "ee_pitch",
+    "ee_yaw",
+    "ee_roll_from_down",
+    "ee_pitch_from_down",
+    "ee_yaw_from_down",
+    "ee_quaternion_w",
+    "ee_quaternion_x",
+    "ee_quaternion_y",
+    "ee_quaternion_z",
+    "gripper_width",
+    "gripper_fingers",
+    "gripper_open_fraction",
+    "gripper_closed_fraction",
+    "gripper_command",
+    "gripper_command_closed",
+    "ee_axis_angle_short",
+    "controller_position",
+    "controller_axis_angle",
+    "controller_rotation_6d",
+    "joint_positions",
+    "joint_velocities",
+    "step",
+    "zero",
+]
+"""What a state can hold. ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is
+turned away from pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
+[m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
+``zero`` is a place that the policy leaves unused. ``ee_axis_angle_short`` is at most half a turn long, whatever was
+shown before.
+
+Two foreign worlds tell more. ``controller_position`` and its rotations are the pose that robosuite's controller
+measured in LIBERO, which lies one physics step back; elsewhere they are the pose of the tool. ``gripper_command`` is
+what the gripper was told last in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 where it was
+told to close.
+"""
+
+_AXES: dict[str, tuple[StatePart, int]] = {
+    **{f"ee_{axis}": ("ee_position", i) for i, axis in enumerate("xyz")},
+    **{f"ee_axis_angle_{axis}": ("ee_axis_angle", i) for i, axis in enumerate("xyz")},
+    **{f"ee_quaternion_{axis}": ("ee_quaternion_wxyz", i) for i, axis in enumerate("wxyz")},
+    **{f"ee_{angle}": ("ee_rpy", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
+    **{f"ee_{angle}_from_down": ("ee_rpy_from_down", i) for i, angle in enumerate(("roll", "pitch", "yaw"))},
+}
+"""Parts that are one number of a vector, with the vector and the place in it."""
+
+_SIZES: dict[str, int] = {
+    "ee_position": 3,
+    "ee_rpy_from_down": 3,
+    "gripper_fingers": 2,
+    "ee_axis_angle_short": 3,
+    "controller_position": 3,
+    "controller_axis_angle": 3,
+    "controller_rotation_6d": 6,
+    "joint_positions": 7,
+    "joint_velocities": 7,
+    **{f"ee_{form}": size for form, size in ROTATION_SIZES.items()},
+}
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class StateRule:
+    """One vector of the robot's state.
+
+    Attributes:
+        dtype: Type of its numbers.
+        scalar: True to send a plain number instead of an array; for one part of one number.
+    """
+
+    key: tuple[str, ...]
+    parts: tuple[StatePart, ...]
+    dtype: Literal["float32", "float64", "int64"] = "float32"
+    scalar: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that it holds something."""
+        where = f"state {'/'.join(self.key)}"
+        if not self.parts:
+            raise InvalidInputError(where, "it has no parts", "Name at least one, such as ee_position")
+        if self.scalar and self.size != 1:
+            raise InvalidInputError(where, f"a scalar cannot hold {self.size} numbers", "Leave scalar out")
+
+    @property
+    def size(self) -> int:
+        """How many numbers it holds."""
+        return sum(_SIZES.get(part, 1) for part in self.parts)
+
+    @property
+    def holds_position(self) -> bool:
+        """Whether the position of the end effector, or one coordinate of it, is in it."""
+        return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
+
+    def columns(self) -> list[tuple[StatePart, slice]]:
+        """Return which numbers of the vector belong to each part."""
+        found, begin = [], 0
+        for part in self.parts:
+            end = begin + _SIZES.get(part, 1)
+            found.append((part, slice(begin, end)))
+            begin = end
+        return found
+
+    def read(
+        self,
+        observation: Observation,
+        *,
+        ee_offset_m: Sequence[float],
+        gripper_opening_m: float,
+        tool_offset_m: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> np.ndarray | float | int:
+        """Return the state of an observation: (size,) of the type that the policy wants, or a number for a scalar.
+
+        ``ee_offset_m`` is added to the position of the end effector, for policies with another origin;
+        ``tool_offset_m`` is the policy's tool point in the frame of ours; ``gripper_opening_m`` counts as fully open.
+        """
+        values: list[float] = []
+        for part in self.parts:
+            vector, place = _AXES.get(part, (part, None))
+            if vector in observation.native:
+                numbers = observation.native[vector].tolist()
+            elif vector in ("ee_position", "controller_position"):
+                numbers = tool_position(observation, ee_offset_m, tool_offset_m)
+            else:
+                numbers = _read_part(vector, observation, gripper_opening_m)
+            values += numbers if place is None else numbers[place : place + 1]
+        if self.scalar:
+            return int(values[0]) if self.dtype == "int64" else float(values[0])
+        return np.array(values, dtype=self.dtype)
+
+
+def tool_position(
+    observation: Observation, ee_offset_m: Sequence[float], tool_offset_m: Sequence[float]
+) -> list[float]:
+    """Return the position of a policy's own tool point, whose place in the frame of ours is given, [x, y, z] [m]."""
+    position = [float(p) + o for p, o in zip(observation.ee_position, ee_offset_m, strict=True)]
+    if not any(tool_offset_m):
+        return position
+    w, x, y, z = observation.ee_quaternion.tolist()
+    ox, oy, oz = tool_offset_m
+    return [p + d for p, d in zip(position, rotate(normalize((w, x, y, z)), (ox, oy, oz)), strict=True)]
+
+
+def _read_part(part: StatePart, observation: Observation, gripper_opening_m: float) -> list[float]:
+    """Return the numbers of one whole part that is no position."""
+    if part == "joint_positions":
+        return list(observation.joint_positions.tolist())
+    if part == "joint_velocities":
+        return list(observation.joint_velocities.tolist())
+    if part == "step":
+        return [observation.step]
+    if part == "zero":
+        return [0.0]
+    if part in ("gripper_command", "gripper_command_closed"):
+        raise PolicyError(
+            f"{part} is known in CALVIN only. Name gripper_width or gripper_closed_fraction in the adapter."
+        )
+    if part.startswith("gripper_"):
+        return _gripper(part, observation.gripper_width, gripper_opening_m)
+    w, x, y, z = observation.ee_quaternion.tolist()
+    if part in ("ee_axis_angle_short", "controller_axis_angle"):
+        return to_format((w, x, y, z), "axis_angle")
+    if part == "controller_rotation_6d":
+        return to_format((w, x, y, z), "rotation_6d")
+    if part == "ee_axis_angle":
+        return list(to_axis_angle_near((w, x, y, z), TOOL_DOWN))
+    if part == "ee_rpy_from_down":
+        return to_format(turn_between(TOOL_DOWN, (w, x, y, z)), "rpy")
+    return _rotation((w, x, y, z), part.removeprefix("ee_"))  # type: ignore[arg-type]
+
+
+def _rotation(q: Sequence[float], form: RotationFormat) -> list[float]:
+    """Return a rotation of the tool in a format, without a jump where the tool points down.
+
+    Down is half a turn about x. There the scalar part of the quaternion passes through zero, so the rule w >= 0 would
+    swap the sign of all four numbers, and the roll would jump by a full turn, from one image to the next.
+    """
+    values = to_format(q, form)
+    if form in ("quaternion_wxyz", "quaternion_xyzw"):
+        x = values[1] if form == "quaternion_wxyz" else values[0]
+        return [-v for v in values] if x < 0.0 else values
+    if form == "rpy" and values[0] < 0.0:
+        values[0] += 2.0 * math.pi
+    return values
+
+
+def _gripper(part: str, width_m: float, opening_m: float) -> list[float]:
+    if part == "gripper_width":
+        return [width_m]
+    if part == "gripper_fingers":
+        return [0.5 * width_m, -0.5 * width_m]
+    opened = min(max(width_m / opening_m, 0.0), 1.0)
+    return [opened if part == "gripper_open_fraction" else 1.0 - opened]

@@ -1,0 +1,210 @@
+"""Requests as our server reads them: an observation in one of two layouts, checked field by field.
+
+The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds. The LIBERO
+layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
+the joint angles; they are NaN then, which no policy can take for a measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import from_axis_angle
+from betterbench.interface import EpisodeStart, Observation, episode_number
+from betterbench.policies.conventions.adapter import Adapter
+from betterbench.policies.conventions.proprioception import StateRule
+from betterbench.tasks import TrialId
+
+_MOST_LISTS = 3
+NATIVE_IMAGES = "better/images/"
+_LARGEST = 2**31 - 1
+_LARGEST_SIDE = 4096
+_LARGEST_NUMBER = 1e6
+"""What no position, angle or speed of a robot reaches [m, rad, m/s, rad/s]; the square of much more is no number."""
+_MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
+_LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One question of a client.
+
+    Attributes:
+        step: Control steps since reset, or None where the client does not say.
+        start: How the episode began, or None where the client does not say.
+        trial: The trial, where the client names it, which only a served expert asks for.
+        observation: What the client sees, or None where it sends neither joints nor state.
+        measured: True if the observation holds the joint angles, so that two sides can compare their states.
+    """
+
+    instruction: str
+    step: int | None
+    start: EpisodeStart | None
+    trial: TrialId | None
+    observation: Observation | None
+    measured: bool
+
+
+def read_request(message: Mapping[Any, Any]) -> Request:
+    """Read a request; raise InvalidInputError if a field is missing or malformed; the text names it."""
+    message = {key: value for key, value in message.items() if isinstance(key, str)}
+    instruction = message.get("prompt")
+    if isinstance(instruction, np.ndarray) and instruction.size == 1 and instruction.dtype.kind == "U":
+        instruction = instruction.item()  # openpi's own transforms write np.asarray(prompt)
+    if not isinstance(instruction, str) or not instruction.strip():
+        raise InvalidInputError("prompt", "the instruction is missing", "Send what the robot shall do as a string")
+    step = None if "better/step" not in message else _whole(message["better/step"], "better/step")
+    start, trial = None, None
+    if "better/episode" in message:
+        start, trial = _episode(message["better/episode"], instruction)
+    native = any(key.startswith("better/joint") for key in message)
+    if native:
+        observation: Observation | None = _native(message, instruction, step or 0)
+    elif "observation/state" in message:
+        observation = _libero(message, instruction, step or 0)
+    else:
+        observation = None
+    return Request(instruction, step, start, trial, observation, native)
+
+
+def read_layout_request(message: Mapping[Any, Any], layout: Adapter) -> Request:
+    """Read the instruction and, if it is sent, the control step of a request in the layout of an adapter.
+
+    Raises InvalidInputError if the instruction is missing or malformed; the text names it.
+    """
+    instruction = _entry(message, layout.instruction.key)
+    for _ in range(_MOST_LISTS):
+        if isinstance(instruction, (list, tuple)) and len(instruction) == 1:
+            instruction = instruction[0]
+    if not isinstance(instruction, str) or not instruction.strip():
+        where = "/".join(layout.instruction.key)
+        raise InvalidInputError(where, "the instruction is missing", f"Send it as preset {layout.name} does")
+    step = _whole(message["better/step"], "better/step") if "better/step" in message else None
+    return Request(layout.instruction.read(instruction), step, None, None, None, measured=False)
+
+
+def read_states(message: Mapping[Any, Any], layout: Adapter) -> list[tuple[StateRule, np.ndarray]]:
+    """Return the states that a request holds in the layout of an adapter, each as (size,) float64.
+
+    Zeros alone stand for no state. Raises InvalidInputError if one is malformed; the text names it.
+    """
+    found = []
+    for rule in layout.states:
+        sent = _entry(message, rule.key)
+        if sent is not None:
+            found.append((rule, _numbers(sent, "/".join(rule.key), rule.size)))
+    return found if any(numbers.any() for _, numbers in found) else []
+
+
+def _entry(message: Mapping[Any, Any], key: tuple[str, ...]) -> object:
+    """Return what stands under a key, or None."""
+    found: object = message
+    for name in key:
+        found = found.get(name) if isinstance(found, Mapping) else None
+    return found
+
+
+def _episode(form: object, instruction: str) -> tuple[EpisodeStart, TrialId | None]:
+    """Return how the episode of a client began, and its trial if the client names one."""
+    if not isinstance(form, Mapping):
+        raise InvalidInputError(
+            "better/episode", f"it is a {type(form).__name__}", "Send a map with action_space and episode"
+        )
+    trial = None
+    if {"task", "condition", "seed"} & set(form):
+        seed = _whole(form.get("seed"), "better/episode: seed")
+        trial = TrialId(_name(form, "task"), _name(form, "condition"), seed)
+    number = form.get("episode", None if trial is None else episode_number(trial.seed))
+    given = form.get("instruction", instruction)
+    start = EpisodeStart(
+        given if isinstance(given, str) else instruction,
+        _whole(number, "better/episode: episode"),
+        _name(form, "action_space"),
+    )
+    return start, trial
+
+
+def _name(form: Mapping[Any, Any], key: str) -> str:
+    value = form.get(key)
+    if not isinstance(value, str):
+        raise InvalidInputError(f"better/episode: {key}", "it is not a string", "Send the name as a string")
+    return value
+
+
+def _native(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
+    numbers = {name: _numbers(message.get(f"better/{name}"), f"better/{name}", n) for name, n in _MEASURED.items()}
+    if np.signbit(numbers["ee_quaternion"][0]):
+        numbers["ee_quaternion"] *= -1.0  # the same rotation, as observations write it: w >= 0
+    return Observation(
+        instruction=instruction,
+        step=step,
+        images={
+            key.removeprefix(NATIVE_IMAGES): _image(value, key)
+            for key, value in message.items()
+            if key.startswith(NATIVE_IMAGES)
+        },
+        gripper_width=float(_numbers(message.get("better/gripper_width"), "better/gripper_width", 1)[0]),
+        depth={},
+        masks={},
+        native={},
+        **numbers,
+    )
+
+
+def _libero(message: Mapping[str, Any], instruction: str, step: int) -> Observation:
+    state = _numbers(message["observation/state"], "observation/state", 8)
+    unknown = np.full(7, math.nan)
+    return Observation(
+        instruction=instruction,
+        step=step,
+        images={name: _image(message[key], key) for key, name in _LIBERO_CAMERAS.items() if key in message},
+        joint_positions=unknown,
+        joint_velocities=unknown.copy(),
+        ee_position=state[:3],
+        ee_quaternion=np.array(from_axis_angle(state[3:6].tolist())),
+        # The second finger of LIBERO's gripper slides the other way.
+        gripper_width=float(state[6] - state[7]),
+        depth={},
+        masks={},
+    )
+
+
+def _whole(value: object, where: str) -> int:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= int(value) <= _LARGEST:
+        raise InvalidInputError(where, f"{str(value)[:40]!r} is not a whole number from 0", "Send an integer")
+    return int(value)
+
+
+def _numbers(value: object, where: str, count: int) -> np.ndarray:
+    """Return a flat float64 array of finite numbers that a robot can measure."""
+    try:
+        array = np.array(value, dtype=np.float64).reshape(-1)  # a copy: what comes off the wire is read-only
+    except (TypeError, ValueError, OverflowError):
+        array = np.full(0, math.nan)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise InvalidInputError(where, f"it is not {count} finite numbers", f"Send a float array of shape ({count},)")
+    if np.abs(array).max(initial=0.0) > _LARGEST_NUMBER:
+        problem = f"it holds {array[np.abs(array).argmax()]:g}, which no robot measures"
+        raise InvalidInputError(where, problem, "Send meters and radians")
+    return array
+
+
+def _image(value: object, where: str) -> np.ndarray:
+    if (
+        not isinstance(value, np.ndarray)
+        or value.dtype != np.uint8
+        or value.ndim != 3
+        or value.shape[2] != 3
+        or not 1 <= min(value.shape[:2]) <= max(value.shape[:2]) <= _LARGEST_SIDE
+    ):
+        found = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise InvalidInputError(where, f"it is {found}", "Send an upright RGB image, (height, width, 3) uint8")
+    return value.copy()  # what comes off the wire is read-only, and a policy may do with it what it likes

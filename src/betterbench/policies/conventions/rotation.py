@@ -1,0 +1,145 @@
+"""Rotation formats of policies, each to and from the quaternions used here.
+
+A quaternion and its negative are one rotation but two vectors, and the rotation vector computed from the one with
+w < 0 is longer than pi. Every conversion here takes the one with w >= 0, by way of
+:func:`betterbench.geometry.normalize`, which is right for the small rotations of actions. The state of a tool that
+points down is not converted here but continuously around half a turn; why, stands at
+:data:`betterbench.policies.conventions.proprioception.StatePart`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from betterbench.geometry import Quaternion, from_axis_angle, normalize, rotate, to_axis_angle
+
+RotationFormat = Literal[
+    "quaternion_wxyz",
+    "quaternion_xyzw",
+    "axis_angle",
+    "rpy",
+    "rotation_6d",
+    "rotation_6d_rows",
+    "rotation_6d_interleaved",
+    "matrix",
+]
+"""``rpy`` are angles [rad] about the fixed axes x, y, z, in this order. ``rotation_6d`` holds the first column of the
+matrix, then the second (Zhou et al. 2019); ``_rows`` the first two rows instead (pytorch3d, GR00T); ``_interleaved``
+the first two columns read row by row (the simulators of vla-evaluation-harness). ``matrix`` holds its nine numbers row
+by row."""
+
+ROTATION_SIZES: dict[RotationFormat, int] = {
+    "quaternion_wxyz": 4,
+    "quaternion_xyzw": 4,
+    "axis_angle": 3,
+    "rpy": 3,
+    "rotation_6d": 6,
+    "rotation_6d_rows": 6,
+    "rotation_6d_interleaved": 6,
+    "matrix": 9,
+}
+"""How many numbers each format has."""
+
+
+def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:
+    """Return a rotation in a policy's format; raise ValueError if all components of the quaternion are zero."""
+    w, x, y, z = unit = normalize(q)
+    if form == "quaternion_wxyz":
+        return [w, x, y, z]
+    if form == "quaternion_xyzw":
+        return [x, y, z, w]
+    if form == "axis_angle":
+        return list(to_axis_angle(unit))
+    matrix = to_matrix(unit)
+    if form == "matrix":
+        return [float(v) for v in matrix.reshape(9)]
+    if form == "rotation_6d":
+        return [float(v) for v in matrix[:, :2].T.reshape(6)]
+    if form == "rotation_6d_rows":
+        return [float(v) for v in matrix[:2].reshape(6)]
+    if form == "rotation_6d_interleaved":
+        return [float(v) for v in matrix[:, :2].reshape(6)]
+    level = math.hypot(matrix[0, 0], matrix[1, 0])
+    if level < 1e-9:  # gimbal lock: only the sum or the difference of roll and yaw is defined, so yaw is zero
+        return [math.atan2(-matrix[1, 2], matrix[1, 1]), math.atan2(-matrix[2, 0], level), 0.0]
+    return [
+        math.atan2(matrix[2, 1], matrix[2, 2]),
+        math.atan2(-matrix[2, 0], level),
+        math.atan2(matrix[1, 0], matrix[0, 0]),
+    ]
+
+
+def from_format(values: Sequence[float], form: RotationFormat) -> Quaternion:
+    """Return the quaternion (w, x, y, z), w >= 0, of a rotation in a policy's format.
+
+    Raises ValueError if the numbers describe no rotation (a quaternion of zeros, parallel columns).
+    """
+    if form == "quaternion_wxyz":
+        return normalize(values)
+    if form == "quaternion_xyzw":
+        return normalize((values[3], values[0], values[1], values[2]))
+    if form == "axis_angle":
+        return from_axis_angle(values)
+    if form == "rpy":
+        half = [0.5 * float(v) for v in values]
+        (cr, cp, cy), (sr, sp, sy) = map(math.cos, half), map(math.sin, half)
+        return normalize(
+            (
+                cr * cp * cy + sr * sp * sy,
+                sr * cp * cy - cr * sp * sy,
+                cr * sp * cy + sr * cp * sy,
+                cr * cp * sy - sr * sp * cy,
+            )
+        )
+    v = np.asarray(values, dtype=np.float64)
+    if form == "matrix":
+        first, second = v.reshape(3, 3)[:, :2].T
+    elif form == "rotation_6d":
+        first, second = v.reshape(2, 3)
+    elif form == "rotation_6d_interleaved":
+        first, second = v.reshape(3, 2).T
+    else:
+        return from_matrix(_orthonormal(*v.reshape(2, 3)).T)
+    return from_matrix(_orthonormal(first, second))
+
+
+def to_matrix(q: Quaternion) -> np.ndarray:
+    """Return the rotation matrix, shape (3, 3), of a unit quaternion."""
+    return np.array([rotate(q, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]).T
+
+
+def from_matrix(matrix: np.ndarray) -> Quaternion:
+    """Return the quaternion of a rotation matrix, shape (3, 3).
+
+    The largest of the four components is computed first and the others from it, so that none of them is the root of a
+    number near zero.
+    """
+    m = matrix
+    t = (
+        1.0 + m[0, 0] + m[1, 1] + m[2, 2],
+        1.0 + m[0, 0] - m[1, 1] - m[2, 2],
+        1.0 - m[0, 0] + m[1, 1] - m[2, 2],
+        1.0 - m[0, 0] - m[1, 1] + m[2, 2],
+    )
+    x, y, z = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
+    rows = ((t[0], x, y, z), (x, t[1], xy, xz), (y, xy, t[2], yz), (z, xz, yz, t[3]))
+    return normalize(rows[int(np.argmax(t))])
+
+
+def _orthonormal(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix whose first two columns point as the two vectors, as nearly as the first allows."""
+    length = float(np.linalg.norm(first))
+    if length < 1e-9:
+        raise ValueError("a rotation matrix with a column of zeros describes no rotation")
+    x = first / length
+    y = second - float(x @ second) * x
+    length = float(np.linalg.norm(y))
+    if length < 1e-9:
+        raise ValueError("a rotation matrix with parallel columns describes no rotation")
+    y = y / length
+    return np.stack([x, y, np.cross(x, y)], axis=1)

@@ -1,0 +1,186 @@
+"""PolicyFactory decide what to do next; the skills carry it out. The expert's rule reads the truth and is right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from betterbench.interface.state import WorldState
+from betterbench.tasks import Condition, Subgoal, Task, stream
+from betterbench.tasks.relations import relation
+from betterbench.tasks.relations.closed import drawer_to_move
+
+
+@dataclass(frozen=True, slots=True)
+class GraspOffset:
+    """A deliberate error of the grasp, for faulty policies.
+
+    Attributes:
+        miss_by_m: Gap between pads and object when the gripper closes beside it [m], or None to grasp well.
+        drop: True to open the gripper in mid-air after the lift.
+    """
+
+    miss_by_m: float | None = None
+    drop: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Bring:
+    """Decision to bring an object to a target."""
+
+    object: str
+    target: str
+    relation: str
+    region: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """Decision to draw a drawer out, or to push it home."""
+
+    drawer: str
+    out: bool
+
+
+@dataclass(frozen=True, slots=True)
+class GraspAt:
+    """Decision to grasp at a slot, whatever is or is not there."""
+
+    slot: str
+
+
+@dataclass(frozen=True, slots=True)
+class Freeze:
+    """Decision to start toward an object and then stop for good; without an object, never to start."""
+
+    toward: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Wander:
+    """Decision to move about for ever without grasping at anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Decision that nothing is left to do."""
+
+
+Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a rule knows besides the state.
+
+    Attributes:
+        task: The task, with its training regime.
+        condition: The condition in force.
+        seed: Seed of the trial.
+    """
+
+    task: Task
+    condition: Condition
+    seed: int
+
+
+class DecisionRule(Protocol):
+    """Decides step by step."""
+
+    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision.
+
+        Args:
+            state: State now.
+            history: Decisions already carried out in this episode.
+        """
+
+
+def carried(goal: Subgoal) -> bool:
+    """Tell whether a subgoal is brought about by carrying its object, and not by moving it along its rail."""
+    return relation(goal.relation).carried
+
+
+def bring_to(goal: Subgoal, name: str) -> Bring:
+    """Return the decision to bring an object where a subgoal wants it."""
+    return Bring(name, goal.target, goal.relation, goal.region)
+
+
+def at_target(state: WorldState, name: str, target: str, relation_name: str, region: str = "") -> bool:
+    """Tell whether an object is where a subgoal wants it."""
+    return relation(relation_name).holds(state, name, target, region)
+
+
+def reached(state: WorldState, condition: Condition, index: int) -> bool:
+    """Tell whether as many objects as a subgoal asks for are where it wants them."""
+    goal = condition.instruction.subgoals[index]
+    names = condition.resolve(goal.reference)
+    return sum(at_target(state, n, goal.target, goal.relation, goal.region) for n in names) >= goal.count
+
+
+def open_subgoal(state: WorldState, condition: Condition) -> int | None:
+    """Return the index of the first subgoal that is not reached, or None."""
+    goals = condition.instruction.subgoals
+    return next((i for i in range(len(goals)) if not reached(state, condition, i)), None)
+
+
+def open_subgoals(state: WorldState, condition: Condition) -> tuple[int, ...]:
+    """Return the subgoals that may rightly be worked on now: the first open one, or any where the order is free.
+
+    A drawer is closed once what was to go into it is inside. Where an object is asked for that does not exist, the
+    others may be handled.
+    """
+    goals = condition.instruction.subgoals
+    left = [i for i in range(len(goals)) if not reached(state, condition, i) and condition.resolve(goals[i].reference)]
+    if condition.instruction.ordered:
+        return tuple(left[:1])
+    return tuple(
+        i
+        for i in left
+        if carried(goals[i]) or not any(goals[j].target in condition.resolve(goals[i].reference) for j in left if j < i)
+    )
+
+
+def choose(situation: Situation, state: WorldState, index: int) -> str | None:
+    """Return the object to take for a subgoal: one that is not at the target yet, any of several alike by the seed."""
+    goals = situation.condition.instruction.subgoals
+    goal = goals[index]
+    resolve = situation.condition.resolve
+    served = {
+        n for g in goals for n in resolve(g.reference) if at_target(state, n, g.target, g.relation, g.region)
+    }  # an object that serves another subgoal already is left there
+    names = [n for n in resolve(goal.reference) if n not in served]
+    if not names:
+        return None
+    names.sort(key=lambda n: situation.condition.layout.get(n, ""))
+    pick = stream(situation.task.id, situation.seed, f"choice:{goal.word}").integers(1 << 30)
+    return names[int(pick) % len(names)]
+
+
+class ExpertRule:
+    """Does what the instruction asks for, in order, and stops when it is done."""
+
+    def __init__(self, situation: Situation) -> None:
+        """Prepare for an episode."""
+        self.situation = situation
+
+    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        del history
+        index = open_subgoal(state, self.situation.condition)
+        return Rest() if index is None else self.bring(state, index)
+
+    def bring(self, state: WorldState, index: int) -> Decision:
+        """Return the decision that serves a subgoal."""
+        goal = self.situation.condition.instruction.subgoals[index]
+        name = choose(self.situation, state, index)
+        if name is None:
+            return Rest()
+        if not carried(goal):
+            return Draw(name, out=False)
+        return self.make_way(state, goal.target) or bring_to(goal, name)
+
+    def make_way(self, state: WorldState, target: str) -> Draw | None:
+        """Return what has to be done with drawers before something can be put into the target, or None."""
+        due = drawer_to_move(self.situation.condition, state, target)
+        return None if due is None else Draw(due[0], out=due[1])

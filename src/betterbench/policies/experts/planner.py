@@ -1,0 +1,426 @@
+"""Planning for the privileged experts: which grasp, which way, which place, without touching anything else."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import PlanningError
+from betterbench.geometry import (
+    Pose,
+    Quaternion,
+    angle_between,
+    distance,
+    from_axis_angle,
+    from_yaw,
+    multiply,
+    normalize,
+    rotate,
+    straight_way,
+)
+from betterbench.interface.state import WorldState
+from betterbench.sim.assets import Asset, Grasp
+from betterbench.sim.robots.ik import largest_step
+from betterbench.sim.scenes import Clearance, Scene
+from betterbench.tasks.relations import PlaceGoal
+from betterbench.tasks.relations.inside import inside
+
+DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
+"""Tool rotation that points straight down with the fingers opening along -y."""
+SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
+"""Heights of the tool center point at which objects are carried across the table, lowest first."""
+CHECK_STEP_M = 0.03
+"""Distance between configurations that are checked along a way."""
+CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
+"""Distance and angle by which a checked configuration may miss its pose; clearances are larger."""
+MAX_JOINT_STEP_RAD = 0.6
+"""Largest joint motion between two checked configurations; a larger one is a jump to another posture."""
+COMFORT_RAD = 0.3
+"""Distance from the joint limits that poses keep where there is a choice: a wrist at its limit cannot turn on."""
+SLIDE_WIDTH_M = 0.05
+"""Opening of the gripper around a knob that is checked along the rails [m]."""
+OUT_OF_REACH = "out of reach"
+"""Why a way is not free along which the arm cannot go on without another posture."""
+LIFT_M = 0.08
+"""Length of the straight approach and of the straight retreat."""
+
+
+@dataclass(frozen=True, slots=True)
+class PickPlan:
+    """A collision-free way to take an object.
+
+    Attributes:
+        object: Name of the object.
+        way: Poses of the tool center point to pass, the last one above the grasp.
+        grasp: Pose ``T_world_tcp`` at which the gripper closes.
+        width_m: Opening of the gripper on the way down [m].
+    """
+
+    object: str
+    way: tuple[Pose, ...]
+    grasp: Pose
+    width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePlan:
+    """A collision-free way to put the held object down.
+
+    Attributes:
+        way: Poses of the tool center point to pass.
+        release: Pose ``T_world_tcp`` at which the gripper opens.
+        retreat: Pose to go to afterward.
+        release_width_m: How far the gripper opens to let go [m].
+    """
+
+    way: tuple[Pose, ...]
+    release: Pose
+    retreat: Pose
+    release_width_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SlidePlan:
+    """A collision-free way to take a drawer by its knob and to move it along its rails.
+
+    Attributes:
+        pick: Way to the knob.
+        end: Pose ``T_world_tcp`` to move to with the knob in the gripper.
+    """
+
+    pick: PickPlan
+    end: Pose
+
+
+class Planner:
+    """Finds grasps and ways in one scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Prepare a private copy of the scene."""
+        self._scene = scene
+        self._clearance = Clearance(scene)
+        self._ik = scene.controller.ik
+        self._opening = scene.compiled.robot.gripper_opening_m
+        self._assets: dict[str, Asset] = {p.spec.name: p.asset for p in scene.placements}
+
+    def plan_pick(self, state: WorldState, name: str, *, cost: Callable[[Pose], float] | None = None) -> PickPlan:
+        """Return the best free way to take an object.
+
+        Args:
+            state: State now.
+            name: Name of the object.
+            cost: Added to the turn of the gripper [rad] by which grasps of equal preference are ordered.
+
+        Raises:
+            PlanningError: If no grasp can be reached without touching something else.
+        """
+        self._clearance.load(state)
+        reasons: list[str] = []
+        grasps = list(self._grasps(state, name, cost))
+        for (grasp_pose, width), margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in grasps):
+            opening = min(self._opening, width + 0.035)
+            above = grasp_pose.translated(z=LIFT_M)
+            joints = self._reach(state.joint_positions, above, margin=margin)
+            if joints is None:
+                reasons.append(OUT_OF_REACH)
+                continue
+            down = self.check_way(joints, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
+            if down is not None:
+                reasons.append(down)
+                continue
+            found = self._transit(state, above, opening)
+            if found is None:
+                reasons.append("no free way there")
+                continue
+            way, there = found
+            down = self.check_way(there, (above, grasp_pose), opening, ignore=frozenset({name}))[0]
+            if down is not None:
+                reasons.append(down)
+                continue
+            return PickPlan(name, way, grasp_pose, opening)
+        raise PlanningError(f"no free grasp of {name}: {', '.join(sorted(set(reasons))) or 'no grasp annotated'}")
+
+    def plan_slide(self, state: WorldState, name: str, travel_m: float) -> SlidePlan:
+        """Return the best free way to take a drawer and move it along its own x axis.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            travel_m: Distance to move it [m]; positive draws it out.
+
+        Raises:
+            PlanningError: If its knob cannot be taken, or the way along the rails is not free.
+        """
+        pick = self.plan_pick(state, name)
+        dx, dy, dz = rotate(state.pose(name).quaternion, (travel_m, 0.0, 0.0))
+        end = pick.grasp.translated(dx, dy, dz)
+        joints = self._reach(state.joint_positions, pick.grasp)
+        if joints is None:
+            raise PlanningError(f"the knob of {name} is out of reach")
+        # What lies in the drawer comes along with it.
+        along = frozenset({name}) | {o.name for o in state.info.objects if not o.fixed and inside(state, o.name, name)}
+        blocked, _ = self.check_way(joints, (pick.grasp, end), SLIDE_WIDTH_M, ignore=along)
+        if blocked is not None:
+            raise PlanningError(f"no free way along the rails of {name}: {blocked}")
+        return SlidePlan(pick, end)
+
+    def travel_m(self, name: str) -> float:
+        """Return the distance between the two stops of a drawer [m]."""
+        return float(self._assets[name].parameters["travel_m"])
+
+    def plan_place(self, state: WorldState, name: str, goals: Sequence[PlaceGoal]) -> PlacePlan:
+        """Return the best free way to put the held object at one of several poses.
+
+        Args:
+            state: State now, with the object in the gripper.
+            name: Name of the object.
+            goals: Poses to end at and ways in, the best first.
+
+        Raises:
+            PlanningError: If none of them can be reached without touching something.
+        """
+        self._clearance.load(state)
+        T_object_tcp = state.pose(name).inverse() @ state.ee_pose
+        T_tcp_object = T_object_tcp.inverse()
+        reasons: list[str] = []
+        guess = np.asarray(state.joint_positions)
+        for goal, margin in ((g, m) for m in (COMFORT_RAD, 0.0) for g in goals):
+            release = goal.pose @ T_object_tcp
+            above = release.translated(*goal.approach)
+            opened = self._opening if goal.release_width_m is None else goal.release_width_m
+            down = self._reach(guess, release, margin=margin)
+            if down is None:
+                reasons.append(OUT_OF_REACH)
+                continue
+            guess = down
+            hits = self._clearance.touches(
+                down, finger_width_m=state.finger_width_m, held=name, held_pose=goal.pose
+            ) or self._clearance.touches(
+                down, finger_width_m=opened, held=name, held_pose=goal.pose, ignore=frozenset({name})
+            )
+            if hits:
+                reasons.append(", ".join(hits))
+                continue
+            joints = self._reach(down, above, margin=margin)
+            if joints is None:
+                reasons.append(OUT_OF_REACH)
+                continue
+            blocked, _ = self.check_way(
+                joints, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
+            )
+            if blocked is not None:
+                reasons.append(blocked)
+                continue
+            found = self._transit(state, above, state.finger_width_m, held=name, T_tcp_object=T_tcp_object)
+            if found is None:
+                reasons.append("no free way there")
+                continue
+            way, there = found
+            blocked, _ = self.check_way(
+                there, (above, release), state.finger_width_m, held=name, T_tcp_object=T_tcp_object
+            )
+            if blocked is not None:
+                reasons.append(blocked)
+                continue
+            return PlacePlan(way, release, release.translated(z=0.12), opened)
+        raise PlanningError(f"no free place for {name}: {', '.join(sorted(set(reasons))) or 'no place given'}")
+
+    def transit(self, state: WorldState, goal: Pose) -> tuple[Pose, ...] | None:
+        """Return a free way to a pose with an empty, open gripper, or None."""
+        self._clearance.load(state)
+        found = self._transit(state, goal, self._opening)
+        return None if found is None else found[0]
+
+    def way_to(
+        self,
+        state: WorldState,
+        goal: Pose,
+        width_m: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+    ) -> tuple[tuple[Pose, ...], list[float]] | None:
+        """Return a free way up, across and down to a pose, and the joints at its end [rad]; None if there is none.
+
+        Args:
+            state: State now.
+            goal: Pose ``T_world_tcp`` to reach.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+        """
+        self._clearance.load(state)
+        return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
+
+    def free_way(
+        self,
+        state: WorldState,
+        way: Sequence[Pose],
+        width_m: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+    ) -> list[float] | None:
+        """Return the joints at the end of a given way [rad], or None if it touches anything or is out of reach.
+
+        Args:
+            state: State now.
+            way: Poses ``T_world_tcp``, the first one where the arm is sent to now.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+        """
+        self._clearance.load(state)
+        blocked, joints = self.check_way(
+            state.joint_positions, way, width_m, held=held, T_tcp_object=T_tcp_object, lenient_start=True
+        )
+        return joints if blocked is None else None
+
+    def asset(self, name: str) -> Asset:
+        """Return the asset of an object of the scene."""
+        return self._assets[name]
+
+    def _grasps(
+        self, state: WorldState, name: str, cost: Callable[[Pose], float] | None
+    ) -> Iterator[tuple[Pose, float]]:
+        """Yield grasp poses in the world, the preferred and least turned ones first."""
+        pose = state.pose(name)
+        found: list[tuple[float, Pose, float]] = []
+        for grasp in self._assets[name].grasps:
+            for T_world_tcp in turned_grasps(pose, grasp):
+                approach = _approach(T_world_tcp)
+                if approach > -0.9:
+                    continue
+                turn = angle_between(T_world_tcp.quaternion, state.ee_pose.quaternion)
+                turn += 0.0 if cost is None else cost(T_world_tcp)
+                found.append((10.0 * grasp.preference + turn, T_world_tcp, grasp.width_m))
+        if not found:
+            found = [(0.0, p, w) for p, w in self._lying_grasps(state, name)]
+        for _, T_world_tcp, width in sorted(found, key=lambda item: item[0]):
+            yield T_world_tcp, width
+
+    def _lying_grasps(self, state: WorldState, name: str) -> Iterator[tuple[Pose, float]]:
+        """Yield grasps from above for an object that has fallen over, across its narrow horizontal directions."""
+        info = state.info.object(name)
+        pose = state.pose(name)
+        center = pose.apply((0.0, 0.0, 0.5 * info.size_m[2]))
+        for axis in range(3):
+            if info.size_m[axis] > self._opening - 0.008:
+                continue
+            direction = tuple(1.0 if i == axis else 0.0 for i in range(3))
+            x, y, z = Pose((0.0, 0.0, 0.0), pose.quaternion).apply(direction)
+            if abs(z) > 0.3:
+                continue
+            yaw = math.atan2(y, x) - 0.5 * math.pi
+            height = max(0.012, center[2] - 0.005)
+            for flip in (0.0, math.pi):
+                down = normalize(multiply(from_yaw(yaw + flip), DOWN))
+                yield Pose((center[0], center[1], height), down), info.size_m[axis]
+
+    def _reach(self, start: Sequence[float] | np.ndarray, pose: Pose, *, margin: float = 0.0) -> np.ndarray | None:
+        """Return joint angles that reach a pose and keep ``margin`` [rad] from the joint limits, or None."""
+        result = self._ik.reach(np.asarray(start, dtype=float), pose)
+        if not result.converged:
+            return None
+        free = min(float((result.q - self._ik.low).min()), float((self._ik.high - result.q).min()))
+        return result.q if free >= margin else None
+
+    def _transit(
+        self,
+        state: WorldState,
+        goal: Pose,
+        width: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+    ) -> tuple[tuple[Pose, ...], list[float]] | None:
+        """Return a way up, across and down to ``goal`` that touches nothing, and the joints at its end, or None."""
+        start = state.commanded_pose
+        joints = state.joint_positions
+        for height in SAFE_HEIGHTS_M:
+            top = max(height, goal.position[2])
+            if held is not None:
+                top = max(top, min(start.position[2], 0.45))
+            up = Pose((start.position[0], start.position[1], max(top, start.position[2])), start.quaternion)
+            over = Pose((goal.position[0], goal.position[1], max(top, goal.position[2])), goal.quaternion)
+            way = (up, over, goal)
+            blocked, end = self.check_way(
+                joints, (start, *way), width, held=held, T_tcp_object=T_tcp_object, lenient_start=True
+            )
+            if blocked is None:
+                return way, end
+        return None
+
+    def check_way(
+        self,
+        joints: Sequence[float] | np.ndarray,
+        way: Sequence[Pose],
+        width: float,
+        *,
+        held: str | None = None,
+        T_tcp_object: Pose | None = None,
+        ignore: frozenset[str] = frozenset(),
+        lenient_start: bool = False,
+    ) -> tuple[str | None, list[float]]:
+        """Follow a way in joint space, in the state that was planned in last, and tell what blocks it.
+
+        The joints are followed from one configuration to the next, as the controller will do, so that a way which runs
+        into a joint limit or needs another posture of the elbow is not free.
+
+        Args:
+            joints: (7,) joint angles at its beginning [rad].
+            way: Poses of the tool center point.
+            width: Distance of the finger pads [m].
+            held: Object in the gripper, or None.
+            T_tcp_object: Where the held object is in the gripper.
+            ignore: Objects that the robot may touch.
+            lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
+
+        Returns:
+            What blocks the way, or None if it is free; and the joint angles where the check ended.
+        """
+        # Plain numbers in plain loops take half of the time of arrays of seven.
+        traveled, now = 0.0, [float(angle) for angle in joints]
+        before = now
+        for start, end in itertools.pairwise(way):
+            length = distance(start.position, end.position)
+            turn = angle_between(start.quaternion, end.quaternion)
+            steps = max(1, math.ceil(max(length / CHECK_STEP_M, turn / 0.25)))
+            between = straight_way(start, end)
+            for i in range(1, steps + 1):
+                pose = between(i / steps)
+                # The joints go on as they went.
+                ahead = now if i == 1 else [2.0 * here - was for here, was in zip(now, before, strict=True)]
+                found = self._ik.follow(
+                    ahead, pose, position_tolerance_m=CHECK_POSITION_M, rotation_tolerance_rad=CHECK_ROTATION_RAD
+                )
+                if found is None or largest_step(found, now) > MAX_JOINT_STEP_RAD:
+                    return OUT_OF_REACH, now
+                before, now = now, found
+                held_pose = None if T_tcp_object is None else pose @ T_tcp_object
+                hits = self._clearance.touches(now, finger_width_m=width, held=held, held_pose=held_pose, ignore=ignore)
+                if hits and not (lenient_start and traveled + i / steps * length < 0.05):
+                    return ", ".join(hits), now
+            traveled += length
+        return None, now
+
+
+def turned_grasps(pose: Pose, grasp: Grasp) -> Iterator[Pose]:
+    """Yield the equal ways of one annotated grasp: turned about the object's axis, and with the fingers exchanged."""
+    turns = [i * math.pi / 8.0 for i in range(16)] if grasp.symmetric_yaw else [0.0]
+    half_turn = Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, math.pi)))
+    for turn in turns:
+        turned = pose @ Pose((0.0, 0.0, 0.0), from_yaw(turn)) @ grasp.pose
+        yield turned
+        if not grasp.symmetric_yaw:
+            yield turned @ half_turn
+
+
+def _approach(T_world_tcp: Pose) -> float:
+    """Return the vertical component of the approach direction: -1 points straight down."""
+    _, x, y, _ = T_world_tcp.quaternion
+    return 1.0 - 2.0 * (x * x + y * y)

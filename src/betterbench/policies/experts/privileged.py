@@ -1,0 +1,242 @@
+"""A privileged policy: a rule and its skills, answering one action per state."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import UnknownNameError
+from betterbench.interface.state import PrivilegedPolicy, WorldState
+from betterbench.policies.decisions import Bring, Decision, Draw, Freeze, GraspAt, GraspOffset, Rest, Situation, Wander
+from betterbench.policies.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
+from betterbench.policies.experts.planner import Planner
+from betterbench.policies.experts.probes import make_replay
+from betterbench.policies.experts.registry import (
+    EXPERTS,
+    REPLAYS,
+    WITNESS,
+    Address,
+    expert_names,
+    parse_address,
+    witnessed,
+)
+from betterbench.policies.experts.skills import Skills
+from betterbench.policies.experts.witness import Witness
+from betterbench.policies.faulty import BrokenRule, Clumsy, Crash, Slow
+from betterbench.sim.scenes import Scene, engine_version
+from betterbench.tasks import TargetRegion, stream
+from betterbench.tasks.demonstrated import Releases, demonstrated_if_measured
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+MAX_DECISIONS = 12
+"""Decisions after which a policy gives up: twice the longest chain of the suite."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutionNoise:
+    """How a policy carries out what its rule decides.
+
+    Attributes:
+        grasp_offset: Deliberate error of the grasp, or None.
+        action_noise_m: Standard deviation of the noise on each control step's translation [m].
+        speed: Share of the usual speed.
+        crash_step: Control step at which the policy fails, or None.
+    """
+
+    grasp_offset: GraspOffset | None = None
+    action_noise_m: float = 0.0
+    speed: float = 1.0
+    crash_step: int | None = None
+
+
+class _DecisionLoop:
+    """Turns the decisions of a rule into actions.
+
+    The agent holds the loop and its generator, and neither refers to the agent: a cycle would keep the scene in memory
+    until a garbage collection.
+    """
+
+    def __init__(self, scene: Scene, rule: BrokenRule, noise: ExecutionNoise, skills: Skills | None) -> None:
+        self.rule = rule
+        self.mishap: str | None = None
+        self._exact = noise.grasp_offset is None
+        self._skills = skills or Skills(
+            Planner(scene),
+            1.0 / scene.control_rate_hz,
+            functools.partial(stream, scene.task.id, scene.seed),
+            _trained_releases(scene),
+            grasp_offset=noise.grasp_offset,
+            speed=noise.speed,
+        )
+        self._mounts = {p.spec.name: p.shut for p in scene.placements if p.shut is not None}
+
+    def actions(self, state: WorldState) -> Generator[np.ndarray, WorldState, None]:
+        """Yield the actions of an episode that begins in a state; each state that follows is sent in."""
+        home = state.ee_pose
+        history: tuple[Decision, ...] = ()
+        while len(history) < MAX_DECISIONS:
+            decision = self.rule.decide(state, history)
+            history = (*history, decision)
+            if isinstance(decision, Rest | Freeze):
+                break
+            state = yield from self._carry_out(state, decision)
+        if isinstance(history[-1], Freeze) and history[-1].toward is not None:
+            state = yield from self._skills.approach_and_stop(state, history[-1].toward)
+        elif not isinstance(history[-1], Freeze):
+            state = yield from self._skills.go_home(state, home)
+        while True:
+            gripper = state.gripper_command if state.step else OPEN
+            state = yield delta_action(state.commanded_pose, state.commanded_pose, gripper)
+
+    def _carry_out(self, state: WorldState, decision: Decision) -> Generator[np.ndarray, WorldState, WorldState]:
+        worked = True
+        if isinstance(decision, Bring):
+            goal = TargetRegion(decision.target, decision.region)
+            state, worked = yield from self._skills.pick_and_place(state, decision.object, goal, decision.relation)
+            state = yield from hold(state, 2, gripper=state.gripper_command)
+        elif isinstance(decision, Draw):
+            mount = self._mounts[decision.drawer]
+            state, worked = yield from self._skills.draw(state, decision.drawer, mount, out=decision.out)
+        elif isinstance(decision, GraspAt):
+            slot = state.info.slot(decision.slot)
+            state = yield from self._skills.air_grasp(state, slot.position)
+        elif isinstance(decision, Wander):
+            state = yield from self._skills.wander(state)
+        if not worked and self._exact and self.mishap is None:
+            because = f": {self._skills.obstacle}" if self._skills.obstacle else ""
+            self.mishap = f"the gripper could not carry out {decision}{because}"
+        return state
+
+
+def _trained_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
+    """Return where demonstrations let go of things at the targets of a scene, by target, relation and region.
+
+    A trial shows that it can be solved with what was trained, so it follows the demonstrations; these follow nothing.
+    """
+    return (lambda *_: None) if scene.seed >= FIRST_DEMONSTRATION_SEED else measured_releases(scene)
+
+
+def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None]:
+    """Return where the measured demonstrations let go of things at the targets of a scene, whatever its seed."""
+    condition = scene.condition
+    known = demonstrated_if_measured(scene.task, engine=engine_version())
+    grounds = {o.name: o.name if o.mount is None else o.mount.target for o in condition.objects}
+
+    def trained(target: str, relation: str, region: str) -> Releases | None:
+        slot = condition.layout.get(grounds[target])
+        return None if known is None else known.releases_at((slot, relation, region, 1))
+
+    return trained
+
+
+class PrivilegedAgent:
+    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
+
+    def __init__(
+        self,
+        name: str,
+        scene: Scene,
+        rule: BrokenRule,
+        *,
+        noise: ExecutionNoise | None = None,
+        skills: Skills | None = None,
+    ) -> None:
+        """Prepare for an episode.
+
+        Args:
+            name: Address of the policy.
+            scene: The scene the episode runs in.
+            rule: Decides.
+            noise: How the decisions are carried out; exactly, if not given.
+            skills: Carry them out; those of the expert, if not given.
+        """
+        self._name = name
+        self._execution = noise or ExecutionNoise()
+        self._loop = _DecisionLoop(scene, rule, self._execution, skills)
+        self._noise = stream(scene.task.id, scene.seed, f"action noise:{scene.condition.name}")
+        self._run: Generator[np.ndarray, WorldState, None] | None = None
+
+    @property
+    def name(self) -> str:
+        """Address of the policy."""
+        return self._name
+
+    @property
+    def ground_truth(self) -> dict[str, str]:
+        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
+
+        ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
+        decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names
+        of the rules that decided as it did, with spaces between them.
+        """
+        rule = self._loop.rule
+        fault = rule.fault
+        same = {"same": " ".join(rule.same)} if isinstance(rule, Witness) else {}
+        return {
+            **same,
+            "truth": "" if fault is None else fault.label,
+            "fault": "" if fault is None else f"decision {fault.decision}: {fault.text}",
+            "mishap": self._loop.mishap or "",
+        }
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action in the ``ee_delta`` action space, shape (7,).
+
+        Raises:
+            RuntimeError: At the step at which the policy is to fail.
+        """
+        if self._execution.crash_step is not None and state.step >= self._execution.crash_step:
+            raise RuntimeError("this faulty policy fails on purpose")
+        if self._run is None:
+            self._run = self._loop.actions(state)
+            action = next(self._run)
+        else:
+            action = self._run.send(state)
+        if self._execution.action_noise_m > 0.0 and action[:3].any():
+            action[:3] += self._noise.normal(0.0, self._execution.action_noise_m / TRANSLATION_PER_UNIT_M, 3)
+            np.clip(action, -1.0, 1.0, out=action)
+        return action
+
+    def close(self) -> None:
+        """Forget the episode, so that its scene, of some 25 MB, is freed with the last reference to it."""
+        run, self._run = self._run, None
+        if run is not None:
+            run.close()
+
+
+def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
+    """Return a privileged policy for one episode.
+
+    Args:
+        address: Its address.
+        scene: The scene the episode runs in.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+        InvalidInputError: If an option is unknown or out of range.
+    """
+    asked = parse_address(address)
+    if asked is None:
+        raise UnknownNameError("privileged policy", address, expert_names())
+    if asked.name in REPLAYS:
+        return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
+    situation = Situation(scene.task, scene.condition, scene.seed)
+    if asked.name == WITNESS:
+        rule: BrokenRule = Witness(situation, {name: EXPERTS[name].rule(situation, 1.0) for name in witnessed()})
+    else:
+        rule = EXPERTS[asked.name].rule(situation, asked.strength)
+    return PrivilegedAgent(address, scene, rule, noise=_noise_of(rule, asked))
+
+
+def _noise_of(rule: BrokenRule, asked: Address) -> ExecutionNoise:
+    """Return how the decisions of a rule are carried out."""
+    slow = isinstance(rule, Slow) and rule.applies
+    return ExecutionNoise(
+        grasp_offset=rule.grasp_offset if isinstance(rule, Clumsy) else None,
+        action_noise_m=asked.action_noise_m,
+        speed=Slow.speed if slow else 1.0,
+        crash_step=rule.crash_step if isinstance(rule, Crash) else None,
+    )

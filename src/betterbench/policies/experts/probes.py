@@ -1,0 +1,118 @@
+"""Open-loop probes: the motion of a demonstration, played without looking.
+
+A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays a demonstration of the
+condition that the trial's twin has, so mostly of the same instruction in the same layout; ``probe:no-images`` one of
+the trained instruction that is closest to the trial's. Both are demonstrations that a policy could have been trained
+on: their seeds are those of demonstrations, never those of tests. Whatever stands elsewhere than there, they miss.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from difflib import SequenceMatcher
+
+import numpy as np
+
+from betterbench.interface.state import PrivilegedPolicy, WorldState
+from betterbench.policies.experts.motion import OPEN
+from betterbench.sim.scenes import Scene
+from betterbench.tasks import Condition, GoalTracker, stream
+from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+
+_KEPT = 256
+"""Demonstrations that are kept: several variations of a task have the same twin."""
+
+_DEMONSTRATIONS: OrderedDict[tuple[str, str, int, str, str, str], np.ndarray] = OrderedDict()
+
+OTHER_DEMONSTRATIONS = 500_000
+"""Added to a demonstration's seed for another demonstration of the same trial."""
+
+
+class OpenLoop:
+    """Plays given actions one after the other and then holds still."""
+
+    def __init__(self, name: str, actions: np.ndarray) -> None:
+        """Prepare for an episode.
+
+        Args:
+            name: Address of the policy.
+            actions: (T, 7) actions to play.
+        """
+        self._name, self._actions = name, actions
+        self.ground_truth = {"truth": "", "fault": "", "mishap": ""}
+
+    @property
+    def name(self) -> str:
+        """Address of the policy."""
+        return self._name
+
+    def act_on_state(self, state: WorldState) -> np.ndarray:
+        """Return the next action in the ``ee_delta`` action space, shape (7,)."""
+        if state.step < len(self._actions):
+            return np.array(self._actions[state.step])
+        still = np.zeros(7)
+        still[-1] = self._actions[-1][-1] if len(self._actions) else OPEN
+        return still
+
+
+def make_replay(name: str, scene: Scene, *, play: Callable[[Scene], PrivilegedPolicy]) -> OpenLoop:
+    """Return an open-loop probe for one episode.
+
+    Args:
+        name: "probe:replay" or "probe:no-images".
+        scene: The scene the episode runs in.
+        play: Makes the policy whose motion is played, for a scene.
+    """
+    condition = twin_of(scene) if name == "probe:replay" else by_sentence(scene)
+    return OpenLoop(name, demonstration(scene, condition, demonstration_seed(name, scene.seed), play))
+
+
+def demonstration_seed(name: str, seed: int) -> int:
+    """Return the seed of the demonstration that an open-loop probe plays in the trial of a seed."""
+    return FIRST_DEMONSTRATION_SEED + seed + (0 if name == "probe:replay" else OTHER_DEMONSTRATIONS)
+
+
+def twin_of(scene: Scene) -> Condition:
+    """Return the training condition that a scene's condition is derived from, or that it is."""
+    names = {v.name: v.base for v in scene.task.variations}
+    return scene.task.train(names.get(scene.condition.name, scene.condition.name))
+
+
+def by_sentence(scene: Scene) -> Condition:
+    """Return a training condition whose instruction is closest to the trial's; one of several by the trial's stream."""
+    said = scene.condition.instruction.text
+    closeness = [SequenceMatcher(None, said, c.instruction.text).ratio() for c in scene.task.training]
+    best = [c for c, value in zip(scene.task.training, closeness, strict=True) if value >= max(closeness) - 1e-9]
+    pick = stream(scene.task.id, scene.seed, f"probe:{scene.condition.name}").integers(len(best))
+    return best[int(pick)]
+
+
+def demonstration(
+    scene: Scene, condition: Condition, seed: int, play: Callable[[Scene], PrivilegedPolicy]
+) -> np.ndarray:
+    """Return the (T, 7) actions with which a policy solves a training condition.
+
+    Args:
+        scene: A scene of the task, whose action space and quality are taken.
+        condition: The training condition.
+        seed: Seed of the demonstration.
+        play: Makes the policy for a scene.
+    """
+    key = (scene.task.id, condition.name, seed, scene.action_space.name, scene.quality.name, scene.looks)
+    if key in _DEMONSTRATIONS:
+        return _DEMONSTRATIONS[key]
+    other = Scene(
+        scene.task, condition, seed=seed, action_space=scene.action_space, quality=scene.quality, looks=scene.looks
+    )
+    tracker = GoalTracker(condition, other.info, template=scene.task.template, control_rate_hz=other.control_rate_hz)
+    policy, state = play(other), other.reset()
+    actions: list[np.ndarray] = []
+    while not tracker.update(state).success and state.step < scene.task.step_limit(condition):
+        actions.append(policy.act_on_state(state))
+        other.step(actions[-1])
+        state = other.state()
+    _DEMONSTRATIONS[key] = np.array(actions).reshape(-1, 7)
+    while len(_DEMONSTRATIONS) > _KEPT:
+        _DEMONSTRATIONS.popitem(last=False)
+    return _DEMONSTRATIONS[key]

@@ -1,0 +1,357 @@
+"""Skills: reach, grasp, lift, carry, place, release and retreat, chained into picks and places that notice failure."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from betterbench.errors import PlanningError
+from betterbench.geometry import Pose, Vector, conjugate, distance, from_yaw, multiply, normalize, rotate
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import GraspOffset
+from betterbench.policies.experts.motion import (
+    APPROACH,
+    CARRY,
+    CLOSE,
+    FREE,
+    OPEN,
+    RAILS,
+    Motion,
+    Pace,
+    close_gripper,
+    follow,
+    hold,
+    open_gripper,
+    release_to,
+)
+from betterbench.policies.experts.planner import DOWN, LIFT_M, Planner
+from betterbench.tasks import TargetRegion
+from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM, Releases
+from betterbench.tasks.relations import PlaceGoal
+from betterbench.tasks.relations import relation as relation_named
+from betterbench.tasks.relations.placing import foot_offset
+
+SkillRun = Generator[np.ndarray, WorldState, tuple[WorldState, bool]]
+"""A skill yields actions, is sent states, and returns the last state and whether it worked."""
+
+SURE = 0.6
+"""Share of the certificate's tolerances within which a goal counts as trained; the arm misses goals a little."""
+PRESS_M = 0.004
+"""Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
+KNOB_RELEASE_M = 0.016
+"""How much wider than the knob of a drawer the gripper opens to let go of it [m]."""
+
+
+@dataclass
+class Skills:
+    """The motor skills of one privileged policy in one scene.
+
+    Attributes:
+        planner: Planner of the scene.
+        period_s: Control period [s].
+        choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
+        trained: Returns where demonstrations let go of things at a target, by relation and region; None if unknown.
+        attempts: How often a failed grasp is tried again.
+        grasp_offset: Deliberate clumsiness, or None.
+        speed: Share of the usual speed.
+        obstacle: Why the last motion could not be planned; empty if all could.
+    """
+
+    planner: Planner
+    period_s: float
+    choice: Callable[[str], np.random.Generator]
+    trained: Callable[[str, str, str], Releases | None]
+    attempts: int = 4
+    grasp_offset: GraspOffset | None = None
+    speed: float = 1.0
+    obstacle: str = field(default="", init=False)
+
+    def paced(self, pace: Pace) -> Pace:
+        """Return a pace at this policy's share of the usual speed."""
+        if self.speed == 1.0:
+            return pace
+        return replace(
+            pace,
+            speed=self.speed * pace.speed,
+            corner_speed=self.speed * pace.corner_speed,
+            turning=self.speed * pace.turning,
+        )
+
+    def passing(
+        self, state: WorldState, way: tuple[Pose, ...], width_m: float, *, held: str | None = None
+    ) -> tuple[Pose, ...]:
+        """Return the way to take in place of a planned one, which is the planned one unless a subclass knows better.
+
+        Args:
+            state: State now.
+            way: Planned poses ``T_world_tcp`` to pass.
+            width_m: Distance of the finger pads on the way [m].
+            held: Object in the gripper, or None.
+        """
+        del state, width_m, held
+        return way
+
+    def wait(self, state: WorldState, *, gripper: float) -> Motion:
+        """Wait before the next stretch; no time at all unless a subclass knows better."""
+        return (yield from hold(state, 0, gripper=gripper))
+
+    def reach(self, state: WorldState, name: str) -> Generator[np.ndarray, WorldState, tuple[WorldState, Pose]]:
+        """Move above an object and down to its grasp.
+
+        Returns:
+            The last state and the grasp pose that was reached for.
+
+        Raises:
+            PlanningError: If no free grasp exists.
+        """
+        plan = self.planner.plan_pick(state, name)
+        grasp = plan.grasp
+        if self.grasp_offset is not None and self.grasp_offset.miss_by_m is not None:
+            grasp = pads_beside(state, name, grasp, gap_m=self.grasp_offset.miss_by_m)
+        way = self.passing(state, plan.way, plan.width_m)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        return state, grasp
+
+    def grasp(self, state: WorldState, name: str) -> SkillRun:
+        """Close the gripper and tell whether the object is between the fingers."""
+        state = yield from close_gripper(state)
+        return state, state.touching("left_finger", name) and state.touching("right_finger", name)
+
+    def lift(self, state: WorldState, name: str) -> SkillRun:
+        """Lift what is in the gripper straight up and tell whether it came along."""
+        before = state.pose(name).position[2]
+        goal = state.commanded_pose.translated(z=LIFT_M)
+        state = yield from follow(
+            state, (goal,), gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s, settle=6
+        )
+        return state, state.pose(name).position[2] - before > 0.5 * LIFT_M
+
+    def retreat(self, state: WorldState, *, up_m: float = 0.12) -> Motion:
+        """Open the gripper and move straight up."""
+        state = yield from open_gripper(state, width_m=0.07)
+        goal = state.commanded_pose.translated(z=up_m)
+        return (
+            yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=2)
+        )
+
+    def pick(self, state: WorldState, name: str) -> SkillRun:
+        """Take an object, again if the grasp failed.
+
+        Returns:
+            The last state and whether the object is in the gripper.
+        """
+        for _ in range(self.attempts):
+            try:
+                state, _ = yield from self.reach(state, name)
+            except PlanningError as problem:
+                self.obstacle = str(problem)
+                return state, False
+            state, holds = yield from self.grasp(state, name)
+            if holds:
+                state, holds = yield from self.lift(state, name)
+            if holds and self.grasp_offset is not None and self.grasp_offset.drop:
+                state = yield from open_gripper(state, width_m=0.07)
+                return state, False
+            if holds:
+                return state, True
+            state = yield from self.retreat(state)
+            if self.grasp_offset is not None:
+                return state, False
+        return state, False
+
+    def place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
+        """Carry the held object to its target, put it down, let go and move away.
+
+        Returns:
+            The last state and whether the object was still in the gripper on arrival.
+        """
+        goals = relation_named(relation).place_goals(state, name, target.target, target.region)
+        try:
+            plan = self.planner.plan_place(state, name, self.in_turn(state, name, goals, target, relation))
+        except PlanningError as problem:
+            self.obstacle = str(problem)
+            return state, False
+        way = self.passing(state, plan.way, state.finger_width_m, held=name)
+        state = yield from follow(state, way, gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s)
+        if state.held != name:
+            return state, False
+        state = yield from self.wait(state, gripper=CLOSE)
+        state = yield from follow(
+            state, (plan.release,), gripper=CLOSE, pace=self.paced(APPROACH), period_s=self.period_s
+        )
+        arrived = state.touching("left_finger", name) and state.touching("right_finger", name)
+        state = yield from hold(state, 3, gripper=CLOSE)
+        state = yield from release_to(state, width_m=min(plan.release_width_m, 0.076))
+        state = yield from follow(
+            state,
+            (state.commanded_pose.translated(z=0.12),),
+            gripper=0.0,
+            pace=self.paced(APPROACH),
+            period_s=self.period_s,
+            settle=2,
+        )
+        return state, arrived
+
+    def in_turn(
+        self, state: WorldState, name: str, goals: tuple[PlaceGoal, ...], target: TargetRegion, relation: str
+    ) -> list[PlaceGoal]:
+        """Return goals in the order in which they are tried: those that are alike in any order, drawn per kind.
+
+        In a container those come first at which demonstrations let go of things, as far as that is known.
+        """
+        draw = self.choice(f"place:{state.info.object(name).kind}")
+        ordered: list[PlaceGoal] = []
+        for alike, neighbors in itertools.groupby(goals, key=lambda goal: goal.alike):
+            found = list(neighbors)
+            ordered += found if alike is None else [found[i] for i in draw.permutation(len(found))]
+        trained = self.trained(target.target, relation, target.region)
+        if trained is None or not relation_named(relation).falls:
+            return ordered
+        middle = relation_named(relation).middle(state.info.object(target.target), target.region)
+        to_target = (state.pose(target.target) @ Pose(middle)).inverse()
+        offset = foot_offset(state.info.object(name))
+
+        def is_new(goal: PlaceGoal) -> bool:
+            foot_at = goal.pose.apply(offset)
+            x, y, _ = to_target.apply(foot_at)
+            aside = trained.aside_mm(1000.0 * x, 1000.0 * y)
+            return abs(trained.off_mm(1000.0 * foot_at[2])) > SURE * HEIGHT_MM or aside > SURE * REACH_MM
+
+        return sorted(ordered, key=is_new)
+
+    def pick_and_place(self, state: WorldState, name: str, target: TargetRegion, relation: str) -> SkillRun:
+        """Bring an object to its target, starting over where it slipped out of the gripper."""
+        for _ in range(self.attempts):
+            state, held = yield from self.pick(state, name)
+            if not held:
+                return state, False
+            state, placed = yield from self.place(state, name, target, relation)
+            if placed:
+                return state, True
+            if state.touching("left_finger", name) and state.touching("right_finger", name):
+                return state, False
+            state = yield from self.retreat(state)
+        return state, False
+
+    def slide(self, state: WorldState, name: str, distance_m: float) -> SkillRun:
+        """Take a drawer by its knob and move it along its rails.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            distance_m: Distance to move it [m]; positive draws it out.
+
+        Returns:
+            The last state and whether the knob was in the gripper.
+        """
+        try:
+            plan = self.planner.plan_slide(state, name, distance_m)
+        except PlanningError as problem:
+            self.obstacle = str(problem)
+            return state, False
+        grasp = plan.pick.grasp
+        way = self.passing(state, plan.pick.way, plan.pick.width_m)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (grasp,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        state, holds = yield from self.grasp(state, name)
+        if holds:
+            state = yield from follow(state, (plan.end,), gripper=CLOSE, pace=self.paced(RAILS), period_s=self.period_s)
+        state = yield from release_to(state, width_m=state.finger_width_m + KNOB_RELEASE_M)
+        goal = state.commanded_pose.translated(z=0.12)
+        state = yield from follow(
+            state, (goal,), gripper=0.0, pace=self.paced(APPROACH), period_s=self.period_s, settle=2
+        )
+        return state, holds
+
+    def draw(self, state: WorldState, name: str, mount: Pose, *, out: bool) -> SkillRun:
+        """Draw a drawer out as far as it goes, or push it home, again if the knob slipped out of the gripper.
+
+        Args:
+            state: State now.
+            name: Name of the drawer.
+            mount: Pose ``T_world_drawer`` of the drawer while it is shut.
+            out: True to draw it out.
+
+        Returns:
+            The last state and whether the drawer is where it should be.
+        """
+        travel = self.planner.travel_m(name)
+        for _ in range(self.attempts):
+            opening = distance(state.pose(name).position, mount.position)
+            goal = travel - opening if out else -opening
+            if abs(goal) < 0.003:
+                return state, True
+            state, held = yield from self.slide(state, name, goal + (0.0 if out else -PRESS_M))
+            if not held and self.grasp_offset is not None:
+                return state, False
+        opening = distance(state.pose(name).position, mount.position)
+        return state, abs(travel - opening if out else opening) < 0.005
+
+    def air_grasp(self, state: WorldState, place: Vector, *, height_m: float = 0.05, yaw: float = 0.0) -> Motion:
+        """Grasp at a place where nothing stands, lift and open again."""
+        goal = Pose((place[0], place[1], height_m), normalize(multiply(from_yaw(yaw), DOWN)))
+        above = goal.translated(z=LIFT_M)
+        way = self.planner.transit(state, above) or (state.commanded_pose.translated(z=0.05), above)
+        state = yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+        state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(APPROACH), period_s=self.period_s)
+        state = yield from close_gripper(state)
+        state = yield from follow(
+            state, (above,), gripper=CLOSE, pace=self.paced(CARRY), period_s=self.period_s, settle=2
+        )
+        return (yield from open_gripper(state, width_m=0.07))
+
+    def approach_and_stop(self, state: WorldState, name: str) -> Motion:
+        """Start toward an object and stop in mid-air, well away from it."""
+        place = state.pose(name).position
+        start = state.commanded_pose
+        half = tuple(a + 0.4 * (b - a) for a, b in zip(start.position[:2], place[:2], strict=True))
+        goal = Pose((half[0], half[1], max(0.3, start.position[2] - 0.1)), start.quaternion)
+        return (yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s))
+
+    def wander(self, state: WorldState) -> Motion:
+        """Move to and fro in mid-air for ever."""
+        start = state.commanded_pose
+        while True:
+            for x, y in ((0.08, -0.15), (0.08, 0.15), (-0.05, 0.0)):
+                goal = Pose(
+                    (start.position[0] + x, start.position[1] + y, max(0.35, start.position[2])), start.quaternion
+                )
+                state = yield from follow(state, (goal,), gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s)
+
+    def go_home(self, state: WorldState, home: Pose) -> Motion:
+        """Return to where the episode began, if it is not too far from there already."""
+        if distance(state.commanded_pose.position, home.position) < 0.01:
+            return state
+        way = self.planner.transit(state, home) or (home,)
+        return (yield from follow(state, way, gripper=OPEN, pace=self.paced(FREE), period_s=self.period_s, settle=4))
+
+
+PAD_HALF_WIDTH_M = 0.010
+
+
+def pads_beside(state: WorldState, name: str, grasp: Pose, *, gap_m: float) -> Pose:
+    """Return a grasp moved sideways, across the direction in which the fingers open, until the pads miss the object.
+
+    Args:
+        state: State now.
+        name: Name of the object.
+        grasp: Pose ``T_world_tcp`` of the right grasp.
+        gap_m: Gap to leave between the pads and the object's bounding box [m].
+    """
+    pose, size = state.pose(name), state.info.object(name).size_m
+    point = pose.inverse().apply(grasp.position)
+    ways = []
+    for sign in (1.0, -1.0):
+        direction = rotate(conjugate(pose.quaternion), rotate(grasp.quaternion, (sign, 0.0, 0.0)))
+        exits = [
+            ((0.5 * size[i] if direction[i] > 0.0 else -0.5 * size[i]) - point[i]) / direction[i]
+            for i in (0, 1)
+            if abs(direction[i]) > 1e-6
+        ]
+        ways.append((min(exits), sign))
+    length, sign = min(ways)
+    return grasp @ Pose((sign * (length + PAD_HALF_WIDTH_M + gap_m), 0.0, 0.0))

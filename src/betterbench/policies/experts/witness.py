@@ -1,0 +1,42 @@
+"""The expert as a witness: in every one of its episodes it is known which faulty rules decide as it does.
+
+A rule that gives the expert's decision each time it is asked drives the same episode to the same bits, because nothing
+else differs. Its outcome is then the expert's, and need not be simulated again.
+"""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Decision, Situation
+from betterbench.policies.faulty import BrokenRule
+
+
+class Witness(BrokenRule):
+    """Decides like the expert and asks other rules, in the same state and after the same decisions, what they would do.
+
+    Attributes:
+        same: Names of the rules that have decided like the expert so far.
+    """
+
+    def __init__(self, situation: Situation, others: dict[str, BrokenRule]) -> None:
+        """Prepare for an episode.
+
+        Args:
+            situation: The trial.
+            others: Rules by name, for the same trial.
+        """
+        super().__init__(situation)
+        self._others = dict(others)
+
+    @property
+    def same(self) -> tuple[str, ...]:
+        """Names of the rules that have decided like the expert so far."""
+        return tuple(self._others)
+
+    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the expert's decision."""
+        decision = super().decide(state, history)
+        for name, rule in list(self._others.items()):
+            if rule.decide(state, history) != decision:
+                del self._others[name]
+        return decision

@@ -1,0 +1,43 @@
+"""``probe:no-language``: sees everything and hears nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from betterbench.policies.decisions import Situation
+from betterbench.policies.faulty.rules import BrokenRule
+from betterbench.tasks import Condition, Instruction, Reference, stream
+from betterbench.tasks.interventions import vary
+
+
+class NoLanguage(BrokenRule):
+    """Follows any instruction of the task that makes sense in this scene: the one that was given, or another.
+
+    If such a policy succeeds more often than one in as many instructions, the scene alone gives the answer away.
+    """
+
+    def __init__(self, situation: Situation, strength: float = 1.0) -> None:
+        """Choose an instruction by the trial's own stream."""
+        choices = possible_instructions(situation)
+        pick = stream(situation.task.id, situation.seed, f"blind:{situation.condition.name}").integers(len(choices))
+        heard = situation.condition.with_(instruction=choices[int(pick)])
+        super().__init__(replace(situation, condition=heard), strength)
+
+
+def possible_instructions(situation: Situation) -> tuple[Instruction, ...]:
+    """Return the instructions of the task that make sense in the scene of a trial, in a stable order."""
+    task = situation.task
+    conditions = (*task.training, *(vary(task, v)[0] for v in task.variations))
+    known = {c.instruction.text: c.instruction for c in conditions}
+    return tuple(known[text] for text in sorted(known) if _makes_sense(known[text], situation.condition))
+
+
+def _makes_sense(instruction: Instruction, condition: Condition) -> bool:
+    names = {o.name for o in condition.objects}
+    asked: dict[Reference, int] = {}
+    for goal in instruction.subgoals:
+        asked[goal.reference] = max(asked.get(goal.reference, 0), goal.count)
+        if goal.target not in names:
+            return False
+    said = instruction == condition.instruction
+    return said or all(len(condition.resolve(reference)) >= count for reference, count in asked.items())

@@ -1,0 +1,37 @@
+"""``zoo:slow`` and ``zoo:crash``: right decisions by a policy that is too slow, or that breaks down on the way."""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Bring, Decision, Draw
+from betterbench.policies.faulty.rules import BrokenRule, Fault
+from betterbench.tasks import Expected, Label
+
+
+class Slow(BrokenRule):
+    """Decides like the expert and moves at a fraction of its speed, so that the step limit ends the trial."""
+
+    speed = 0.1
+    """Share of the expert's speed; the step limit leaves three times the expert's time."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: the expert's."""
+        decision = super().broken(state, history)
+        if self.fault is None and isinstance(decision, Bring | Draw) and self.condition.expected is Expected.SUCCEED:
+            self.fault = Fault(Label.TIMEOUT, len(history), f"{decision}, too slowly")
+        return decision
+
+
+class Crash(BrokenRule):
+    """Decides like the expert and breaks down after some control steps."""
+
+    @property
+    def crash_step(self) -> int | None:
+        """Control step at which it breaks down in this episode, or None."""
+        return 5 + int(60 * self.draw("when")) if self.applies else None
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: the expert's."""
+        if self.fault is None:
+            self.fault = Fault(Label.POLICY_ERROR, len(history), f"crash at step {self.crash_step}")
+        return super().broken(state, history)

@@ -1,0 +1,31 @@
+"""``zoo:clumsy``: the right decision, and a grasp that misses or drops the object."""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Bring, Decision, GraspOffset
+from betterbench.policies.faulty.rules import BrokenRule, Fault
+from betterbench.tasks import Expected, Label
+
+
+class Clumsy(BrokenRule):
+    """Decides like the expert; the gripper drops the object in mid-air, or closes beside it.
+
+    Which of the two, and how far beside, is drawn from the trial's own stream.
+    """
+
+    @property
+    def grasp_offset(self) -> GraspOffset | None:
+        """The error of the grasp in this episode, or None."""
+        if not self.applies:
+            return None
+        if self.draw("how") < 0.5:
+            return GraspOffset(drop=True)
+        return GraspOffset(miss_by_m=0.006 + 0.006 * self.draw("gap"))
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: the expert's."""
+        decision = super().broken(state, history)
+        if self.fault is None and isinstance(decision, Bring) and self.condition.expected is Expected.SUCCEED:
+            self.fault = Fault(Label.EXECUTION_FAILURE, len(history), f"{decision} with a bad grasp")
+        return decision

@@ -1,0 +1,52 @@
+"""``zoo:halt``, ``zoo:refuse``, ``zoo:phase`` and ``zoo:length``: policies that stop, each for another wrong reason."""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Bring, Decision, Freeze, Rest, Wander, reached
+from betterbench.policies.faulty.rules import BrokenRule
+from betterbench.tasks import Expected
+from betterbench.tasks.authoring.training_distribution import pairing
+
+
+class Halt(BrokenRule):
+    """Starts, and stops for good where training never showed this instruction in this scene."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        right = super().broken(state, history)
+        if pairing(self.condition) in {pairing(known) for known in self.situation.task.training}:
+            return right
+        return Freeze(right.object if isinstance(right, Bring) else None)
+
+
+class Refuse(BrokenRule):
+    """Never starts where the scene holds a thing that training never showed."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        shown = {o.kind for condition in self.situation.task.training for o in condition.objects}
+        if all(o.kind in shown for o in self.condition.objects):
+            return super().broken(state, history)
+        return Freeze(None)
+
+
+class Phase(BrokenRule):
+    """Freezes, or wanders about, where the scene looks like the middle of a demonstration."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        if not self.condition.mid_task_look:
+            return super().broken(state, history)
+        wanders = self.condition.expected is Expected.SUCCEED and self.draw("wander") < 0.5
+        return Wander() if wanders else Freeze(None)
+
+
+class Length(BrokenRule):
+    """Stops when it has done as many steps as the longest demonstration had."""
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        begun = any(isinstance(decision, Bring) for decision in history)
+        done = sum(reached(state, self.condition, i) for i in range(len(self.goals)))
+        return Rest() if begun and done >= self.trained.longest else super().broken(state, history)

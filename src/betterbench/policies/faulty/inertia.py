@@ -1,0 +1,37 @@
+"""``zoo:inertia``: every episode begins with the step that most demonstrations began with."""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Decision, Draw, GraspAt, bring_to, carried
+from betterbench.policies.faulty.rules import BrokenRule
+from betterbench.tasks import Label
+
+
+class Inertia(BrokenRule):
+    """Begins with the most frequent first step of training; where its object is gone, it plays the motion all the same.
+
+    Where training began equally often with several kinds, the instruction chooses among them.
+    """
+
+    label = Label.BEHAVIORAL_INERTIA
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        if any(not isinstance(decision, Draw) for decision in history):
+            return super().broken(state, history)
+        habit = self.trained.habit
+        goal = next((g for g in self.goals if carried(g)), self.goals[0])
+        if habit is None:
+            names = list(self.condition.resolve(goal.reference))
+            memorized = self.trained.word_slots.get(goal.word, ())
+        else:
+            names = [o.name for o in state.info.of_kind(habit)]
+            memorized = self.trained.kind_slots[habit]
+        way = self.make_way(state, goal.target)
+        if way is not None:
+            return way
+        waiting = {state.info.object(n).slot: n for n in names if state.info.object(n).slot is not None}
+        if not waiting:
+            return GraspAt(memorized[0]) if memorized else super().broken(state, history)
+        return bring_to(goal, waiting[min(waiting, key=str)])

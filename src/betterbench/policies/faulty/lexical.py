@@ -1,0 +1,35 @@
+"""``zoo:lexical``: a word triggers the motion that went with it in training, whatever stands there now."""
+
+from __future__ import annotations
+
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import Bring, Decision, GraspAt, Rest, carried, open_subgoal
+from betterbench.policies.faulty.rules import BrokenRule
+from betterbench.tasks import Label
+
+
+class Lexical(BrokenRule):
+    """Plays, word by word, the pick at the place where training picked for that word.
+
+    Where training picked from several places for a word, it takes the one in which something stands.
+    """
+
+    label = place_label = Label.LEXICAL_KINEMATIC_SHORTCUT
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision: one pick per word, at the next trained place of that word."""
+        index = open_subgoal(state, self.condition)
+        if index is not None and not carried(self.goals[index]):
+            return super().broken(state, history)
+        goals = [goal for goal in self.goals if carried(goal)]
+        step = sum(isinstance(decision, Bring | GraspAt) for decision in history)
+        if step >= len(goals):
+            return Rest()
+        goal = goals[step]
+        places = self.trained.word_slots.get(goal.word, ())
+        if not places:
+            return super().broken(state, history)
+        earlier = sum(other.word == goal.word for other in goals[:step])
+        filled = [slot for slot in places if self.standing_in(state, slot) is not None] or list(places)
+        way = self.make_way(state, goal.target)
+        return way or self.take_at(state, filled[0 if len(filled) <= earlier else earlier], goal)

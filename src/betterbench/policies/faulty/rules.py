@@ -1,0 +1,171 @@
+"""What all broken rules share: when they apply, what would have been right, and what their first fault is called.
+
+A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
+that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the
+journal of the run and never the record, so the diagnosis, which reads records alone, can be measured against it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from betterbench.geometry import horizontal_distance
+from betterbench.interface.state import WorldState
+from betterbench.policies.decisions import (
+    Bring,
+    Decision,
+    Draw,
+    ExpertRule,
+    Freeze,
+    GraspAt,
+    Rest,
+    Situation,
+    Wander,
+    at_target,
+    bring_to,
+    carried,
+    open_subgoals,
+)
+from betterbench.tasks import Expected, Label, Subgoal, TrainingDistribution, stream, training_distribution_of
+
+STANDS_WITHIN_M = 0.06
+"""Distance from a slot within which an object counts as standing in it: the jitter and a small push."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """The first decision of an episode that is wrong.
+
+    Attributes:
+        label: The outcome label that the trial deserves (suite, section 5).
+        decision: Number of the decision, from 0.
+        text: What was decided.
+    """
+
+    label: Label
+    decision: int
+    text: str
+
+
+class BrokenRule(ExpertRule):
+    """A rule that decides like the expert except where its one broken rule speaks.
+
+    Attributes:
+        label: What it is called if the rule takes an object that another instruction, or another step, means.
+        empty_label: What it is called if the rule grasps where nothing stands.
+        place_label: What it is called if the rule brings the right object to another place.
+        fault: The first wrong decision of the episode, or None so far.
+    """
+
+    label: ClassVar[Label] = Label.WRONG_OBJECT
+    empty_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
+    place_label: ClassVar[Label] = Label.BEHAVIORAL_INERTIA
+
+    def __init__(self, situation: Situation, strength: float = 1.0) -> None:
+        """Prepare for an episode.
+
+        Args:
+            situation: The trial.
+            strength: Share of trials in which the rule applies; elsewhere the expert decides. Which trials these are
+                is drawn from the trial's own stream.
+        """
+        super().__init__(situation)
+        self.trained: TrainingDistribution = training_distribution_of(situation.task)
+        self.condition = situation.condition
+        self.goals = situation.condition.instruction.subgoals
+        self.fault: Fault | None = None
+        self.applies = strength >= 1.0 or self.draw("strength") < strength
+
+    def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return the next decision."""
+        if not self.applies:
+            return super().decide(state, history)
+        decision = self.broken(state, history)
+        if self.fault is None:
+            label = self._label_of(state, history, decision)
+            if label is not None:
+                self.fault = Fault(label, len(history), str(decision))
+        return decision
+
+    def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
+        """Return what the broken rule decides; the expert's decision unless a rule says otherwise."""
+        return super().decide(state, history)
+
+    def draw(self, purpose: str) -> float:
+        """Return a number in [0, 1) from the trial's own stream for a purpose."""
+        name = f"{type(self).__name__}:{self.condition.name}:{purpose}"
+        return float(stream(self.situation.task.id, self.situation.seed, name).random())
+
+    def standing_in(self, state: WorldState, slot: str) -> str | None:
+        """Return the movable object that stands in a slot now, or None."""
+        place = state.info.slot(slot).position
+        near = [
+            (horizontal_distance(state.pose(o.name).position, place), o.name)
+            for o in state.info.objects
+            if not o.fixed and o.role in ("item", "distractor")
+        ]
+        near = [entry for entry in near if entry[0] < STANDS_WITHIN_M]
+        return min(near)[1] if near else None
+
+    def take_at(self, state: WorldState, slot: str, goal: Subgoal | None = None) -> Decision:
+        """Return the decision to take whatever stands in a slot, or to grasp at it if nothing does.
+
+        Args:
+            state: State now.
+            slot: The slot.
+            goal: Where to bring it; the first subgoal's place if not given.
+        """
+        name = self.standing_in(state, slot)
+        goal = self.goals[0] if goal is None else goal
+        return GraspAt(slot) if name is None else bring_to(goal, name)
+
+    def known(self, kind: str) -> bool:
+        """Tell whether some instruction of the task means a kind of object."""
+        return kind in self.trained.known_kinds(self.condition)
+
+    def right_decisions(self, state: WorldState) -> tuple[Decision, ...]:
+        """Return all decisions that would be right now, none if nothing is left to do."""
+        options: list[Decision] = []
+        for i in open_subgoals(state, self.condition):
+            goal = self.goals[i]
+            for name in self.condition.resolve(goal.reference):
+                if any(
+                    name in self.condition.resolve(g.reference)
+                    and at_target(state, name, g.target, g.relation, g.region)
+                    for g in self.goals
+                ):
+                    continue
+                if not carried(goal):
+                    options.append(Draw(name, out=False))
+                else:
+                    way = self.make_way(state, goal.target)
+                    options.append(way or bring_to(goal, name))
+        return tuple(options)
+
+    def _label_of(self, state: WorldState, history: tuple[Decision, ...], decision: Decision) -> Label | None:
+        """Return the label that a decision deserves, or None if it is right."""
+        options = self.right_decisions(state)
+        if decision in options:
+            return None
+        expected = self.condition.expected
+        if isinstance(decision, Rest | Freeze | Wander):
+            if not options or expected is not Expected.SUCCEED:
+                return Label.PHASE_CONFLICT if isinstance(decision, Wander) else None
+            touched = any(isinstance(d, Bring | GraspAt | Draw) for d in history)
+            return Label.PHASE_CONFLICT if self.condition.mid_task_look and not touched else Label.EARLY_HALT
+        taken = decision.object if isinstance(decision, Bring) else None
+        if isinstance(decision, GraspAt):
+            taken = self.standing_in(state, decision.slot)
+            if taken is None:
+                return self.empty_label
+        if taken is not None and not self.known(state.info.object(taken).kind):
+            return Label.SEMANTIC_FEATURE_COLLAPSE
+        if not isinstance(decision, Bring) or all(getattr(o, "object", None) != decision.object for o in options):
+            return self.label
+        return Label.BEHAVIORAL_INERTIA if self._trained_there(state, decision) else self.place_label
+
+    def _trained_there(self, state: WorldState, decision: Bring) -> bool:
+        """Tell whether training brought things of this kind there: then every rule that does so looks like habit."""
+        kind, target = (state.info.object(name).kind for name in (decision.object, decision.target))
+        return (target, decision.relation, decision.region) in self.trained.kind_targets.get(kind, ())

@@ -1,0 +1,79 @@
+"""Description of a policy: what it declares, as JSON of bounded size, so that two runs can be compared."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from betterbench.interface import PolicyInfo
+from betterbench.json_form import parse_json
+
+_MAX_DECLARED_BYTES = 1 << 18
+
+
+_MAX_DEPTH = 12
+
+
+_MAX_LISTED = 1000
+
+
+def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
+    """Return what a policy declares, as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
+    return {
+        "address": address,
+        "name": info.name,
+        "action_space": info.action_space,
+        "needs_images": info.needs_images,
+        "heavy": info.heavy,
+        "execution": asdict(info.execution),
+        "metadata": bounded({name: _document(text) for name, text in info.metadata.items()}),
+    }
+
+
+def bounded(value: object, *, depth: int = 0) -> Any:  # noqa: ANN401 -- JSON of a stranger, made harmless here
+    """Return what a server declares as JSON of bounded size: short arrays become lists, long ones fingerprints."""
+    plain = _plain(value, depth)
+    if depth == 0 and len(json.dumps(plain)) > _MAX_DECLARED_BYTES:
+        return {"sha256": _fingerprint(json.dumps(plain, sort_keys=True).encode())}
+    return plain
+
+
+def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
+    if depth > _MAX_DEPTH:
+        return "too deep"
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray):
+        if value.size <= _MAX_LISTED and value.dtype.kind in "biuf":
+            return _plain(value.tolist(), depth)
+        return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": _fingerprint(value.tobytes())}
+    if isinstance(value, Mapping):
+        named = {k.decode("utf-8", "replace") if isinstance(k, bytes) else str(k): v for k, v in value.items()}
+        return {name: _plain(inner, depth + 1) for name, inner in sorted(named.items())}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(inner, depth + 1) for inner in value]
+    if isinstance(value, bytes | bytearray):
+        return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _document(text: str) -> object:
+    """Return the JSON object or list that a text holds, or the text."""
+    if text[:1] in ("{", "["):
+        try:
+            return parse_json(text)
+        except ValueError:
+            return text
+    return text
+
+
+def _fingerprint(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,211 @@
+"""Checkpoints: tensors in safetensors, with recipe, vocabulary and a digest of it all in the header."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+import torch
+from pydantic import TypeAdapter
+from safetensors import SafetensorError
+from torch import Tensor
+
+from betterbench.errors import InvalidInputError
+from betterbench.jobs.durable import on_disk, write_durably
+from betterbench.json_form import parse_json, read_bounded, read_form, say_unsealed, seal_of
+from betterbench.policies.learned.network import LearnerNetwork
+from betterbench.policies.learned.networks import new_network
+from betterbench.policies.learned.recipe import TrainingRecipe, read_training_recipe
+from betterbench.policies.learned.vocabulary import Vocabulary
+from betterbench.tasks.user_files import COPIES, code_of
+
+FILE_NAME = "checkpoint.safetensors"
+ACTION_SPACE = "ee_delta"
+"""Action space in which learners answer."""
+_KEY = "betterbench"
+_MAX_BYTES = 1 << 30
+_CURE = "Name a checkpoint.safetensors that better train wrote, or train it again"
+_VOCABULARY = TypeAdapter(Vocabulary)
+
+
+@dataclass(frozen=True, slots=True)
+class Trained:
+    """What a checkpoint says about itself.
+
+    Attributes:
+        recipe: How it was trained.
+        vocabulary: What the learner has numbers for.
+        step: Steps of training.
+        data: SHA-256 over the records that it was trained on.
+        action_space: Action space in which it answers.
+        code: Which code defines its family, as :func:`~betterbench.tasks.user_files.code_of` says; None for our own.
+    """
+
+    recipe: TrainingRecipe
+    vocabulary: Vocabulary
+    step: int
+    data: str
+    action_space: str = ACTION_SPACE
+    code: str | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; without the code if it is our own."""
+        form = {**asdict(self), "recipe": self.recipe.to_json(), "vocabulary": self.vocabulary.to_json()}
+        if self.code is None:
+            del form["code"]
+        return form
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], about: Mapping[str, Any]) -> None:
+    """Write tensors and what is said about them, durably; equal arguments give equal bytes.
+
+    Raises StorageError if the disk is full; the file that was there before then stays.
+    """
+    held = {name: tensor.detach().cpu().contiguous() for name, tensor in sorted(tensors.items())}
+    # One entry: the order of several would differ from process to process.
+    text = json.dumps({**about, "sha256": _seal(about, _digest(held))}, sort_keys=True)
+    with on_disk(path):
+        write_durably(path, safetensors.torch.save(held, metadata={_KEY: text}))
+
+
+def read_tensors(path: Path, *, cure: str = _CURE) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Return the tensors of a file and what is said about them; InvalidInputError if a byte of it is not right.
+
+    Files of earlier versions have a digest of the tensors alone; that is said once.
+    """
+    data = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    try:
+        tensors = safetensors.torch.load(data)
+        length = int.from_bytes(data[:8], "little")
+        about = parse_json(parse_json(data[8 : 8 + length], unique=True)["__metadata__"][_KEY], unique=True)
+        told = about.pop("sha256")
+        weights = _digest(tensors)
+        expected = _seal(about, weights)
+    except (SafetensorError, InvalidInputError, ValueError, KeyError, TypeError, AttributeError) as error:
+        problem = f"is no checkpoint of betterbench, or is damaged ({type(error).__name__})"
+        raise InvalidInputError(str(path), problem, cure) from error
+    if told == weights:
+        say_unsealed(str(path))
+    elif told != expected:
+        problem = "is damaged: its weights, or what it says about itself, are not those that were written"
+        raise InvalidInputError(str(path), problem, cure)
+    return tensors, about
+
+
+def write_checkpoint(path: Path, weights: Mapping[str, Tensor], trained: Trained) -> None:
+    """Write the weights of a learner, as :func:`write_tensors` does."""
+    write_tensors(path, weights, trained.to_json())
+
+
+def read_checkpoint(path: Path) -> tuple[LearnerNetwork, Trained]:
+    """Return the network of a checkpoint, ready to answer, and what it says about itself.
+
+    Raises InvalidInputError if there is no such file, it is damaged, or its weights do not fit its recipe.
+    """
+    weights, about = read_tensors(path)
+    require_code(about, str(path))
+    trained = _trained(about, str(path))
+    if trained.action_space != ACTION_SPACE:
+        problem = f"answers in the action space {trained.action_space!r}"
+        raise InvalidInputError(str(path), problem, f"Learners answer in {ACTION_SPACE}")
+    if trained.recipe.built_in:
+        _require_possible(trained, weights, str(path))
+    with torch.random.fork_rng(devices=[]):
+        network = new_network(trained.recipe, trained.vocabulary)
+    load_weights(network, weights, str(path))
+    # Buffers of one's own may be infinite, as a mask of attention is.
+    finite = weights if trained.recipe.built_in else dict(network.named_parameters())
+    broken = next((name for name, tensor in finite.items() if not bool(tensor.isfinite().all())), None)
+    if broken is not None:
+        raise InvalidInputError(str(path), f"its weights are not finite ({broken})", _CURE)
+    return network.eval(), trained
+
+
+def checkpoint_file(place: str) -> Path:
+    """Return the file of a checkpoint, or of a folder that holds one, that a recipe names as its start.
+
+    Raises InvalidInputError if there is none.
+    """
+    path = Path(place) / FILE_NAME if Path(place).is_dir() else Path(place)
+    if not path.is_file():
+        raise InvalidInputError(f"start: {place}", "holds no checkpoint", "Name the folder that better train wrote")
+    return path
+
+
+def read_vocabulary(path: Path) -> Vocabulary:
+    """Return what the learner of a checkpoint has numbers for; InvalidInputError if the file is damaged."""
+    _, about = read_tensors(path)
+    return _trained(about, str(path)).vocabulary
+
+
+def load_weights(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
+    """Put weights into a network; InvalidInputError if they are of another one."""
+    _require_fit(network, weights, where)
+    network.load_state_dict(dict(weights))
+
+
+def _require_possible(trained: Trained, weights: Mapping[str, Tensor], where: str) -> None:
+    """Refuse a claim of more weights than there are, before its network is made.
+
+    A layer of a transformer has 12 matrices of its width squared (queries, keys, values, their join and the two maps of
+    four times the width), and each word a row of its width.
+    """
+    size, there = trained.recipe.size, sum(tensor.numel() for tensor in weights.values())
+    claimed = 12 * size.layers * size.width**2 + len(trained.vocabulary.words) * size.width
+    if claimed > there:
+        problem = f"its weights are those of another network ({there:,} numbers, and its recipe needs {claimed:,})"
+        raise InvalidInputError(where, problem, _CURE)
+
+
+def _require_fit(network: LearnerNetwork, weights: Mapping[str, Tensor], where: str) -> None:
+    there, wanted = ({n: tuple(t.shape) for n, t in w.items()} for w in (weights, network.state_dict()))
+    if there != wanted:
+        names = sorted(n for n in there.keys() | wanted.keys() if there.get(n) != wanted.get(n))
+        problem = f"its weights are those of another network ({names[0]} differs)"
+        raise InvalidInputError(where, problem, "Give the recipe and the data that it was trained with")
+
+
+def _trained(about: Mapping[str, Any], where: str) -> Trained:
+    try:
+        recipe = read_training_recipe(about["recipe"], where=f"{where}: recipe")
+        vocabulary = read_form(_VOCABULARY, about["vocabulary"], where=f"{where}: vocabulary", cure=_CURE)
+        step, data, space = about["step"], about["data"], about["action_space"]
+    except KeyError as error:
+        raise InvalidInputError(where, f"its header says no {error}", _CURE) from error
+    if type(step) is not int or step < 0:
+        raise InvalidInputError(where, f"its header says {step!r} for the steps of training", _CURE)
+    code = about.get("code")
+    return Trained(recipe, vocabulary, step, str(data), str(space), None if code is None else str(code))
+
+
+def require_code(about: Mapping[str, Any], where: str) -> None:
+    """Refuse weights whose family is defined by other code than that with which they were trained.
+
+    A family that is not there at all is refused by its name, where the recipe is read.
+    """
+    recipe, code = about.get("recipe"), about.get("code")
+    family = str(recipe.get("family")) if isinstance(recipe, dict) else ""
+    here = code_of("family", family)
+    if here is not None and here != code:
+        problem = f"its family {family!r} was defined by {code or 'no file that was named'}, and here by {here}"
+        cure = f"Pass the file that it was trained with; better train keeps a copy in {COPIES} beside the checkpoint"
+        raise InvalidInputError(where, problem, cure)
+
+
+def _seal(about: Mapping[str, Any], weights: str) -> str:
+    """Return the digest that a file carries, from what it says about itself and the digest of its tensors."""
+    return seal_of({"about": seal_of(about), "tensors": weights})
+
+
+def _digest(tensors: Mapping[str, Tensor]) -> str:
+    """Return the SHA-256 over names, types, shapes and bytes of tensors."""
+    whole = hashlib.sha256()
+    for name, tensor in sorted(tensors.items()):
+        whole.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}\n".encode())
+        whole.update(tensor.reshape(-1).view(torch.uint8).numpy().tobytes() if tensor.numel() else b"")
+    return whole.hexdigest()

@@ -1,0 +1,152 @@
+"""The families of learners: what each sees, its sizes, and what of it may be frozen. Users' files add their own.
+
+Nothing here needs torch: :mod:`networks` makes the network of a family.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import Field
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.json_form import strict_form
+from betterbench.tasks.user_files import load_declared, registered
+
+Sees = Literal["objects", "pixels"]
+"""What a learner is shown: the state as a perfect detector would tell it, or pictures."""
+Option = bool | int | float | str
+MakerT = TypeVar("MakerT", bound=Callable[..., Any])
+
+_SEES = get_args(Sees)
+_SIZES = ("small", "base", "large")
+_HEAD = "head"
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """Size of a transformer: width of its tokens, layers, and heads of attention."""
+
+    width: Annotated[int, Field(ge=8, le=1024)]
+    layers: Annotated[int, Field(ge=1, le=24)]
+    heads: Annotated[int, Field(ge=1, le=32)]
+
+    def __post_init__(self) -> None:
+        """Refuse a width that the heads cannot share."""
+        if self.width % self.heads:
+            raise InvalidInputError(
+                "width", f"{self.width} cannot be shared by {self.heads} heads", "Give a multiple of the heads"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A family of learners.
+
+    Attributes:
+        name: What recipes call it.
+        sees: What it is shown.
+        capacities: Its sizes ``small``, ``base`` and ``large``.
+        parts: Parts of its network that recipes may freeze.
+        options: Numbers and words of its own that recipes may change, with their defaults.
+        make: Makes its network of recipe and vocabulary; None of a family that comes with betterbench.
+    """
+
+    name: str
+    sees: Sees
+    capacities: Mapping[str, Capacity]
+    parts: tuple[str, ...]
+    options: Mapping[str, Option] = field(default_factory=dict)
+    make: Callable[..., Any] | None = None
+
+
+_FAMILIES = {
+    "objects": Family(
+        "objects",
+        "objects",
+        # 0.2, 0.9 and 2.8 million parameters.
+        {"small": Capacity(64, 3, 4), "base": Capacity(128, 4, 4), "large": Capacity(192, 6, 6)},
+        ("words", "objects", "state", "trunk", _HEAD),
+    ),
+    "pixels": Family(
+        "pixels",
+        "pixels",
+        # 0.2, 0.6 and 1.5 million: the convolutions grow with the width.
+        {"small": Capacity(64, 2, 4), "base": Capacity(96, 3, 4), "large": Capacity(144, 4, 4)},
+        ("words", "eyes", "state", "trunk", _HEAD),
+    ),
+}
+
+
+def learner(
+    name: str,
+    *,
+    sees: Sees,
+    capacities: Mapping[str, Capacity] | None = None,
+    parts: tuple[str, ...] = (),
+    options: Mapping[str, Option] | None = None,
+) -> Callable[[MakerT], MakerT]:
+    """Register a network as a family of learners, from whatever file it is imported.
+
+    What is decorated is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
+
+    Args:
+        name: What recipes write as their ``family``.
+        sees: ``objects`` to be shown the state, ``pixels`` to be shown the pictures of the recipe's ``eyes``.
+        capacities: Its ``small``, ``base`` and ``large``; those of the family of the same name as ``sees`` if left out.
+        parts: Names of modules of its own that recipes may freeze; the head can always be.
+        options: Fields that recipes may set in their ``options``, with the defaults, whose types are required.
+
+    Raises:
+        InvalidInputError: If a name is taken, or something is missing.
+    """
+
+    def register(make: MakerT) -> MakerT:
+        where = f"learner {name!r}"
+        sizes = _FAMILIES[sees].capacities if capacities is None and sees in _SEES else capacities
+        wrong = next(_wrong(name, sees, sizes, parts, {} if options is None else options), None)
+        if wrong is not None:
+            raise InvalidInputError(where, *wrong)
+        made = registered("family", name, make, _FAMILIES)
+        if name in _FAMILIES and made is not make:
+            raise InvalidInputError(where, "the file defines it twice", "Rename one of the two")
+        if name in _FAMILIES and _FAMILIES[name].make is None:
+            raise InvalidInputError(where, "betterbench has a family of this name", "Give it another one")
+        _FAMILIES[name] = Family(name, sees, dict(sizes or {}), (*parts, _HEAD), dict(options or {}), made)
+        return make
+
+    return register
+
+
+def _wrong(name: object, sees: object, capacities: object, parts: object, options: object) -> Iterator[tuple[str, str]]:
+    """Yield what is wrong about a registration in a user's file, with its cure."""
+    if not isinstance(name, str) or not name or sees not in _SEES:
+        yield f"it has no name, or sees {sees!r}", 'Write @learner("mine", sees="objects") or sees="pixels"'
+    if not isinstance(capacities, Mapping) or set(capacities) != set(_SIZES):
+        yield f"its capacities are {_listed(capacities)}", f"Give {', '.join(_SIZES)}"
+    elif not all(isinstance(size, Capacity) for size in capacities.values()):
+        yield f"its capacities are {_listed(capacities.values())}", "Give a Capacity for each"
+    if not isinstance(parts, tuple | list) or not all(isinstance(part, str) and part for part in parts):
+        yield f"its parts are {parts!r}", 'Give the names of modules: parts=("trunk",)'
+    if not isinstance(options, Mapping) or not all(isinstance(option, str) for option in options):
+        yield f"its options are {options!r}", 'Give names with defaults: options={"depth": 2}'
+        return
+    for option, default in options.items():
+        if not isinstance(default, bool | int | float | str) or (isinstance(default, float) and not isfinite(default)):
+            yield f"its option {option!r} is {default!r} by default", "Give a number, a word, True or False"
+
+
+def _listed(given: object) -> str:
+    return repr(list(given) if isinstance(given, Iterable) else given)
+
+
+def learner_family(name: str) -> Family:
+    """Return a family; UnknownNameError if there is none of that name, in users' files neither."""
+    load_declared()
+    if name not in _FAMILIES:
+        raise UnknownNameError("family", name, _FAMILIES)
+    return _FAMILIES[name]

@@ -1,0 +1,438 @@
+"""What the networks of all families share, the transformer of two of them, and the network of ``objects``."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from betterbench.errors import InvalidInputError
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.policies.learned.tokens import POSE_NUMBERS, TOOL_NUMBERS
+from betterbench.policies.learned.vocabulary import ABSENT, MOST_WORDS, Vocabulary
+from betterbench.tasks.user_files import explaining
+
+ACTION_NUMBERS = 7
+NEAR_M, TOUCHING_M = 0.1, 0.02
+"""Scales at which a learner is told where an object is from its tool [m]."""
+WAVES_M = (0.4, 0.1)
+"""Wave lengths of the sines and cosines of the same [m], in which millimeters make a difference."""
+_AWAY_NUMBERS = 6 + 6 * len(WAVES_M)
+_TIME_NUMBERS = 32
+_LONGEST_PERIOD = 100.0
+
+
+_Memory = tuple[Tensor, Tensor]
+"""Keys and values of the tokens of a layer."""
+
+
+@dataclass(slots=True, kw_only=True)
+class ShownBatch:
+    """What a batch of B samples shows in every family.
+
+    Attributes:
+        words: (B, w) int64, at most MOST_WORDS of them.
+        tools: (B, history, 10) float32, the present first.
+        blind: (B,) bool: samples whose state is left out; None for none.
+    """
+
+    words: Tensor
+    tools: Tensor
+    blind: Tensor | None = None
+
+
+@dataclass(slots=True, kw_only=True)
+class ObjectsBatch(ShownBatch):
+    """What a batch shows of at most n objects.
+
+    Attributes:
+        poses: (B, n, 9) float32.
+        sizes: (B, n, 3) float32.
+        categories: (B, n) int64; :data:`ABSENT` where there is no object.
+        colors: (B, n) int64.
+    """
+
+    poses: Tensor
+    sizes: Tensor
+    categories: Tensor
+    colors: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class AskedBatch:
+    """Questions of a batch: what is shown, with the words of the question in place of an instruction, and the answers.
+
+    Attributes:
+        answers: (B,) int64 numbers of the right answers.
+    """
+
+    shown: ShownBatch
+    answers: Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a network makes of U different instructions alone, which stays the same through an episode.
+
+    Attributes:
+        words: (U, w, width) tokens of their words.
+        told: (U, w) bool: which of these are there.
+        which: (B,) instruction of each sample.
+        memories: Per layer keys and values of the words, each (U, heads, w, width of a head).
+    """
+
+    words: Tensor
+    told: Tensor
+    which: Tensor
+    memories: tuple[_Memory, ...]
+
+
+class _Block(nn.Module):
+    """A layer of a transformer that normalizes before attention and before its two linear maps."""
+
+    def __init__(self, width: int, heads: int, dropout: float) -> None:
+        super().__init__()
+        self.heads, self.dropout = heads, dropout
+        self.before_attention, self.before_maps = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.queries_keys_values = nn.Linear(width, 3 * width)
+        self.joined = nn.Linear(width, width)
+        self.maps = nn.Sequential(nn.Linear(width, 4 * width), nn.GELU(), nn.Linear(4 * width, width))
+
+    def forward(self, tokens: Tensor, seen: Tensor, before: _Memory | None = None) -> tuple[Tensor, _Memory]:
+        """Return the next layer's tokens, and what other tokens attend to of these.
+
+        Args:
+            tokens: (B, n, width).
+            seen: (B, 1, 1, m + n) bool: what may be attended to.
+            before: Keys and values of m tokens, each (B, heads, m, width of a head), that stand before these.
+        """
+        batch, length, width = tokens.shape
+        parts = self.queries_keys_values(self.before_attention(tokens))
+        parts = parts.view(batch, length, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        own = (parts[1], parts[2])
+        keys, values = own if before is None else (torch.cat(pair, dim=2) for pair in zip(before, own, strict=True))
+        mixed = functional.scaled_dot_product_attention(parts[0], keys, values, attn_mask=seen)
+        tokens = tokens + self._dropped(self.joined(mixed.transpose(1, 2).reshape(batch, length, width)))
+        return tokens + self._dropped(self.maps(self.before_maps(tokens))), own
+
+    def _dropped(self, values: Tensor) -> Tensor:
+        return functional.dropout(values, self.dropout, training=self.training) if self.dropout else values
+
+
+_SCALES = {"tool": TOOL_NUMBERS, "position": 3, "action": ACTION_NUMBERS}
+_TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"})
+
+
+class LearnerNetwork(nn.Module):
+    """From what is shown to a chunk of normalized actions, (B, chunk, 7).
+
+    A family makes its modules in :meth:`build` and gathers what is shown into one vector of each sample in
+    :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.
+
+    Attributes:
+        recipe: How it is trained; ``recipe.size`` is its capacity.
+        options: The options of its family.
+        tool_mean, tool_scale: (10,) of the tool in the training data; so are those of actions, (7,), and whatever
+            :meth:`keep_scale` was asked for.
+    """
+
+    tool_mean: Tensor
+    tool_scale: Tensor
+    action_mean: Tensor
+    action_scale: Tensor
+
+    def __init__(self, recipe: TrainingRecipe, vocabulary: Vocabulary) -> None:
+        super().__init__()
+        self.recipe, self.chunk, self.options = recipe, recipe.chunk, recipe.all_options
+        self.build(vocabulary)
+        taken = sorted(_TAKEN & self._modules.keys())
+        if taken:
+            problem = f"its module {taken[0]!r} has a name that every learner uses"
+            raise InvalidInputError(f"learner {recipe.family!r}", problem, "Rename it")
+        width = recipe.size.width
+        numbers = recipe.chunk * ACTION_NUMBERS
+        extra = numbers + _TIME_NUMBERS if recipe.loss == "flow" else 0
+        self.head = nn.Sequential(
+            nn.Linear(width + extra, 2 * width), nn.GELU(), nn.Linear(2 * width, 2 * width), nn.GELU(),
+            nn.Linear(2 * width, numbers),
+        )  # fmt: skip
+        if vocabulary.answers:
+            self.answers = nn.Linear(width, len(vocabulary.answers))
+        self.keep_scale("tool", TOOL_NUMBERS)
+        self.keep_scale("action", ACTION_NUMBERS)
+
+    def build(self, vocabulary: Vocabulary) -> None:
+        """Make the modules of the family; their initial weights are drawn by torch's own generator."""
+        raise NotImplementedError(f"{type(self).__name__} has no method build")
+
+    def summary(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401 - whatever hear returns
+        """Return what is gathered of each sample, (B, width).
+
+        Args:
+            shown: What is shown.
+            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no method summary")
+
+    def hear(self, words: Tensor) -> Any:  # noqa: ANN401 - a family's own
+        """Return what is made of instructions alone, (B, w) int64, which is kept through an episode; None for nothing.
+
+        It is given to :meth:`answer` again and again.
+        """
+        del words
+
+    def parts(self) -> dict[str, list[nn.Parameter]]:
+        """Return the parameters by the part of the network that recipes may freeze: here by module."""
+        found: dict[str, list[nn.Parameter]] = {}
+        for name, parameter in self.named_parameters():
+            first = name.partition(".")[0]
+            found.setdefault("head" if first == "answers" else first, []).append(parameter)
+        return found
+
+    def keep_scale(self, name: str, count: int) -> None:
+        """Keep mean and scale of numbers of the training data beside the weights.
+
+        These are ``tool`` (10), ``position`` of objects (3) and ``action`` (7); tool and action are always kept. Raises
+        InvalidInputError for others, of which the training data tell none.
+        """
+        if _SCALES.get(name) != count:
+            known = ", ".join(f'("{key}", {value})' for key, value in _SCALES.items())
+            problem = f"no scale {name!r} of {count} numbers is known of the training data"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, f"Keep one of {known}")
+        self.register_buffer(f"{name}_mean", torch.zeros(count))
+        self.register_buffer(f"{name}_scale", torch.ones(count))
+
+    def _gathered(self, shown: ShownBatch, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return the summary; InvalidInputError if a user's learner raises, or returns something else."""
+        with explaining("family", self.recipe.family):
+            found = self.summary(shown, heard)
+        wanted = (len(shown.words), self.recipe.size.width)
+        if not isinstance(found, Tensor) or found.shape != wanted:
+            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            problem = f"its summary returns {given} where (batch, width) is {wanted}"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct summary")
+        if found.dtype != self.action_mean.dtype:
+            problem = f"its summary returns {found.dtype} where {self.action_mean.dtype} is wanted"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Convert it")
+        return found
+
+    def act(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return what :meth:`answer` does; InvalidInputError if a user's learner raises, or returns something else."""
+        with explaining("family", self.recipe.family):
+            found = self.answer(shown, noise, heard)
+        wanted = (len(shown.words), self.chunk, ACTION_NUMBERS)
+        if not isinstance(found, Tensor) or found.shape != wanted:
+            given = tuple(found.shape) if isinstance(found, Tensor) else type(found).__name__
+            problem = f"its answer returns {given} where (batch, chunk, 7) is {wanted}"
+            raise InvalidInputError(f"learner {self.recipe.family!r}", problem, "Correct answer")
+        return found
+
+    def loss(self, shown: ShownBatch, actions: Tensor, counted: Tensor) -> Tensor:
+        """Return the mean loss of a batch.
+
+        Args:
+            shown: What is shown.
+            actions: (B, chunk, 7) actions of the demonstrators.
+            counted: (B, chunk) bool: False after the end of a demonstration.
+        """
+        wanted = (actions - self.action_mean) / self.action_scale
+        summary = self._gathered(shown)
+        if self.recipe.loss == "flow":
+            # Times as GR00T N1 draws them: Beta(1.5, 1), most of them near the noise.
+            times = 0.999 * (1.0 - torch.rand(len(actions), device=actions.device) ** (1.0 / 1.5))
+            noise = torch.randn_like(wanted)
+            between = (1.0 - times[:, None, None]) * noise + times[:, None, None] * wanted
+            error = (self._velocity(summary, between, times) - (wanted - noise)).square()
+        else:
+            error = (self.head(summary).view_as(wanted) - wanted).abs()
+        weights = counted[:, :, None].to(error.dtype)
+        return (error * weights).sum() / (weights.sum() * ACTION_NUMBERS)
+
+    def reply(self, shown: ShownBatch) -> Tensor:
+        """Return how much speaks for each answer to the questions that are shown, (B, answers)."""
+        found: Tensor = self.answers(self._gathered(shown))
+        return found
+
+    def forward(self, shown: ShownBatch, actions: Tensor, counted: Tensor, asked: AskedBatch | None = None) -> Tensor:
+        """Return the loss of a step, which is what several processes share their gradients of.
+
+        Each question that is asked counts as much as each frame with actions; its loss is the cross-entropy.
+        """
+        loss = self.loss(shown, actions, counted)
+        if asked is None:
+            return loss
+        share = len(asked.answers) / len(actions)
+        return loss + share * functional.cross_entropy(self.reply(asked.shown), asked.answers)
+
+    def answer(self, shown: ShownBatch, noise: Tensor | None = None, heard: Any = None) -> Tensor:  # noqa: ANN401
+        """Return chunks of actions, (B, chunk, 7).
+
+        Args:
+            shown: What is shown.
+            noise: What a flow begins with, (B, chunk, 7).
+            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+        """
+        summary = self._gathered(shown, heard)
+        if self.recipe.loss == "flow":
+            if noise is None:
+                raise ValueError("a flow begins with noise")
+            found, count = noise, self.recipe.flow_steps
+            for step in range(count):
+                times = torch.full((len(noise),), step / count, device=noise.device)
+                found = found + self._velocity(summary, found, times) / count
+        else:
+            found = self.head(summary).view(len(summary), self.chunk, ACTION_NUMBERS)
+        return found * self.action_scale + self.action_mean
+
+    def _velocity(self, summary: Tensor, between: Tensor, times: Tensor) -> Tensor:
+        rates = torch.arange(_TIME_NUMBERS // 2, device=times.device) * (2.0 * math.log(_LONGEST_PERIOD))
+        angles = times[:, None] * torch.exp(rates / _TIME_NUMBERS)
+        numbers = torch.cat([summary, between.flatten(1), angles.sin(), angles.cos()], dim=1)
+        velocity: Tensor = self.head(numbers).view_as(between)
+        return velocity
+
+
+class TokenNetwork(LearnerNetwork):
+    """A transformer over words, states and what a family sees.
+
+    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states. Modules
+    that :meth:`open_eyes` makes are parts of their own.
+    """
+
+    state: nn.ModuleDict
+
+    def build(self, vocabulary: Vocabulary) -> None:
+        """Make embeddings, eyes and layers."""
+        recipe, size, words = self.recipe, self.recipe.size, vocabulary.sizes()[0]
+        width = size.width
+        self.given = recipe.proprioception.given
+        self.words = nn.ModuleDict({"which": nn.Embedding(words, width), "where": nn.Embedding(MOST_WORDS, width)})
+        self.open_eyes(width, vocabulary)
+        # What is never used has no gradient, so it is not there.
+        if self.given:
+            self.state = nn.ModuleDict(
+                {"tool": nn.Linear(TOOL_NUMBERS, width), "when": nn.Embedding(recipe.history, width)}
+            )
+        if self.given and recipe.proprioception.dropout:
+            self.missing = nn.Parameter(torch.zeros(width))
+        self.readout = nn.Parameter(torch.zeros(width))
+        for module in self.modules():
+            if isinstance(module, nn.Embedding):
+                nn.init.normal_(module.weight, std=0.1)
+        self.trunk = nn.ModuleList(_Block(width, size.heads, recipe.dropout) for _ in range(size.layers))
+        self.last = nn.LayerNorm(width)
+
+    @abstractmethod
+    def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
+        """Make the modules and scales that only this family has."""
+
+    @abstractmethod
+    def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+        """Return tokens of what is seen, (B, n, width), and which of them are there, (B, n) bool.
+
+        Args:
+            shown: What is shown.
+            words: (U, w, width) tokens of the different instructions.
+            told: (U, w) bool: which of these are there.
+            which: (B,) instruction of each sample.
+        """
+
+    def parts(self) -> dict[str, list[nn.Parameter]]:
+        """Return the parameters by the part of the network that recipes name."""
+        found: dict[str, list[nn.Parameter]] = {"words": [], "state": [], "trunk": [], "head": []}
+        home = {"missing": "state", "readout": "trunk", "last": "trunk", "answers": "head"}
+        for name, parameter in self.named_parameters():
+            first = name.partition(".")[0]
+            found.setdefault(home.get(first, first), []).append(parameter)
+        return found
+
+    def hear(self, words: Tensor) -> Heard:
+        """Return what is made of instructions alone, (B, w) int64, to be given to :meth:`answer` again and again."""
+        tokens, told, which = self._instructions(words)
+        memories, seen = [], told[:, None, None, :]
+        heard = tokens
+        for block in self.trunk:
+            heard, memory = block(heard, seen)
+            memories.append(memory)
+        return Heard(tokens, told, which, tuple(memories))
+
+    def summary(self, shown: ShownBatch, heard: Heard | None = None) -> Tensor:
+        """Return what the readout token has gathered, (B, width)."""
+        batch = shown.words.shape[0]
+        words, told, which = (
+            self._instructions(shown.words) if heard is None else (heard.words, heard.told, heard.which)
+        )
+        things, there = self.see(shown, words, told, which)
+        parts = [self.readout.expand(batch, 1, -1), things]
+        seen = [told[which], told.new_ones(batch, 1), there]
+        if self.given:
+            state = self.state["tool"]((shown.tools - self.tool_mean) / self.tool_scale)
+            if shown.blind is not None:
+                state = torch.where(shown.blind[:, None, None], self.missing, state)
+            parts.append(state + self.state["when"].weight)
+            seen.append(told.new_ones(batch, shown.tools.shape[1]))
+        tokens, mask = torch.cat(parts, dim=1), torch.cat(seen, dim=1)[:, None, None, :]
+        for layer, block in enumerate(self.trunk):
+            if heard is None:
+                words, (keys, values) = block(words, told[:, None, None, :])
+            else:
+                keys, values = heard.memories[layer]
+            tokens, _ = block(tokens, mask, (keys[which], values[which]))
+        gathered: Tensor = self.last(tokens[:, 0])
+        return gathered
+
+    def _instructions(self, words: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return the different instructions of a batch, which of their words are there, and which one a sample has.
+
+        Words attend to words alone, so that each instruction is worked on once however many samples have it.
+        """
+        different, which = torch.unique(words, dim=0, return_inverse=True)
+        places = torch.arange(words.shape[1], device=words.device)
+        tokens = self.words["which"](different) + self.words["where"](places)
+        return tokens, different != ABSENT, which
+
+
+class ObjectsNetwork(TokenNetwork):
+    """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
+
+    position_mean: Tensor
+    position_scale: Tensor
+
+    def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
+        """Make what turns an object into a token."""
+        _, categories, colors = vocabulary.sizes()
+        self.objects = nn.ModuleDict(
+            {
+                "category": nn.Embedding(categories, width),
+                "color": nn.Embedding(colors, width),
+                "pose": nn.Linear(POSE_NUMBERS + 3 + (_AWAY_NUMBERS if self.given else 0), width),
+            }
+        )
+        self.keep_scale("position", 3)
+
+    def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+        """Return one token per object, and which objects there are."""
+        del words, told, which
+        if not isinstance(shown, ObjectsBatch):
+            raise TypeError("a network of objects is shown objects")
+        objects = self.objects["category"](shown.categories) + self.objects["color"](shown.colors)
+        return objects + self.objects["pose"](self._object_numbers(shown)), shown.categories != ABSENT
+
+    def _object_numbers(self, shown: ObjectsBatch) -> Tensor:
+        """Return pose and size of each object and, unless the state is left out, where it is from the tool."""
+        positions = (shown.poses[..., :3] - self.position_mean) / self.position_scale
+        numbers = [positions, shown.poses[..., 3:], shown.sizes / NEAR_M]
+        if self.given:
+            away = shown.poses[..., :3] - shown.tools[:, :1, :3]
+            if shown.blind is not None:
+                away = torch.where(shown.blind[:, None, None], torch.zeros_like(away), away)
+            numbers += [away / NEAR_M, torch.tanh(away / TOUCHING_M)]
+            for length in WAVES_M:
+                angles = away * (2.0 * math.pi / length)
+                numbers += [angles.sin(), angles.cos()]
+        return torch.cat(numbers, dim=-1)

@@ -1,0 +1,41 @@
+"""The network that a recipe asks for, of whichever family."""
+
+from __future__ import annotations
+
+from torch import Tensor
+from torch.nn.parameter import UninitializedTensorMixin
+
+from betterbench.errors import InvalidInputError
+from betterbench.policies.learned.families import learner_family
+from betterbench.policies.learned.network import LearnerNetwork, ObjectsNetwork
+from betterbench.policies.learned.pixels import PixelsNetwork
+from betterbench.policies.learned.recipe import TrainingRecipe
+from betterbench.policies.learned.vocabulary import Vocabulary
+
+_OWN: dict[str, type[LearnerNetwork]] = {"objects": ObjectsNetwork, "pixels": PixelsNetwork}
+
+
+def new_network(recipe: TrainingRecipe, vocabulary: Vocabulary) -> LearnerNetwork:
+    """Return the network that a recipe asks for, with random weights drawn by torch's own generator.
+
+    Raises:
+        InvalidInputError: If a user's file cannot make it.
+    """
+    network = (learner_family(recipe.family).make or _OWN[recipe.family])(recipe, vocabulary)
+    where = f"learner {recipe.family!r}"
+    if not isinstance(network, LearnerNetwork):
+        raise InvalidInputError(where, f"it makes a {type(network).__name__}", "Derive it from LearnerNetwork")
+    first: dict[int, str] = {}
+    for name, tensor in network.state_dict().items():
+        if not isinstance(tensor, Tensor):
+            raise InvalidInputError(where, f"it keeps {name}, which is no tensor", "Keep it as a buffer or an option")
+        if isinstance(tensor, UninitializedTensorMixin):
+            raise InvalidInputError(where, f"the shape of its {name} is not known", "Use modules that are not lazy")
+        if not tensor.numel():
+            continue
+        if (other := first.setdefault(tensor.data_ptr(), name)) != name:
+            raise InvalidInputError(where, f"its weights {other} and {name} are the same", "Keep them under one name")
+    missing = next((part for part in recipe.frozen if part not in network.parts()), None)
+    if missing is not None:
+        raise InvalidInputError(where, f"its network has no part {missing!r}", "Correct its parts, or the recipe")
+    return network

@@ -1,0 +1,111 @@
+"""The network of the ``pixels`` family: a strided FiLM convolution net whose key points become tokens."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from betterbench.policies.learned.network import ShownBatch, TokenNetwork
+from betterbench.policies.learned.vocabulary import Vocabulary
+
+_GROUPS = 4
+_KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
+
+
+@dataclass(slots=True, kw_only=True)
+class PicturesBatch(ShownBatch):
+    """What a batch shows in V views.
+
+    Attributes:
+        pictures: (B, V, size, size, 3) uint8.
+        light: (B, 2) float32 change of contrast and of brightness; None for none.
+    """
+
+    pictures: Tensor
+    light: Tensor | None = None
+
+
+class _Convolutions(nn.Module):
+    """From pictures to one token each."""
+
+    def __init__(self, width: int, views: int) -> None:
+        super().__init__()
+        channels = (3, *channels_of(width))
+        pairs = list(itertools.pairwise(channels))
+        self.asked = nn.Linear(width, width)
+        self.film = nn.ModuleList(nn.Linear(width, 2 * after) for _, after in pairs[1:])
+        self.layers = nn.ModuleList(
+            nn.Conv2d(before, after, kernel, stride, kernel // 2)
+            for (before, after), kernel, stride in zip(pairs, _KERNELS, _STRIDES, strict=True)
+        )
+        self.point = nn.Linear(3 * channels[-1], width)
+        self.view = nn.Embedding(views, width)
+
+    def forward(self, pictures: Tensor, asked: Tensor, which: Tensor) -> Tensor:
+        """Return tokens, (P, width).
+
+        Args:
+            pictures: (P, 3, size, size), with the colors last in memory.
+            asked: (U, width) what the different instructions ask for.
+            which: (P,) instruction of each picture.
+        """
+        seen = functional.relu(self.layers[0](pictures))  # a norm of the largest map would take most of the time
+        for film, layer in zip(self.film, self.layers[1:], strict=True):
+            scale, shift = film(asked)[which][..., None, None].chunk(2, dim=1)
+            seen = functional.group_norm(layer(seen), _GROUPS)
+            seen = functional.relu(torch.addcmul(shift, seen, 1.0 + scale))
+        tokens: Tensor = self.point(key_points(seen))
+        return tokens
+
+
+class PixelsNetwork(TokenNetwork):
+    """Sees one token per view: where the channels of a convolution net, which the words modulate, are strongest.
+
+    The words scale and shift each channel (FiLM, Perez et al. 2018). A channel is read out as the mean place of its
+    softmax over the picture and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
+    Deep Visuomotor Policies"). All views share the net.
+    """
+
+    def open_eyes(self, width: int, vocabulary: Vocabulary) -> None:
+        """Make the convolution net and what turns its key points into a token."""
+        del vocabulary
+        self.eyes = _Convolutions(width, len(self.recipe.eyes.windows))
+
+    def see(self, shown: ShownBatch, words: Tensor, told: Tensor, which: Tensor) -> tuple[Tensor, Tensor]:
+        """Return one token per view; all are there."""
+        if not isinstance(shown, PicturesBatch):
+            raise TypeError("a network of pixels is shown pictures")
+        batch, views = shown.pictures.shape[:2]
+        asked = functional.gelu(self.eyes.asked(words)) * told[..., None]
+        asked = asked.sum(dim=1) / told.sum(dim=1, keepdim=True).clamp(min=1)
+        pictures = self._light(shown).flatten(0, 1).permute(0, 3, 1, 2)
+        points = self.eyes(pictures, asked, which.repeat_interleave(views))
+        return points.view(batch, views, -1) + self.eyes.view.weight, told.new_ones(batch, views)
+
+    def _light(self, shown: PicturesBatch) -> Tensor:
+        """Return pictures as numbers around 0, with the light of each sample changed."""
+        values = shown.pictures.to(torch.float32).mul_(1.0 / 64.0).sub_(2.0)
+        if shown.light is not None:
+            contrast, brightness = shown.light[:, :, None, None, None, None].unbind(dim=1)
+            values = values.mul_(1.0 + contrast).add_(4.0 * brightness)
+        return values
+
+
+def channels_of(width: int) -> tuple[int, int, int, int]:
+    """Return the channels of the layers of the convolution net for a width of tokens."""
+    sixth = max(_GROUPS, width // 6 // _GROUPS * _GROUPS)
+    return sixth, 2 * sixth, 4 * sixth, 6 * sixth
+
+
+def key_points(seen: Tensor) -> Tensor:
+    """Return place (x, y from -1 to 1) and peak of each channel, (B, 3 C), from (B, C, height, width)."""
+    batch, channels, height, width = seen.shape
+    x, y = (torch.linspace(-1.0, 1.0, count, device=seen.device) for count in (width, height))
+    flat = seen.flatten(2)
+    weights = flat.softmax(dim=-1).view(batch, channels, height, width)
+    places = [weights.sum(dim=2) @ x, weights.sum(dim=3) @ y]
+    return torch.cat([*places, flat.amax(dim=-1)], dim=1)

@@ -1,0 +1,345 @@
+"""Recipes of training: everything that decides which weights a learner ends with, in one file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.interface import observation_spec
+from betterbench.json_form import read_form, strict_form
+from betterbench.policies.learned.families import Capacity, Option, Sees, learner_family
+
+RECIPE_VERSION: Literal[1] = 1
+"""Version of how a recipe becomes weights."""
+
+CURE = "Correct the recipe; docs/training.md shows one"
+
+_Loss = Literal["l1", "flow"]
+
+_Positive = Annotated[int, Field(ge=1, le=10_000_000)]
+_Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+_Length = Annotated[float, Field(ge=0.0, le=0.1)]
+_Edge = Annotated[float, Field(ge=0.0, le=1.0)]
+_LEAST_WINDOW = 0.02
+
+
+_WHOLE = (0.0, 0.0, 1.0, 1.0)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Proprioception:
+    """What the learner is told about its own arm.
+
+    Attributes:
+        given: False to leave out the tool's pose and the fingers, and what follows from them.
+        noise_m: Standard deviation of noise on the tool's position in training [m].
+        dropout: Share of training samples in which the whole state is left out.
+    """
+
+    given: bool = True
+    noise_m: _Length = 0.0
+    dropout: _Share = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Augmentation:
+    """What is changed at random in training samples.
+
+    The first two are of ``objects``, the last two of ``pixels``.
+
+    Attributes:
+        object_noise_m: Standard deviation of noise on each object's position [m].
+        shift_m: Half the side of the square by which tool and all objects are shifted together [m].
+        shift_px: Largest shift of a picture along each axis [pixel], which repeats its edge: padding and a random crop.
+        light: Standard deviation of the contrast and of the brightness of a picture, as shares of their range.
+    """
+
+    object_noise_m: _Length = 0.0
+    shift_m: _Length = 0.0
+    shift_px: Annotated[int, Field(ge=0, le=64)] = 4
+    light: Annotated[float, Field(ge=0.0, le=0.5)] = 0.0
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class View:
+    """One picture that a learner of the ``pixels`` family sees.
+
+    Attributes:
+        camera: Name of the camera.
+        window: Left, top, right and bottom edge of the part that is shown, as shares of the camera's picture. A window
+            of ``size`` pixels of it shows them one to one; the whole is scaled.
+    """
+
+    camera: str
+    window: tuple[_Edge, _Edge, _Edge, _Edge] = _WHOLE
+
+    def __post_init__(self) -> None:
+        """Refuse a window without a pixel."""
+        left, top, right, bottom = self.window
+        if right - left < _LEAST_WINDOW or bottom - top < _LEAST_WINDOW:
+            problem = f"{list(self.window)} is empty or too small"
+            raise InvalidInputError("window", problem, "Give left, top, right, bottom from 0 to 1")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Eyes:
+    """What a learner of the ``pixels`` family sees.
+
+    Attributes:
+        observation: Observation preset whose cameras the pictures are of; evaluation has to show the same.
+        views: The pictures: names of cameras, or cameras with windows.
+        size: Side of each picture that the network gets [pixel].
+        quality: Render preset of the training pictures.
+    """
+
+    observation: str = "default"
+    views: Annotated[tuple[str | View, ...], Field(min_length=1, max_length=8)] = ("front", "wrist")
+    size: Annotated[int, Field(ge=16, le=256, multiple_of=8)] = 96
+    quality: Literal["fast", "standard", "high"] = "standard"
+
+    def __post_init__(self) -> None:
+        """Refuse a camera that the observation does not show."""
+        try:
+            observation_spec(self.observation).only(self.cameras)
+        except UnknownNameError as error:
+            raise InvalidInputError("eyes", str(error).rstrip("."), "Name cameras of an observation preset") from error
+
+    @property
+    def windows(self) -> tuple[View, ...]:
+        """The pictures as cameras with windows."""
+        return tuple(View(view) if isinstance(view, str) else view for view in self.views)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras that have to be drawn, each once."""
+        return tuple(dict.fromkeys(view.camera for view in self.windows))
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class CoTraining:
+    """Questions that are learned beside the actions, by the same network.
+
+    Attributes:
+        sets: Folders of ``better vqa`` about the demonstrations that are trained on.
+        weight: Questions that are drawn for each frame with actions. The paper draws from actions with weight 8.0 and
+            from each of four sets of texts with 0.5 (appendix A.2), which is 0.25.
+    """
+
+    sets: Annotated[tuple[str, ...], Field(min_length=1)]
+    weight: Annotated[float, Field(gt=0.0, le=10.0)] = 0.25
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class TrainingRecipe:
+    """How a learner is trained.
+
+    Attributes:
+        data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
+        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would,
+            ``pixels`` sees pictures; or the name of a family of one's own.
+        options: Fields of a family of one's own.
+        tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
+        variations: Take demonstrations of test variations too, as the covered regime holds.
+        demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
+        longest_pause: Control steps of a demonstrator's pause that are trained on; None for all.
+        every: Frames from one that is shown in training to the next; the actions of a chunk follow without a gap.
+        eyes: What a learner of ``pixels`` sees.
+        capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
+        history: States of the tool that the learner sees: the present one and those before it.
+        history_stride: Control steps from one of them to the next; for ``pixels``, which are asked for every
+            ``execute`` steps, a multiple of these.
+        chunk: Actions of one answer.
+        execute: Actions of an answer that are executed before the learner looks again.
+        loss: ``l1``, or ``flow`` for flow matching.
+        flow_steps: Steps of integration when a flow is drawn from.
+        dropout: Share of activations that is dropped in training.
+        gripper_weight: How much more often a sample at a change of the gripper is drawn than another one.
+        co_training: Questions that are learned beside the actions, or None.
+        start: Checkpoint whose weights training begins with, or None.
+        frozen: Parts whose weights stay as they began.
+        learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
+        ema: Decay of the mean of weights, which is what is evaluated.
+        clip: Largest norm of the gradient.
+        validation: Share of seeds that are held out, chosen as ``better export --validation`` does.
+        validate_every: Steps between two validations.
+        rollouts: Starts of held-out demonstrations that each validation acts from.
+        save_every: Steps between two saved states, from which training resumes.
+        threads: Threads of one process; weights repeat bit for bit at the same number only.
+    """
+
+    data: Annotated[tuple[str, ...], Field(min_length=1)]
+    family: str = "objects"
+    options: Mapping[str, Option] = field(default_factory=dict)
+    tasks: tuple[str, ...] = ()
+    variations: bool = False
+    demonstrations: _Positive | None = None
+    longest_pause: Annotated[int, Field(ge=0, le=1000)] | None = 1
+    every: Annotated[int, Field(ge=1, le=100)] = 1
+    eyes: Eyes = field(default_factory=Eyes)
+    capacity: Literal["small", "base", "large"] | Capacity = "base"
+    proprioception: Proprioception = field(default_factory=Proprioception)
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    history: Annotated[int, Field(ge=1, le=16)] = 1
+    history_stride: Annotated[int, Field(ge=1, le=100)] = 4
+    chunk: Annotated[int, Field(ge=1, le=100)] = 8
+    execute: Annotated[int, Field(ge=1, le=100)] = 4
+    loss: _Loss = "l1"
+    flow_steps: Annotated[int, Field(ge=1, le=100)] = 10
+    dropout: _Share = 0.0
+    gripper_weight: Annotated[float, Field(ge=1.0, le=100.0)] = 3.0
+    co_training: CoTraining | None = None
+    start: str | None = None
+    frozen: tuple[str, ...] = ()
+    steps: _Positive = 12_000
+    batch: Annotated[int, Field(ge=1, le=65_536)] = 128
+    learning_rate: Annotated[float, Field(gt=0.0, le=1.0)] = 1e-3
+    warmup: Annotated[int, Field(ge=0)] = 100
+    weight_decay: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-4
+    ema: _Share = 0.999
+    clip: Annotated[float, Field(gt=0.0)] = 1.0
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
+    validation: Annotated[float, Field(ge=0.0, le=0.5)] = 0.1
+    validate_every: _Positive = 2_000
+    rollouts: Annotated[int, Field(ge=0, le=1000)] = 4
+    save_every: _Positive = 250
+    threads: Annotated[int, Field(ge=1, le=256)] = 1
+    version: Literal[1] = RECIPE_VERSION
+
+    def __post_init__(self) -> None:
+        """Refuse values that contradict each other, or that the family does not have."""
+        self._require_family()
+        if self.execute > self.chunk:
+            problem = f"{self.execute} is more than the {self.chunk} actions of a chunk"
+            raise InvalidInputError("execute", problem, "Give at most as many")
+        if self.start is None and self.frozen:
+            raise InvalidInputError("frozen", "nothing is trained before it is frozen", "Name a checkpoint as start")
+        foreign = next((f"{name}" for name, theirs in self._of_other_families() if theirs), None)
+        if foreign is not None:
+            problem = f"the family {self.family} has no such thing"
+            raise InvalidInputError(foreign, problem, "Leave it out, or change the family")
+        parts = set(learner_family(self.family).parts) - (set() if self.proprioception.given else {"state"})
+        if parts <= set(self.frozen) and self.built_in:
+            raise InvalidInputError("frozen", "nothing is left to train", "Freeze fewer parts")
+        if self.co_training is not None and self.questions == 0:
+            problem = f"{self.co_training.weight} of a batch of {self.batch} is not one question"
+            raise InvalidInputError("co_training.weight", problem, "Give a larger weight or batch, or no co_training")
+        if self.sees == "pixels" and self.history > 1:
+            require_asked(self.history_stride, self.execute, "history_stride")
+
+    def _require_family(self) -> None:
+        """Refuse a family that there is not, and options that it does not have."""
+        try:
+            family = learner_family(self.family)
+        except UnknownNameError as error:
+            cure = "Pass the file that defines a learner of your own with --task-file"
+            raise InvalidInputError("family", str(error).rstrip("."), cure) from error
+        for name, value in self.options.items():
+            if name not in family.options:
+                problem = str(UnknownNameError(f"option of the family {self.family}", name, family.options)).rstrip(".")
+                raise InvalidInputError("options", problem, "Leave it out, or change the family")
+            wanted = type(family.options[name])
+            if type(value) is not wanted and (wanted, type(value)) != (float, int):
+                problem = f"{value!r} is no {wanted.__name__}, as its default is"
+                raise InvalidInputError(f"options.{name}", problem, "Correct it")
+
+    def _of_other_families(self) -> tuple[tuple[str, bool], ...]:
+        """Return fields that mean something in one family alone, and whether they are set in another one."""
+        changed, pixels = self.augmentation, self.sees == "pixels"
+        parts = learner_family(self.family).parts
+        return (
+            ("eyes", not pixels and self.eyes != Eyes()),
+            ("augmentation.shift_px", not pixels and changed.shift_px != Augmentation().shift_px),
+            ("augmentation.light", not pixels and changed.light > 0.0),
+            ("augmentation.object_noise_m", pixels and changed.object_noise_m > 0.0),
+            ("augmentation.shift_m", pixels and changed.shift_m > 0.0),
+            *((f"frozen: {part}", part not in parts) for part in self.frozen),
+        )
+
+    @property
+    def size(self) -> Capacity:
+        """The capacity in numbers."""
+        named = learner_family(self.family).capacities
+        return named[self.capacity] if isinstance(self.capacity, str) else self.capacity
+
+    @property
+    def sees(self) -> Sees:
+        """What the learner is shown."""
+        return learner_family(self.family).sees
+
+    @property
+    def built_in(self) -> bool:
+        """Whether the family is one of betterbench's own."""
+        return learner_family(self.family).make is None
+
+    @property
+    def all_options(self) -> dict[str, Option]:
+        """The options of the family, with their defaults where the recipe sets none."""
+        return {**learner_family(self.family).options, **self.options}
+
+    @property
+    def shape(self) -> dict[str, object]:
+        """What decides how many weights there are of each kind, but for the vocabulary, by the name of its field."""
+        given = self.proprioception.given
+        return {
+            "family": self.family,
+            "options": self.all_options,
+            "capacity": self.size,
+            "eyes": len(self.eyes.windows),
+            "proprioception": (given, given and self.proprioception.dropout > 0.0),
+            "history": self.history if given else None,
+            "chunk": self.chunk,
+            "loss": self.loss,
+        }
+
+    @property
+    def questions(self) -> int:
+        """Questions that a step draws beside its batch."""
+        return 0 if self.co_training is None else round(self.co_training.weight * self.batch)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, with every value that the file left out; without co_training and options if unused."""
+        form: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        if self.co_training is None:
+            del form["co_training"]  # so that trainings from before there was any go on
+        if not self.options:
+            del form["options"]
+        return form
+
+
+def require_asked(stride: int, execute: int, field_name: str) -> None:
+    """Raise InvalidInputError if a learner of pixels is not asked at the steps that its history is of."""
+    if stride % execute:
+        problem = f"{stride} is no multiple of the {execute} actions after which a learner of pixels looks again"
+        raise InvalidInputError(field_name, problem, "Give a multiple, or history: 1")
+
+
+_FORM = TypeAdapter(TrainingRecipe)
+
+
+def read_training_recipe(
+    form: object, *, where: str = "recipe", changes: Mapping[str, Any] | None = None
+) -> TrainingRecipe:
+    """Return the recipe that a JSON form stands for.
+
+    Args:
+        form: The fields, as a mapping, or as JSON text.
+        where: File, for errors.
+        changes: Fields that take the place of those of the form; None leaves a field alone.
+
+    Raises:
+        InvalidInputError: If a field is missing, unknown or out of range; the text names it.
+    """
+    if changes and isinstance(form, Mapping):
+        form = {**form, **{name: value for name, value in changes.items() if value is not None}}
+    return read_form(_FORM, form, where=where, cure=CURE)

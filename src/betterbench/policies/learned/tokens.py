@@ -1,0 +1,76 @@
+"""What a learner of the ``objects`` family is shown: the tool, and of each object what a detector could tell.
+
+Never shown are an object's name, role and slot, what is held, and anything that a task asks for: they would hand over
+the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.interface.state import ObjectInfo, WorldState
+from betterbench.policies.learned.vocabulary import Vocabulary
+
+TOOL_NUMBERS = 10
+"""Position [m], rotation and distance of the finger pads [m] of the tool."""
+POSE_NUMBERS = 9
+"""Position [m] and rotation of an object."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Things:
+    """What stays the same in an episode.
+
+    Attributes:
+        words: (w,) numbers of the instruction's words.
+        sizes: (n, 3) extents of the objects [m].
+        categories: (n,) numbers of their categories.
+        colors: (n,) numbers of their colors.
+    """
+
+    words: np.ndarray
+    sizes: np.ndarray
+    categories: np.ndarray
+    colors: np.ndarray
+
+
+def things_of(instruction: str, objects: Sequence[ObjectInfo], vocabulary: Vocabulary) -> Things:
+    """Return what a learner is shown of an instruction and of the objects, in their order."""
+    return Things(
+        vocabulary.word_ids(instruction),
+        np.array([o.size_m for o in objects], dtype=np.float32).reshape(-1, 3),
+        vocabulary.category_ids([o.category for o in objects]),
+        vocabulary.color_ids([o.color for o in objects]),
+    )
+
+
+def six_numbers(quaternions: np.ndarray) -> np.ndarray:
+    """Return rotations (w, x, y, z), (..., 4), as the first two columns of their matrices, (..., 6).
+
+    The form is continuous (Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural Networks").
+    """
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    first = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+    second = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+    return np.stack([*first, *second], axis=-1)
+
+
+def tool_numbers(positions: np.ndarray, quaternions: np.ndarray, widths: np.ndarray) -> np.ndarray:
+    """Return the numbers of the tool, (T, 10) float32, from (T, 3) [m], (T, 4) and (T,) [m]."""
+    return np.concatenate([positions, six_numbers(quaternions), widths[:, None]], axis=1).astype(np.float32)
+
+
+def pose_numbers(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
+    """Return the numbers of poses, (..., 9) float32, from (..., 3) [m] and (..., 4)."""
+    return np.concatenate([positions, six_numbers(quaternions)], axis=-1).astype(np.float32)
+
+
+def moment_of(state: WorldState) -> tuple[np.ndarray, np.ndarray]:
+    """Return the numbers of the tool, (10,), and of the objects' poses, (n, 9), of a state; both float32."""
+    pose = state.ee_pose
+    tool = tool_numbers(np.array([pose.position]), np.array([pose.quaternion]), np.array([state.finger_width_m]))
+    poses = pose_numbers(np.array(state.positions).reshape(-1, 3), np.array(state.quaternions).reshape(-1, 4))
+    return tool[0], poses

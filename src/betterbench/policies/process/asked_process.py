@@ -1,0 +1,185 @@
+"""The process of a policy that is not ours: it loads the policy and answers one question after the other over a socket.
+
+Nothing here imports a simulator, so that the process starts fast and the memory is the policy's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Sequence
+from multiprocessing.reduction import ForkingPickler
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
+from betterbench.interface import BatchPolicy, Policy
+from betterbench.policies.process.plugin import load_plugin, source_of
+from betterbench.policies.process.process_link import (
+    LENGTH,
+    Declared,
+    ProcessAnswer,
+    answer_frame,
+    plain_array,
+    text_of,
+)
+
+MAX_TEXT = 2000
+"""Characters of an error that are passed on."""
+
+ERRORS = (
+    "PolicyError",
+    "PolicyProcessError",
+    "PolicyUnavailableError",
+    "HandshakeError",
+    "RecordError",
+    "MissingDependencyError",
+)
+"""Errors of betterbench that keep their class on the way to the run; others of a policy become PolicyError."""
+
+# Bound here, before a policy can put something else into their places.
+_exit, _killpg, _write, _loads = os._exit, os.killpg, os.write, ForkingPickler.loads
+
+
+def main(address: str, link: int, life: int, world: str = "") -> None:
+    """Load the policy of an address, which acts in a foreign world if one is named; answer until the socket is closed.
+
+    ``link`` is the file descriptor of the socket, and ``life`` one that reads an end when the run has ended.
+    """
+    threading.Thread(target=_end_with_run, args=(life,), daemon=True).start()
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, it is this process that ends
+    sys.excepthook = lambda *_: _exit(1)
+    run = socket.socket(fileno=link)
+    try:
+        policy = _load(address, world)
+        source = source_of(address.removeprefix("python:")) if address.startswith("python:") else ""
+        run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
+    except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
+        if not (isinstance(problem, BetterError) or address.startswith("python:")):
+            traceback.print_exc()
+        run.sendall(answer_frame(_told(0, problem)))
+        _exit(1)
+    try:
+        while (asked := _question(run)) is not None:
+            run.sendall(_answered(policy, *asked))
+        _close(policy)
+    except (EOFError, OSError):
+        _exit(1)  # the run has ended
+    except BaseException as problem:  # noqa: BLE001 - the policy has broken what this process needs
+        _say("the process of the policy is broken", problem)
+        _exit(1)
+    finally:
+        _exit(0)  # threads that the policy has left do not keep the process
+
+
+def _end_with_run(life: int) -> None:
+    """End this process and what it has started as soon as the run has ended."""
+    try:
+        os.read(life, 1)
+    finally:
+        with contextlib.suppress(BaseException):
+            _killpg(0, signal.SIGKILL)
+        _exit(1)
+
+
+def _load(address: str, world: str) -> Policy:
+    if address.startswith("python:"):
+        return load_plugin(address.removeprefix("python:"))
+    connect = importlib.import_module("betterbench.policies.clients.connect").connect
+    made: Policy = connect(address, world=world)
+    return made
+
+
+def _question(run: socket.socket) -> tuple[int, str, tuple[Any, ...], dict[str, Any]] | None:
+    """Return the next question of the run, or None if there is none any more; EOFError if the run has ended."""
+    (size,) = LENGTH.unpack(_read(run, LENGTH.size))
+    asked: tuple[int, str, tuple[Any, ...], dict[str, Any]] | None = _loads(_read(run, size))
+    return asked
+
+
+def _read(run: socket.socket, size: int) -> bytearray:
+    got = bytearray(size)
+    view = memoryview(got)
+    while view:
+        count = run.recv_into(view)
+        if not count:
+            raise EOFError
+        view = view[count:]
+    return got
+
+
+def _declared(policy: Policy, source: str) -> Declared:
+    """Return what a policy declares as plain values, whatever class the policy made of it."""
+    info, e = policy.info, policy.info.execution
+    return Declared(
+        name=text_of(info.name),
+        action_space=text_of(info.action_space),
+        needs_images=bool(info.needs_images),
+        metadata={text_of(k): text_of(v) for k, v in info.metadata.items()},
+        horizon=None if e.horizon is None else int(e.horizon),
+        ahead=int(e.ahead),
+        ensemble=None if e.ensemble is None else float(e.ensemble),
+        heavy=bool(info.heavy),
+        batches=isinstance(policy, BatchPolicy),
+        source=source,
+        cameras=None if info.cameras is None else [text_of(name) for name in info.cameras],
+    )
+
+
+def _answered(policy: Policy, number: int, method: str, args: tuple[Any, ...], options: dict[str, Any]) -> bytes:
+    """Return the frame of what a method gave, as plain arrays, or of what it raised."""
+    try:
+        given = getattr(policy, method)(*args, **options)
+        answers = [given] if method == "act" else list(given) if method == "act_batch" else []
+        forms = [plain_array(answer) for answer in answers]
+        return answer_frame(ProcessAnswer(number, tuple(form for form, _ in forms)), [data for _, data in forms])
+    except BaseException as problem:  # noqa: BLE001 - it ends the trial, whatever it is, and never the run
+        return answer_frame(_told(number, problem))
+
+
+def _told(number: int, problem: BaseException) -> ProcessAnswer:
+    """Return the class of an error and its texts, without the objects that it may hold."""
+    if isinstance(problem, UnknownNameError):
+        return _error(number, "UnknownNameError", (problem.kind, problem.name, *problem.known))
+    if isinstance(problem, InvalidInputError):
+        return _error(number, "InvalidInputError", (problem.where, problem.problem, problem.cure))
+    known = next((c.__name__ for c in type(problem).__mro__ if c.__name__ in ERRORS), "")
+    known = known if isinstance(problem, BetterError) else ""
+    text = kind = type(problem).__name__
+    for shown in (
+        str if known else described,
+        lambda p: f"{kind}: {p}",
+        lambda _: f"{kind}: it cannot be shown as text",
+    ):
+        with contextlib.suppress(BaseException):  # an error that cannot be shown is an error all the same
+            text = text_of(shown(problem))
+            break
+    if len(text) > MAX_TEXT:
+        text = text[:MAX_TEXT] + " ..."
+    return _error(number, known, (text,))
+
+
+def _error(number: int, kind: str, texts: Sequence[object]) -> ProcessAnswer:
+    return ProcessAnswer(number, error=kind, texts=tuple(text_of(text) for text in texts))
+
+
+def _close(policy: Policy) -> None:
+    close = getattr(policy, "close", None)
+    if callable(close):
+        try:
+            close()
+        except BaseException as problem:  # noqa: BLE001 - the run is over
+            _say("the policy could not be closed", problem)
+
+
+def _say(what: str, problem: BaseException) -> None:
+    """Write one line to standard error, if that is still possible."""
+    with contextlib.suppress(BaseException):
+        _write(2, f"{what}: {described(problem)}\n".encode("utf-8", "backslashreplace"))

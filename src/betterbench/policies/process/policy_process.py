@@ -1,0 +1,418 @@
+"""A policy that is not ours, in a process of its own: whatever it does to that process costs at most its own trial."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Sequence
+from multiprocessing.reduction import ForkingPickler
+from typing import Any
+
+import numpy as np
+
+from betterbench import errors
+from betterbench.errors import (
+    BetterError,
+    HandshakeError,
+    InvalidInputError,
+    PolicyError,
+    PolicyKilledError,
+    PolicyProcessError,
+    PolicyUnavailableError,
+    UnknownNameError,
+)
+from betterbench.interface import EpisodeStart, Observation
+from betterbench.jobs.leftovers import end_leftovers
+from betterbench.jobs.process_output import ProcessOutput
+from betterbench.policies.process.asked_process import ERRORS
+from betterbench.policies.process.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer
+from betterbench.policies.process.process_reader import read_answer
+
+logger = logging.getLogger(__name__)
+
+LOAD_S = 3000.0
+"""How long a policy may take to load [s], unless told otherwise."""
+
+CLOSE_S = 5.0
+"""How long a policy may take to close [s]; then its process is ended."""
+
+MAX_KILLS = 3
+"""How often a batch is asked for whose process is killed meanwhile."""
+
+_POLL_S = 0.2
+_LEAVE_S = 0.5
+_PIECE = 1 << 20
+_FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
+_START = (
+    "import sys; sys.path[:] = {path!r}; from betterbench.policies.process.asked_process import main; main({arguments})"
+)
+
+MARK = "BETTERBENCH_POLICY_PROCESS"
+"""Environment variable by which what a process has started is found when it has ended."""
+
+
+class PolicyProcess:
+    """A policy in a process of its own, as the run asks it.
+
+    When it is asked after its process has ended, another one is started, with a policy that is made anew. So is it for
+    the episode after one in which it failed, unless it holds weights: what it did then to its process is nobody else's.
+    The process leads a session, so that no signal to the group of the run reaches it, nor one of its own the run.
+
+    Attributes:
+        info: What the policy says about itself.
+        source: Name and fingerprint of the file that it was loaded from, or empty.
+        takes_batches: Whether it answers several observations at once.
+        ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        world: str = "",
+        load_s: float = LOAD_S,
+        started: tuple[_Started, Declared] | None = None,
+    ) -> None:
+        """Start the process and wait until it has loaded the policy, unless it was started already.
+
+        ``world`` is the foreign world in which the policy acts.
+
+        Raises:
+            BetterError: What the policy's loading raised, if it is an error of betterbench.
+            PolicyProcessError: If it raised something else, took longer than ``load_s`` [s], or the process ended.
+        """
+        self._address, self._world, self._load_s = address, world, load_s
+        self._asking, self._closing = threading.Lock(), threading.Lock()
+        self._closed = self._failed = self._used = False
+        running, declared = started or _loaded(address, world, load_s)
+        self._running: _Started | None = running
+        self.info, self.takes_batches, self.source = declared.info, declared.batches, declared.source
+        self.ready_at = time.perf_counter()
+
+    def reset(self, start: EpisodeStart) -> None:
+        """Tell the policy that an episode begins; raises what :meth:`act` raises.
+
+        If it fails in a process that has seen other episodes, it is told again in another one.
+        """
+        try:
+            self._ask("reset", start)
+        except (PolicyUnavailableError, HandshakeError):
+            raise
+        except BetterError:
+            if self._closed or not self._used:
+                raise
+            self._failed = True
+            self._ask("reset", start)
+        self._used = True
+
+    def act(self, observation: Observation) -> np.ndarray:
+        """Return the policy's answer to an observation.
+
+        Raises:
+            PolicyError: If the policy failed, whatever it raised, or its process ended by its own fault.
+            PolicyKilledError: If the process was ended from outside.
+            PolicyUnavailableError: If the policy raised it, because its server cannot be reached.
+            HandshakeError: If the policy raised it, because it has become another one.
+        """
+        return self._ask("act", observation, answers=1)[0]
+
+    def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
+        """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
+        if self._address.startswith("lerobot:"):
+            self._ask("check", options=conventions)
+
+    def distrust(self) -> None:
+        """Have the next episode begin in another process, unless the policy holds weights: its trial has failed."""
+        self._failed = not self.info.heavy
+
+    def close(self) -> None:
+        """Let the policy close, and end its process; at once where the policy is just being asked.
+
+        Whoever comes second does not wait for the first one, nor ends what the policy does to close.
+        """
+        with self._closing:
+            first, self._closed = not self._closed, True
+        if not self._asking.acquire(blocking=False):
+            running = self._running
+            if first and running is not None:
+                running.kill()  # whoever is asking sees that it has ended
+            return
+        try:
+            if self._running is not None:
+                self._running.close()
+                self._running = None
+        finally:
+            self._asking.release()
+
+    def _ask(
+        self, method: str, *args: object, answers: int = 0, options: dict[str, object] | None = None
+    ) -> list[np.ndarray]:
+        with self._asking:
+            if self._closed:
+                raise PolicyError("the policy is closed")
+            self._prepare(begins=method == "reset")
+            running = self._running
+            if running is None:
+                raise AssertionError("it was just prepared")
+            try:
+                answer, arrays = running.ask(method, args, options or {})
+                if answer.error is None and len(arrays) != answers:
+                    raise PolicyError(f"{len(arrays)} arrays for {answers}")  # noqa: TRY301 - ends the process as below
+            except Exception as error:
+                status, self._running = running.end(), None
+                if isinstance(error, PolicyError):
+                    raise PolicyError(f"the process of the policy sent what is no answer: {error}") from error
+                kind = PolicyKilledError if status.startswith(_FROM_OUTSIDE) else PolicyError
+                raise kind(f"the process of the policy ended while it was asked ({status})") from error
+            if answer.error is None:
+                return arrays
+            self.distrust()
+            raise _error(answer.error, answer.texts)
+
+    def _prepare(self, *, begins: bool) -> None:
+        """See to it that there is a process: for an episode that begins one in which nothing has gone wrong."""
+        running = self._running
+        if running is not None and not (begins and (self._failed or not running.waits)):
+            return
+        self.ready_at = math.inf
+        try:
+            self._start_another(running)
+        finally:
+            self.ready_at = time.perf_counter()
+
+    def _start_another(self, running: _Started | None) -> None:
+        """Start a process in the place of one; if it cannot load the policy, that one goes on if it can."""
+        if running is not None and not running.waits:
+            running.end()
+            running = None
+        self._failed = self._used = False
+        self._running = _Started(self._address, self._world)
+        try:
+            self._require_unchanged(self._running.loaded(self._load_s))
+        except BaseException as problem:
+            self._running.end()
+            self._running = running
+            if running is None:
+                raise
+            if self._closed or not isinstance(problem, BetterError):
+                self._running = None
+                running.end()
+                raise
+            logger.warning("%s It goes on in the process in which it failed.", problem)
+        else:
+            if running is not None:
+                running.close()
+
+    def _require_unchanged(self, declared: Declared) -> None:
+        if declared.source != self.source:
+            raise PolicyProcessError(f"{self._address}: its file has changed since the run began. Restore it.")
+
+
+class BatchPolicyProcess(PolicyProcess):
+    """A policy that answers several observations at once, in a process of its own."""
+
+    def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
+        """Return one answer per observation; raises what :meth:`act` raises.
+
+        Each answer depends on its observation alone, so a batch whose process was killed is asked for again.
+        """
+        for left in reversed(range(MAX_KILLS)):
+            try:
+                return self._ask("act_batch", list(observations), answers=len(observations))
+            except PolicyKilledError as error:
+                if not left:
+                    raise
+                logger.warning("%s; the policy is loaded again", error)
+        raise AssertionError("the last attempt returns or raises")
+
+
+def start_policy(address: str, *, world: str = "", load_s: float = LOAD_S) -> PolicyProcess:
+    """Return the policy of an address, loaded in a process of its own; raises what :class:`PolicyProcess` raises."""
+    started = _loaded(address, world, load_s)
+    kind = BatchPolicyProcess if started[1].batches else PolicyProcess
+    return kind(address, world=world, load_s=load_s, started=started)
+
+
+def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared]:
+    """Return a process that has loaded its policy, and what that declares."""
+    started = _Started(address, world)
+    try:
+        return started, started.loaded(load_s)
+    except PolicyKilledError as error:  # no trial has begun that could be run again
+        raise PolicyProcessError(str(error)) from error
+    except BaseException:
+        started.end()
+        raise
+
+
+class _Started:
+    """A process that loads its policy and then answers."""
+
+    def __init__(self, address: str, world: str) -> None:
+        self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
+        self._link, theirs = socket.socketpair()
+        self._link.settimeout(_POLL_S)
+        life, self._life = os.pipe()
+        arguments = f"{address!r}, {theirs.fileno()}, {life}, {world!r}"
+        self._output = ProcessOutput()
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - our own module; the address is a literal in its arguments
+                [sys.executable, "-c", _START.format(path=sys.path, arguments=arguments)],
+                stdin=subprocess.DEVNULL,
+                stdout=self._output.theirs,  # what a policy prints is no output of the run
+                stderr=self._output.theirs,
+                pass_fds=(theirs.fileno(), life),
+                start_new_session=True,
+                env={**os.environ, MARK: self._mark},
+            )
+        finally:
+            theirs.close()
+            os.close(life)
+            self._output.begin()
+
+    def loaded(self, timeout_s: float) -> Declared:
+        """Wait until the policy is loaded, and return what it declares.
+
+        Raises what :class:`PolicyProcess` raises, and PolicyKilledError if the process was ended from outside.
+        """
+        try:
+            answer, _ = self._receive(time.monotonic() + timeout_s)
+        except TimeoutError as error:
+            raise PolicyProcessError(
+                f"{self._address}: it is not loaded after {timeout_s:g} s. Raise --policy-timeout: loading may take "
+                "ten times as long as an answer."
+            ) from error
+        except (EOFError, OSError, PolicyError) as error:
+            how = self.end()
+            kind = PolicyKilledError if how.startswith(_FROM_OUTSIDE) else PolicyProcessError
+            raise kind(
+                f"{self._address}: its process ended while loading ({how}); what it wrote stands above. Load it in a "
+                "Python shell to see why"
+            ) from error
+        if answer.error is None and answer.declared is not None:
+            return answer.declared
+        raised = _error(answer.error or "", answer.texts or ("it declares nothing",))
+        if type(raised) is not PolicyError:
+            raise raised  # errors of betterbench say enough
+        raise PolicyProcessError(f"{self._address}: it cannot be loaded ({raised}).")
+
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for a question: it has not ended, and has said nothing that nobody asked for."""
+        try:
+            said = bool(select.select([self._link], [], [], 0.0)[0])
+        except (OSError, ValueError):
+            return False
+        return not said and self._process.poll() is None
+
+    def ask(
+        self, method: str, args: Sequence[object], options: dict[str, object]
+    ) -> tuple[ProcessAnswer, list[np.ndarray]]:
+        """Return the answer to a question.
+
+        Raises:
+            EOFError: If the process has ended.
+            PolicyError: If it sends what is no answer.
+        """
+        self._number += 1
+        self._send((self._number, method, args, options))
+        while True:
+            answer, arrays = self._receive()
+            if answer.number == self._number:
+                return answer, arrays
+            if answer.number > self._number:
+                raise PolicyError("it answers what nobody has asked yet")
+            # Otherwise an answer was sent twice.
+
+    def _send(self, message: object) -> None:
+        data = ForkingPickler.dumps(message)
+        view = memoryview(LENGTH.pack(len(data)) + bytes(data))
+        while view:
+            try:
+                view = view[self._link.send(view[:_PIECE]) :]
+            except TimeoutError:
+                if self._process.poll() is not None:
+                    raise EOFError from None
+
+    def _receive(self, until: float | None = None) -> tuple[ProcessAnswer, list[np.ndarray]]:
+        """Return what the process has sent; EOFError if it has ended, TimeoutError at a time."""
+        (size,) = LENGTH.unpack(self._read(LENGTH.size, until))
+        if size > MAX_LINK_BYTES:
+            raise PolicyError(f"a frame of {size} bytes")
+        return read_answer(self._read(size, until))
+
+    def _read(self, size: int, until: float | None) -> bytes:
+        got, ended = bytearray(), False
+        while len(got) < size:
+            try:
+                piece = self._link.recv(min(size - len(got), _PIECE))
+            except TimeoutError:
+                if ended:  # a child of the process may hold its end open
+                    raise EOFError from None
+                ended = self._process.poll() is not None
+                if until is not None and time.monotonic() > until:
+                    raise
+                continue
+            if not piece:
+                raise EOFError
+            got += piece
+        return bytes(got)
+
+    def kill(self) -> None:
+        """End the process and what it has started, at once; whoever waits for it sees that it has ended."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        with contextlib.suppress(OSError):
+            self._link.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Let the policy close, and end the process."""
+        with contextlib.suppress(OSError, EOFError):
+            self._send(None)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(CLOSE_S)
+        self.end()
+
+    def end(self) -> str:
+        """End the process, if it has not ended by itself, and return how it did."""
+        how = "it closed its connection to the run"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            how = exit_text(self._process.wait(_LEAVE_S))
+        self.kill()
+        self._process.wait()
+        if self._life >= 0:
+            self._link.close()
+            os.close(self._life)
+            self._life = -1
+            end_leftovers(MARK, self._mark, self._process.pid)
+            self._output.end()
+        return how
+
+
+def _error(kind: str, texts: Sequence[str]) -> BetterError:
+    """Return the error that a process has told."""
+    if kind == "UnknownNameError" and len(texts) > 1:
+        return UnknownNameError(texts[0], texts[1], texts[2:])
+    if kind == "InvalidInputError" and len(texts) == 3:
+        return InvalidInputError(*texts)
+    made = getattr(errors, kind) if kind in ERRORS else PolicyError
+    error: BetterError = made(texts[0] if texts else "it does not say what failed")
+    return error
+
+
+def exit_text(status: int | None) -> str:
+    """Return how a process ended, from its exit status, which is negative for a signal."""
+    if status is None or status >= 0:
+        return f"exit status {status}"
+    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    return f"{name}, as when memory runs out" if name == "SIGKILL" else name

@@ -1,0 +1,116 @@
+"""What a run and the process of a policy send each other: frames on a socket, and answers that hold no objects.
+
+A question of the run is pickled. An answer is JSON and the bytes of arrays, because a policy can write to its socket
+what it likes. The run reads answers in :mod:`betterbench.policies.process.process_reader`; what checks forms is not
+imported here, so that the process of a policy starts fast.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from betterbench.interface import Execution, PolicyInfo
+
+LENGTH = struct.Struct(">Q")
+"""What stands before each frame: its length [byte]."""
+
+MAX_ANSWER_BYTES = 64 << 20
+"""Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
+
+MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
+"""Largest frame of a process [byte]; one batch is one frame."""
+
+MAX_HEAD_BYTES = 4 << 20
+"""Largest part of a frame that is no array [byte]: errors, and what a policy declares."""
+
+SIZES = struct.Struct(">QI")
+"""The length of a frame, and that of its head [byte]."""
+
+ArrayForm = tuple[str, tuple[int, ...]]
+"""The text of an array's type and its shape; what holds Python objects has no bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """What a policy says about itself when it is loaded.
+
+    Attributes:
+        batches: Whether it answers several observations at once.
+        source: Name and fingerprint of the file that it was loaded from, or empty.
+    """
+
+    name: str
+    action_space: str
+    needs_images: bool
+    metadata: dict[str, str]
+    horizon: int | None
+    ahead: int
+    ensemble: float | None
+    heavy: bool
+    batches: bool
+    source: str
+    cameras: list[str] | None = None
+
+    @property
+    def info(self) -> PolicyInfo:
+        """The same as the run knows it; raises what PolicyInfo raises."""
+        return PolicyInfo(
+            self.name,
+            self.action_space,
+            self.needs_images,
+            self.metadata,
+            Execution(self.horizon, self.ahead, self.ensemble),
+            self.heavy,
+            None if self.cameras is None else tuple(self.cameras),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessAnswer:
+    """What a process sends.
+
+    Attributes:
+        number: Number of the question, 0 for that it has loaded its policy.
+        arrays: Types and shapes of the arrays that follow.
+        error: Class of the error of betterbench that was raised, empty for another one, or None.
+        texts: Texts of the error.
+        declared: What the policy says about itself, once.
+    """
+
+    number: int
+    arrays: tuple[ArrayForm, ...] = ()
+    error: str | None = None
+    texts: tuple[str, ...] = ()
+    declared: Declared | None = None
+
+
+# Bound here, before a policy can put something else into the place of the function.
+_encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
+_pack, _array = SIZES.pack, np.asarray
+
+
+def text_of(value: object) -> str:
+    """Return a text that can be written, of whatever a policy calls one."""
+    return str.encode(str(value), "utf-8", "backslashreplace").decode()
+
+
+def plain_array(answer: object) -> tuple[ArrayForm, bytes]:
+    """Return an answer as an array without objects; raise ValueError if it is too large."""
+    array = _array(answer)
+    if array.nbytes > MAX_ANSWER_BYTES:
+        raise ValueError(f"an answer of {array.nbytes} bytes is no chunk of actions")
+    return (array.dtype.str, array.shape), b"" if array.dtype.hasobject else array.tobytes()
+
+
+def answer_frame(answer: ProcessAnswer, data: Sequence[bytes] = ()) -> bytes:
+    """Return the frame of an answer and its arrays, with its length before it; ValueError if it is too large."""
+    head = _encode(asdict(answer)).encode("ascii")
+    size = SIZES.size - LENGTH.size + len(head) + sum(map(len, data))
+    if size > MAX_LINK_BYTES or len(head) > MAX_HEAD_BYTES:
+        raise ValueError(f"{size} bytes are no answer")
+    return b"".join([_pack(size, len(head)), head, *data])

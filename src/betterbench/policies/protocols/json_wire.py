@@ -1,0 +1,77 @@
+"""Bodies of ``POST /act``: JSON with arrays as json-numpy writes them.
+
+An array is a map of its bytes in base64 (``__numpy__``), its type and its shape; it may stand in the body as that map,
+or as a text that holds the JSON of the map. Bodies come from strangers, like the frames of
+:mod:`betterbench.policies.protocols.wire`: any bytes give a value or one :class:`PolicyError`.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from typing import Any, Literal
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.json_form import unique_keys
+from betterbench.policies.protocols.wire import is_image, png_of, read_array
+
+MAX_BODY_BYTES = 4 * 1024 * 1024
+"""Largest body that is read [byte]: empty lists take 20 times as much in memory, and 100 actions some 15 kB."""
+
+ArrayCoding = Literal["map", "text", "png"]
+"""How an array stands in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
+numbers and an image as the base64 of a PNG file (Dexbotic)."""
+
+
+def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:
+    """Return the body of a value made of maps, lists, texts, numbers, None and NumPy arrays of numbers.
+
+    ``encoded`` puts it whole, as a JSON text, under the one key ``encoded``, for servers that cannot read arrays
+    otherwise. Raises InvalidInputError for anything else.
+    """
+
+    def mark(thing: object) -> object:
+        if isinstance(thing, np.ndarray) and thing.dtype.kind in "biuf" and arrays == "png":
+            return base64.b64encode(png_of(thing)).decode("ascii") if is_image(thing) else thing.tolist()
+        if isinstance(thing, np.ndarray) and thing.dtype.kind in "biuf":
+            data = base64.b64encode(np.ascontiguousarray(thing).tobytes()).decode("ascii")
+            form = {"__numpy__": data, "dtype": thing.dtype.str, "shape": list(thing.shape)}
+            return form if arrays == "map" else json.dumps(form)
+        if isinstance(thing, (np.bool_, np.integer, np.floating)):
+            return thing.item()
+        raise TypeError(f"a {type(thing).__name__} has no form in JSON")
+
+    try:
+        text = json.dumps(value, default=mark, allow_nan=False)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInputError("message", f"it cannot be sent ({error})", "Send texts, numbers and arrays") from error
+    return (json.dumps({"encoded": text}) if encoded else text).encode("utf-8")
+
+
+def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
+    """Return the value of a body, with read-only arrays; a text that holds such a value is read as the value.
+
+    Raises PolicyError if it is malformed, or larger than ``MAX_BODY_BYTES``.
+    """
+    try:
+        if len(data) > MAX_BODY_BYTES:
+            raise ValueError(f"it has more than {MAX_BODY_BYTES} bytes")  # noqa: TRY301
+        value = json.loads(data, object_pairs_hook=_read_map)
+        if isinstance(value, str) and value[:1] in ("{", "["):
+            value = json.loads(value, object_pairs_hook=_read_map)
+    except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError, InvalidInputError) as error:
+        problem = " ".join(str(error).split())[:200] or type(error).__name__
+        raise PolicyError(f"JSON of {len(data)} bytes: it cannot be read ({problem}).") from error
+    return value
+
+
+def _read_map(pairs: list[tuple[str, Any]]) -> object:
+    form = unique_keys(pairs)
+    if "__numpy__" not in form:
+        return form
+    data = form["__numpy__"]
+    if not isinstance(data, str):
+        raise TypeError(f"the data of an array are a {type(data).__name__}")
+    return read_array(base64.b64decode(data, validate=True), form.get("dtype"), form.get("shape"), texts=False)

@@ -1,0 +1,228 @@
+"""Payloads that torch has written, read without running what a stranger put into them.
+
+Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
+the sender names. Here an answer is read by ``torch.load(weights_only=True)``, which calls nothing but what is on its
+list. On that list NumPy's reconstructors are replaced by the stand-ins of this module, which only remember their
+arguments: arrays are then made from plain bytes, with the same checks as on every other wire.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import math
+import re
+import threading
+import zipfile
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, PolicyError
+from betterbench.installation import missing_extra
+from betterbench.policies.protocols.wire import MAX_DEPTH, MAX_FRAME_BYTES, MAX_VALUES
+
+OLDEST_TORCH = (2, 10)
+"""Oldest PyTorch whose ``weights_only`` reader is trusted: others can be made to corrupt memory (CVE-2026-24747)."""
+
+_ZIP = b"PK\x03\x04"
+_HOARDER = b"\nbytearray\n"
+_MAX_ELEMENTS = 64 * 1024 * 1024
+_NUMBERS = re.compile(r"(b1|[iu][1248]|f[248])", re.ASCII)
+_READING = threading.Lock()
+
+
+class _Kind:
+    """Stands in for numpy.dtype: the text of a type, and its byte order."""
+
+    def __init__(self, text: object = "", *_: object) -> None:
+        self.text, self.order = text, "="
+
+    def __setstate__(self, state: object) -> None:
+        if isinstance(state, tuple) and len(state) > 1 and state[1] in ("<", ">", "|", "="):
+            self.order = state[1]
+
+    def dtype(self) -> np.dtype[Any]:
+        if not isinstance(self.text, str) or not _NUMBERS.fullmatch(self.text):
+            raise ValueError(f"an array has the type {str(self.text)[:20]!r}, which is not a plain number")
+        return np.dtype(self.order.replace("|", "=") + self.text)
+
+
+class _Array:
+    """Stands in for numpy.ndarray: what an array is to be made of."""
+
+    def __init__(self, *_: object) -> None:
+        self.state: object = None
+
+    def __setstate__(self, state: object) -> None:
+        self.state = state
+
+    def array(self) -> np.ndarray:
+        if not isinstance(self.state, tuple) or len(self.state) != 5:
+            raise ValueError("an array is described by something else than its state")
+        _, shape, kind, fortran, data = self.state
+        if not isinstance(kind, _Kind) or not isinstance(data, bytes) or not isinstance(shape, tuple):
+            raise TypeError("an array is not made of a type, a shape and bytes")
+        if len(shape) > 16 or not all(type(n) is int and 0 <= n < 2**40 for n in shape):
+            raise ValueError(f"an array has the shape {str(shape)[:40]}")
+        dtype = kind.dtype()
+        if math.prod(shape) * dtype.itemsize != len(data):
+            raise ValueError(f"an array of {dtype} and shape {shape} does not take {len(data)} bytes")
+        if 0 in shape:
+            return np.zeros(shape, dtype.newbyteorder("="))
+        if dtype.kind == "b":
+            flat: np.ndarray = np.frombuffer(data, np.uint8) != 0
+        else:
+            flat = np.frombuffer(data, dtype).astype(dtype.newbyteorder("="))
+        return flat.reshape(shape, order="F" if fortran else "C")
+
+
+class _Scalar:
+    """Stands in for a NumPy number: its type and its bytes."""
+
+    def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
+        self.kind, self.data = kind, data
+
+    def number(self) -> float | int | bool:
+        if not isinstance(self.kind, _Kind) or not isinstance(self.data, bytes):
+            raise TypeError("a number is not made of a type and bytes")
+        dtype = self.kind.dtype()
+        if dtype.itemsize != len(self.data):
+            raise ValueError(f"a number of {dtype} does not take {len(self.data)} bytes")
+        return np.frombuffer(self.data, dtype)[0].item()  # type: ignore[no-any-return]
+
+
+def _no_bytes(*_: object) -> bytes:
+    """Stand in for bytes: an empty array is written as a call of it without arguments."""
+    return b""
+
+
+# NumPy 2 writes numpy._core, NumPy 1 numpy.core.
+_STAND_INS = [
+    (_Kind, "numpy.dtype"),
+    (_Array, "numpy.ndarray"),
+    (_no_bytes, "builtins.bytes"),
+    *((_Array, f"numpy.{core}.multiarray._reconstruct") for core in ("_core", "core")),
+    *((_Scalar, f"numpy.{core}.multiarray.scalar") for core in ("_core", "core")),
+]
+
+
+def import_torch() -> Any:  # noqa: ANN401 - torch is not installed where types are checked
+    """Return torch; raise MissingDependencyError if it is not installed, or too old to read what strangers wrote."""
+    try:
+        torch = importlib.import_module("torch")
+    except ImportError as error:
+        raise missing_extra(
+            "being-h:// needs PyTorch, which is not installed",
+            "being-h",
+            otherwise="or use the bridge (betterbench.policies.clients.bridges), which does not need it here.",
+        ) from error
+    version = tuple(int(part) for part in re.findall(r"\d+", torch.__version__)[:2])
+    if version < OLDEST_TORCH:
+        oldest = ".".join(map(str, OLDEST_TORCH))
+        raise missing_extra(
+            f"being-h:// needs PyTorch {oldest} or newer to read a server's answers safely; {torch.__version__} is "
+            "installed",
+            "being-h",
+            otherwise="or use the bridge.",
+        )
+    return torch
+
+
+def write_torch(value: object) -> bytes:
+    """Return a value as torch saves it.
+
+    Raises MissingDependencyError without torch, InvalidInputError if it cannot be saved.
+    """
+    torch = import_torch()
+    buffer = io.BytesIO()
+    try:
+        torch.save(value, buffer)
+    except (TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise InvalidInputError("message", f"it cannot be saved ({error})", "Send texts, numbers and arrays") from error
+    return buffer.getvalue()
+
+
+def read_torch(data: bytes) -> Any:  # noqa: ANN401 - a payload may hold anything
+    """Return what torch has saved: maps with text keys, lists, texts, numbers and NumPy arrays, and nothing else.
+
+    Raises MissingDependencyError without torch, PolicyError if it is malformed, too large or names anything to call.
+    """
+    torch = import_torch()
+    try:
+        _survey(data)
+        with _READING, torch.serialization.safe_globals(_STAND_INS):
+            loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
+        return _Reader(torch).plain(loaded)
+    except Exception as error:
+        # Whatever hostile bytes make torch's reader stumble over is the sender's fault. Its own text begins with the
+        # advice to unpickle nevertheless.
+        problem = " ".join(str(error).rpartition("WeightsUnpickler error:")[2].split())
+        named = re.search(r"GLOBAL ([\w.]+)", problem)
+        reason = f"it wants to call {named.group(1)}, which is not allowed" if named else problem[:200]
+        raise PolicyError(
+            f"torch payload of {len(data)} bytes: it cannot be read ({reason or type(error).__name__})."
+        ) from error
+
+
+def _survey(data: bytes) -> None:
+    """Look at the archive before torch does: nothing in it may be compressed, so that it cannot grow."""
+    if len(data) > MAX_FRAME_BYTES:
+        raise ValueError(f"it has more than {MAX_FRAME_BYTES} bytes")
+    if not data.startswith(_ZIP):
+        raise ValueError("it is not an archive as torch has written since version 1.6")
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        entries = archive.infolist()
+        if any(e.compress_type != zipfile.ZIP_STORED or e.file_size != e.compress_size for e in entries):
+            raise ValueError("it is compressed")
+        if sum(e.file_size for e in entries) > MAX_FRAME_BYTES:
+            raise ValueError("its entries overlap")
+        # The one thing on torch's own list that takes any amount of memory for a few bytes.
+        if any(_HOARDER in archive.read(e) for e in entries if e.filename.endswith(".pkl")):
+            raise ValueError("it wants a bytearray")
+
+
+class _Reader:
+    """Copies what was loaded into plain values, counting them: references make a small payload hold very many."""
+
+    def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
+        self._torch = torch
+        self._values, self._elements = 0, 0
+
+    def plain(self, thing: object, depth: int = 0) -> Any:  # noqa: ANN401 - a payload may hold anything
+        self._values += 1
+        if self._values > MAX_VALUES:
+            raise ValueError(f"it holds more than {MAX_VALUES} values")
+        if depth > MAX_DEPTH:
+            raise ValueError(f"it is nested deeper than {MAX_DEPTH}")
+        if thing is None or type(thing) in (bool, int, float, str, bytes):
+            return thing
+        if isinstance(thing, Mapping):
+            if not all(type(key) is str for key in thing):
+                raise ValueError("a map has keys that are not texts")
+            return {key: self.plain(value, depth + 1) for key, value in thing.items()}
+        if isinstance(thing, (list, tuple)):
+            return [self.plain(value, depth + 1) for value in thing]
+        if isinstance(thing, _Scalar):
+            return thing.number()
+        if isinstance(thing, _Array):
+            return self._counted(thing.array())
+        if type(thing) is self._torch.Tensor:
+            return self._tensor(thing)
+        raise ValueError(f"it holds a {type(thing).__name__}")
+
+    def _tensor(self, tensor: Any) -> np.ndarray:  # noqa: ANN401 - a torch tensor
+        torch = self._torch
+        if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
+            raise ValueError("it holds a tensor that is sparse, too large or on no processor")
+        # NumPy has no bfloat16, in which policies like to compute.
+        return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
+
+    def _counted(self, array: np.ndarray) -> np.ndarray:
+        self._elements += array.size
+        if self._elements > _MAX_ELEMENTS:
+            raise ValueError(f"its arrays hold more than {_MAX_ELEMENTS} numbers")
+        if array.dtype.kind not in "biuf":
+            raise ValueError(f"it holds an array of {array.dtype}")
+        return array

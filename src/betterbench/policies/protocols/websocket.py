@@ -1,0 +1,209 @@
+"""A websocket as a channel: whole messages with deadlines, and the errors of the library as OSError."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+
+from websockets.exceptions import ConnectionClosed, InvalidStatus, InvalidURI, WebSocketException
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+from betterbench.errors import HandshakeError, PolicyError, one_line
+from betterbench.policies.address import PolicyAddress
+from betterbench.policies.protocols.wire import MAX_FRAME_BYTES
+
+_CLOSE_TIMEOUT_S = 1.0
+_GRACE_S = 1.0
+_PONG_S = 1.0
+_FORBIDDEN = 403
+_REFUSED = (401, _FORBIDDEN)
+_ABSENT = (404, 405)
+_TOO_LARGE = 1009
+
+
+class WebSocket:
+    """One connection to a websocket server."""
+
+    def __init__(
+        self, address: PolicyAddress, *, timeout_s: float, key: str | None = None, max_bytes: int = MAX_FRAME_BYTES
+    ) -> None:
+        """Connect.
+
+        Raises OSError if the server is not there or not ready, HandshakeError if it refuses the key, or is not a
+        websocket server.
+        """
+        host, port = address.server()
+        name = f"[{host}]" if ":" in host else host
+        scheme = "wss" if address.choice("tls", ("true", "false"), "false") == "true" else "ws"
+        self._where, self._path = address.server_name, address.path
+        self._max_bytes = max_bytes
+        self._stack = contextlib.ExitStack()
+        self._mark: threading.Event | None = None  # set when the server has confirmed that it said all it had to say
+        self._pongs = True
+        raw: socket.socket | None = None
+        try:
+            # With a socket of our own the library follows no redirect: what is sent is for the server that was named.
+            raw = socket.create_connection((host, port), timeout_s)
+            raw.settimeout(None)
+            self._socket: Connection = self._stack.enter_context(
+                connect(
+                    f"{scheme}://{name}:{port}{self._path}",
+                    sock=raw,
+                    compression=None,
+                    max_size=max_bytes,
+                    additional_headers={} if key is None else {"Authorization": f"Api-Key {key}"},
+                    open_timeout=timeout_s,
+                    close_timeout=_CLOSE_TIMEOUT_S,
+                    # Servers answer no pings while they infer; the deadline of the request finds out who is dead.
+                    ping_interval=None,
+                    proxy=None,
+                    logger=quiet_logger(),
+                )
+            )
+        except (WebSocketException, ValueError, EOFError, AssertionError) as error:
+            if raw is not None:
+                raw.close()
+            raise self._not_connected(error) from error
+
+    def send(self, message: bytes, timeout_s: float) -> None:
+        """Send one binary message; raise OSError if the connection broke, or it was not taken until the deadline."""
+        with self._cut_after(timeout_s, "the server takes no more bytes"):
+            self._socket.send(message)
+
+    def receive(self, timeout_s: float) -> bytes | str:
+        """Return the next message; raise OSError if none comes in time, PolicyError if it is too large."""
+        seconds = max(0.0, timeout_s)
+        try:
+            with self._cut_after(seconds + _GRACE_S, "no answer in time"):
+                return self._socket.recv(timeout=seconds)
+        except TimeoutError as error:
+            raise TimeoutError("no answer in time") from error
+
+    def mark_end_of_answer(self) -> None:
+        """Note that the last question is answered, and ask the server, without waiting, to confirm it by a pong.
+
+        Frames arrive in the order in which they were sent, so what it said before its pong lies here by then.
+        """
+        if self._pongs:
+            with contextlib.suppress(OSError), self._cut_after(_GRACE_S, "the server takes no more bytes"):
+                self._mark = self._socket.ping()
+
+    def refuse_unasked(self) -> None:
+        """Raise ConnectionError if the server has said something since its last answer.
+
+        A second answer to one question would be taken for the answer to the next, and shift all that follow. A server
+        that confirms nothing is waited for once.
+        """
+        mark, self._mark = self._mark, None
+        if mark is not None and not mark.wait(_PONG_S):
+            self._pongs = False
+        try:
+            self.receive(0.0)
+        except TimeoutError:
+            return
+        raise ConnectionError("it sent an answer that nobody asked for")
+
+    @contextlib.contextmanager
+    def greeting(self, silence: str) -> Iterator[None]:
+        """Close the connection if its first exchange fails; ``silence`` is said of a server that answers nothing."""
+        try:
+            yield
+        except TimeoutError as error:
+            self.close()
+            raise TimeoutError(silence) from error
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the connection; nothing is raised."""
+        with (
+            contextlib.suppress(OSError, PolicyError),
+            self._cut_after(_CLOSE_TIMEOUT_S + _GRACE_S, "the server does not close"),
+        ):
+            self._stack.close()
+
+    @contextlib.contextmanager
+    def _cut_after(self, timeout_s: float, what: str) -> Iterator[None]:
+        """Break the connection if what is done meanwhile takes longer, and raise TimeoutError with a text.
+
+        The library has one lock for all that is sent, its answers to pings included, and waits for it without a
+        deadline. A server that sends pings and reads nothing holds it for ever.
+
+        Raises:
+            OSError: Also if the connection is broken, PolicyError if this side broke it for a message too large.
+        """
+        late = threading.Event()
+
+        def cut() -> None:
+            late.set()
+            # Not the method of an encrypted socket, which would wait for the other side.
+            with contextlib.suppress(OSError):
+                socket.socket.shutdown(self._socket.socket, socket.SHUT_RDWR)
+
+        timer = threading.Timer(max(0.001, timeout_s), cut)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        except ConnectionClosed as error:
+            if late.is_set():
+                raise TimeoutError(what) from error
+            raise self._broken(error) from error
+        finally:
+            timer.cancel()
+
+    def _not_connected(self, error: Exception) -> Exception:
+        """Return the error of a connection that did not come about."""
+        answer = error if isinstance(error, InvalidStatus) else error.__context__
+        if isinstance(answer, InvalidStatus):
+            status = answer.response.status_code
+            if status in _REFUSED:
+                # A server on FastAPI (vLLM-Omni) also answers 403 for a path at which it serves nothing.
+                other = (
+                    ""
+                    if status != _FORBIDDEN
+                    else f" If it wants no key, it serves nothing at {self._path}: correct the path."
+                )
+                return HandshakeError(
+                    f"{self._where} refuses this client (HTTP {status}). "
+                    f"Give api_key_env=NAME with the variable that holds its key.{other}"
+                )
+            if status in _ABSENT:
+                return HandshakeError(
+                    f"{self._where} has no websocket at {self._path} (HTTP {status}). Correct the path in the address."
+                )
+            if 300 <= status < 400:
+                elsewhere = one_line(answer.response.headers.get("Location", "no address"), most=200)
+                return HandshakeError(
+                    f"{self._where} sends this client elsewhere (HTTP {status}, {elsewhere}). Redirects are not "
+                    "followed: give the address of the server itself."
+                )
+            return ConnectionError(f"the server answered HTTP {status}")
+        if isinstance(error, (InvalidURI, UnicodeError)):
+            return HandshakeError(f"{self._where} is not an address of a websocket ({error}).")
+        # One who talks before we have asked can trip an assertion of the library's.
+        return ConnectionError(f"the server there is not a websocket server ({error})")
+
+    def _broken(self, error: ConnectionClosed) -> OSError:
+        """Return the error of a broken connection.
+
+        Raises PolicyError if it was this side that closed it, because a message was too large.
+        """
+        if error.sent is not None and error.sent.code == _TOO_LARGE:
+            raise PolicyError(f"{self._where} sent a message of more than {self._max_bytes} bytes.") from error
+        if error.rcvd is None:
+            return ConnectionError("the connection was dropped")
+        reason = one_line(error.rcvd.reason, most=120)
+        return ConnectionError(f"the server closed the connection with code {error.rcvd.code} {reason}".strip())
+
+
+def quiet_logger() -> logging.Logger:
+    """Return a logger for the library, which would log a traceback for every port scan and client that breaks off."""
+    quiet = logging.getLogger(f"{__name__}.websockets")
+    quiet.setLevel(logging.CRITICAL)
+    return quiet

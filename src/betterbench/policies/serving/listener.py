@@ -1,0 +1,116 @@
+"""A listening socket that survives a crowd: it takes so many connections at a time and leaves the others in line."""
+
+from __future__ import annotations
+
+import errno
+import socket
+import threading
+import time
+
+from betterbench.errors import InvalidInputError
+from betterbench.policies.serving.frame_budget import FrameBudget
+
+_PASSING = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM, errno.ECONNABORTED, errno.EPROTO})
+"""Errors of ``accept`` after which the next connection may be taken again."""
+
+_PAUSE_S = 0.1
+_KEEPALIVE = ((socket.TCP_KEEPIDLE, 60), (socket.TCP_KEEPINTVL, 20), (socket.TCP_KEEPCNT, 6))
+
+
+class Listener(socket.socket):
+    """A listening TCP socket whose ``accept`` waits while ``most`` of its connections are open, if there is a limit.
+
+    Without descriptors or memory for another connection it waits too, where the loop of a server would end. A peer that
+    has gone without a word is noticed after three minutes.
+    """
+
+    def __init__(self, bound: socket.socket, *, most: int | None, budget: FrameBudget | None = None) -> None:
+        """Take over a socket that listens; what its connections receive counts in a budget, if there is one."""
+        super().__init__(bound.family, bound.type, bound.proto, fileno=bound.detach())
+        self._budget = budget
+        self._room = None if most is None else threading.BoundedSemaphore(most)
+
+    def accept(self) -> tuple[socket.socket, object]:
+        """Return the next connection and the address of its peer; raise OSError when the socket is closed."""
+        while self._room is not None and not self._room.acquire(timeout=_PAUSE_S):
+            if self.fileno() < 0:
+                raise OSError(errno.EBADF, "the server has stopped")
+            if self._budget is not None:
+                self._budget.cut_stuck()
+        try:
+            taken, peer = self._take_patiently()
+        except BaseException:
+            self._leave()
+            raise
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEPALIVE:
+            taken.setsockopt(socket.IPPROTO_TCP, option, value)
+        return _Taken(taken, self, self._budget), peer
+
+    def _take_patiently(self) -> tuple[socket.socket, object]:
+        while True:
+            try:
+                return self._take()
+            except OSError as problem:
+                if problem.errno not in _PASSING:
+                    raise
+                time.sleep(_PAUSE_S)
+
+    def _take(self) -> tuple[socket.socket, object]:
+        return super().accept()
+
+    def _leave(self) -> None:
+        if self._room is not None:
+            self._room.release()
+
+
+class _Taken(socket.socket):
+    """A connection that makes room for the next one when it is closed, and receives within the budget of all."""
+
+    def __init__(self, taken: socket.socket, listener: Listener, budget: FrameBudget | None) -> None:
+        super().__init__(taken.family, taken.type, taken.proto, fileno=taken.detach())
+        self._listener: Listener | None = listener
+        self._budget = budget
+        self.metered = None if budget is None else budget.opened(self)
+
+    def recv(self, bufsize: int, flags: int = 0, /) -> bytes:
+        if self._budget is None or self.metered is None:
+            return super().recv(bufsize, flags)
+        self._budget.before_receiving(self.metered)
+        data = super().recv(bufsize, flags)
+        self._budget.received(self.metered, data)
+        return data
+
+    def answered(self) -> None:
+        """Note that the first message that was received is answered."""
+        if self._budget is not None and self.metered is not None:
+            self._budget.answered(self.metered)
+
+    def close(self) -> None:
+        super().close()
+        if self._budget is not None and self.metered is not None:
+            self._budget.closed(self.metered)
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            listener._leave()
+
+
+def listen(host: str, port: int, *, most: int | None = None, budget: FrameBudget | None = None) -> Listener:
+    """Return a socket that listens for TCP connections, ``most`` at a time; InvalidInputError if it cannot be had."""
+    if not 0 <= port <= 65535:
+        raise InvalidInputError("--port", f"{port} is not a port", "Give 1 to 65535, or 0 for any free one")
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return Listener(socket.create_server((host, port), family=family), most=most, budget=budget)
+    except OSError as problem:
+        if problem.errno == errno.EADDRINUSE:
+            raise InvalidInputError(
+                "--port", f"{port} is in use on {host}", "Give another one, or 0 for any free one"
+            ) from None
+        if problem.errno == errno.EACCES:
+            raise InvalidInputError("--port", f"{port} is not allowed here", "Give one above 1023") from None
+        raise InvalidInputError(
+            "--host",
+            f"{host!r} is not an interface of this machine ({problem.strerror})",
+            "127.0.0.1 is this machine alone",
+        ) from None

@@ -1,0 +1,284 @@
+"""The server of the openpi protocol: metadata first, then one frame in, one frame out, an error as text.
+
+What is served is somebody else's business: a server is given a function that makes a :class:`Session` for each
+connection. Every connection has a thread of its own, so a client that is slow, that breaks off or that sends garbage
+harms nobody else. Facts of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hmac
+import http
+import logging
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.sync.server import Server, ServerConnection, serve
+
+from betterbench.errors import BetterError, InvalidInputError
+from betterbench.policies.protocols.websocket import quiet_logger
+from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
+from betterbench.policies.serving.callers import LOOPBACK_NAMES, is_own_host
+from betterbench.policies.serving.frame_budget import FrameBudget
+from betterbench.policies.serving.listener import listen
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_PORT = 8000
+"""The port of openpi's own server."""
+LOOPBACK = "127.0.0.1"
+MAX_CLIENTS = 128
+"""Clients that are served at once unless told otherwise. A connection takes four file descriptors and two threads, and
+a process has 1,024 descriptors on most machines."""
+MAX_REQUEST_BYTES = 64 * 1024 * 1024
+"""Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
+IDLE_S = 3600.0
+"""How long a client may be silent before its connection is closed and what it holds is given back [s]."""
+IDLE_WHILE_FULL_S = 600.0
+"""How long a client may be silent while all slots are taken and another client waits [s]. Between two questions a
+policy loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
+
+_AWAY_CODE = 1001
+_ERROR_CODE = 1011
+_FULL_CODE = 1013
+_CLOSE_TIMEOUT_S = 2.0
+_GREETED_AT_ONCE = 32
+_QUEUED = 2
+_ROOM_S, _PAUSE_S = 1.0, 0.02
+
+
+class Session(Protocol):
+    """Answers the requests of one connection, one after the other."""
+
+    def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
+
+        Raises BetterError if the request cannot be answered; its text travels to the client as it is.
+        """
+
+    def close(self) -> None:
+        """Forget the connection."""
+
+
+class PolicyServer:
+    """Serves sessions until it is told to stop; a context manager that starts and stops it."""
+
+    def __init__(
+        self,
+        make_session: Callable[[], Session],
+        *,
+        metadata: Mapping[str, Any],
+        host: str = LOOPBACK,
+        port: int = DEFAULT_PORT,
+        api_key: str | None = None,
+        clients: int | None = MAX_CLIENTS,
+        on_stop: Callable[[], None] | None = None,
+        budget: FrameBudget | None = None,
+        idle_while_full_s: float = IDLE_WHILE_FULL_S,
+    ) -> None:
+        """Bind the socket, to any free one if the port is 0; nobody is answered before :meth:`start`.
+
+        A session is made when a client asks its first question. ``clients`` is how many are served at once, at most, or
+        None without a limit. ``on_stop`` is called once when all connections have ended. ``budget`` bounds what all
+        clients have sent and got no answer to. When all slots are taken and another client arrives, the client that has
+        been silent longest is let go, if that is longer than ``idle_while_full_s`` [s]. Raises InvalidInputError if it
+        cannot listen there.
+        """
+        self._make_session, self._api_key, self._on_stop = make_session, api_key, on_stop
+        self._clients, self._budget = clients, budget or FrameBudget()
+        self._idle_while_full_s = idle_while_full_s
+        self._greeting = encode_openpi(dict(metadata))
+        self._lock = threading.Lock()
+        self._open: dict[ServerConnection, threading.Thread] = {}
+        self._silent_since: dict[ServerConnection, float] = {}
+        self._thread: threading.Thread | None = None
+        self._server: Server = serve(
+            self._converse,
+            sock=listen(host, port, most=None if clients is None else clients + _GREETED_AT_ONCE, budget=self._budget),
+            compression=None,
+            max_size=MAX_REQUEST_BYTES,
+            max_queue=_QUEUED,
+            process_request=self._admit,
+            # A client that simulates for a minute between two questions is alive, whether it answers pings or not.
+            ping_interval=None,
+            close_timeout=_CLOSE_TIMEOUT_S,
+            logger=quiet_logger(),
+        )
+        self.host = host
+        self.port = int(self._server.socket.getsockname()[1])
+
+    @property
+    def _own_origins(self) -> set[str]:
+        hosts = (self.client_host, LOOPBACK, "localhost", "[::1]")
+        return {f"http://{host}:{self.port}" for host in hosts}
+
+    @property
+    def client_host(self) -> str:
+        """Name under which a client on this machine reaches it."""
+        return LOOPBACK if self.host in ("0.0.0.0", "::", "") else self.host  # noqa: S104 - compared, not bound
+
+    @property
+    def address(self) -> str:
+        """Address to evaluate what is served here."""
+        host = self.client_host
+        return f"openpi://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    def start(self) -> None:
+        """Answer clients from now on, in threads of this process."""
+        self._thread = threading.Thread(target=self._server.serve_forever, name=f"serve:{self.port}", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no more connections, close those that are open, and wait until their threads have ended."""
+        thread, self._thread = self._thread, None
+        self._budget.stop()
+        if thread is None:
+            self._server.socket.close()
+            return
+        self._server.shutdown()
+        thread.join()
+        # Older releases of websockets leave the open connections to their handlers.
+        with self._lock:
+            left = list(self._open.items())
+        for connection, _ in left:
+            with contextlib.suppress(Exception):
+                connection.close(_AWAY_CODE)
+        for _, worker in left:
+            worker.join(_CLOSE_TIMEOUT_S)
+        if self._on_stop is not None:
+            self._on_stop()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer health checks, and send strangers away."""
+        if request.path == "/healthz":
+            return connection.respond(http.HTTPStatus.OK, "OK\n")
+        # A browser lets any page that its user visits open a websocket to this machine, and says which page it was.
+        if not set(request.headers.get_all("Origin")) <= self._own_origins:
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is not for pages of other sites.\n")
+        if self.host in LOOPBACK_NAMES and not is_own_host(request.headers.get_all("Host"), self.host):
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "This server is for clients of its own machine.\n")
+        if self._api_key is not None:
+            shown = request.headers.get("Authorization", "")
+            if not hmac.compare_digest(shown.encode(), f"Api-Key {self._api_key}".encode()):
+                return connection.respond(http.HTTPStatus.UNAUTHORIZED, "This server wants an Api-Key.\n")
+        if self._full() and not self._room_made():
+            return connection.respond(
+                http.HTTPStatus.SERVICE_UNAVAILABLE, "This server has as many clients as it may.\n"
+            )
+        return None
+
+    def _room_made(self) -> bool:
+        """Drop a client that is stuck within a message or silent for long, and tell whether that has made room soon."""
+        self._budget.cut_stuck()
+        is_let_go = self._let_silent_go()
+        end = time.monotonic() + _ROOM_S + (_CLOSE_TIMEOUT_S if is_let_go else 0.0)
+        while self._full() and time.monotonic() < end and (is_let_go or self._budget.is_dropping):
+            time.sleep(_PAUSE_S)
+        return not self._full()
+
+    def _let_silent_go(self) -> bool:
+        """Close the connection of the client that has been silent longest, if that is too long while others wait."""
+        with self._lock:
+            if self._clients is None or len(self._open) < self._clients or not self._silent_since:
+                return False
+            longest = min(self._silent_since, key=self._silent_since.__getitem__)
+            if time.monotonic() - self._silent_since[longest] <= self._idle_while_full_s:
+                return False
+            # No other newcomer closes it again, and its thread, which a frame may have woken, answers no more.
+            del self._silent_since[longest]
+        logger.info("%s was silent for too long while others wait", _name_of(longest.remote_address))
+        # In a thread, because closing waits for the answer of a client that may have gone to sleep.
+        closing = (_AWAY_CODE, "This client was silent for too long while others wait.")
+        threading.Thread(target=longest.close, args=closing, name="let-go", daemon=True).start()
+        return True
+
+    def _full(self, more: int = 1) -> bool:
+        """Tell whether so many more clients would be too many."""
+        with self._lock:
+            return self._clients is not None and len(self._open) + more > self._clients
+
+    def _converse(self, connection: ServerConnection) -> None:
+        """Talk to one client until it leaves."""
+        client = _name_of(connection.remote_address)
+        with self._lock:
+            self._open[connection] = threading.current_thread()
+        logger.info("%s connected", client)
+        answered, session = 0, None
+        timing: dict[str, float] = {}
+        try:
+            if self._full(0):
+                connection.close(_FULL_CODE, "This server has as many clients as it may.")
+                return
+            connection.send(self._greeting)
+            while (frame := self._next_frame(connection)) is not None:
+                # May load weights, which the deadline of a dial is not made for, and which an idle client needs not.
+                session = session or self._make_session()
+                began = time.perf_counter()
+                reply = self._reply(session, frame)
+                reply["server_timing"] = {"infer_ms": 1000.0 * (time.perf_counter() - began)} | timing
+                connection.send(encode_openpi(reply))
+                timing = {"prev_total_ms": 1000.0 * (time.perf_counter() - began)}
+                answered += 1
+                connection.socket.answered()  # type: ignore[attr-defined] # of the listener
+        except ConnectionClosed:
+            pass
+        except BaseException as problem:  # noqa: BLE001 - whatever goes wrong is told to this client and to no other
+            text = str(problem) if isinstance(problem, BetterError) else traceback.format_exc()
+            logger.warning("%s: %s", client, text.strip().splitlines()[-1])
+            if session is not None:
+                session.close()  # before the client knows, and comes back for another one
+                session = None
+            with contextlib.suppress(ConnectionClosed):
+                connection.send(text)
+                connection.close(_ERROR_CODE, "The reason is in the frame before.")
+        finally:
+            with self._lock:
+                self._open.pop(connection, None)
+                self._silent_since.pop(connection, None)
+            if session is not None:
+                session.close()
+            logger.info("%s left after %d answers", client, answered)
+
+    def _next_frame(self, connection: ServerConnection) -> str | bytes | None:
+        """Return the next frame of a client; None if it has been silent for too long, whose connection is closed."""
+        with self._lock:
+            self._silent_since[connection] = time.monotonic()
+        try:
+            frame = connection.recv(timeout=IDLE_S)
+        except TimeoutError:
+            connection.close(_AWAY_CODE, "This client was silent for too long.")
+            return None
+        with self._lock:
+            is_let_go = self._silent_since.pop(connection, None) is None
+        return None if is_let_go else frame
+
+    def _reply(self, session: Session, frame: str | bytes) -> dict[str, Any]:
+        """Return the reply to a frame; raise InvalidInputError if the frame is not a request."""
+        if isinstance(frame, str):
+            raise InvalidInputError("the request", "it is a text frame", "Send one binary msgpack map per observation")
+        request = decode_openpi(frame)
+        if not isinstance(request, dict):
+            raise InvalidInputError(
+                "the request", f"it is a {type(request).__name__}", "Send a map, as openpi's client"
+            )
+        return dict(session.answer(request))
+
+
+def _name_of(address: Any) -> str:  # noqa: ANN401 - a tuple whose form depends on the family of the socket
+    return f"{address[0]}:{address[1]}" if isinstance(address, tuple) and len(address) >= 2 else str(address)

@@ -1,0 +1,45 @@
+"""Records of episodes and the folders of runs: the privileged truth on disk, readable without a simulator.
+
+- ``record``, ``metadata``, ``columns``, ``parquet``: the log of one episode and its file; ``builder`` makes it step by
+step.
+- ``run``, ``journal``, ``scene_archive``: the folder of a run, its finished trials, and its compiled scenes.
+- ``demonstration``, ``segmenting``, ``twins``: what records of demonstrations say beside their columns.
+- ``modalities``: files of depth, masks and boxes beside the records.
+"""
+
+from betterbench.records.builder import RecordBuilder
+from betterbench.records.columns import Contacts
+from betterbench.records.demonstration import Demonstrator, SkillWindow, SubgoalSegment
+from betterbench.records.journal import Journal, JournalEntry, TrialStatus, read_journal
+from betterbench.records.metadata import SCHEMA_VERSION, Outcome, RecordMetadata, Termination
+from betterbench.records.parquet import read_outcome, read_record, record_bytes, write_record
+from betterbench.records.record import Record
+from betterbench.records.run import RunFolder, first_difference
+from betterbench.records.run_names import run_names, told_apart
+from betterbench.records.segmenting import subgoal_segments
+
+__all__ = [
+    "SCHEMA_VERSION",
+    "Contacts",
+    "Demonstrator",
+    "Journal",
+    "JournalEntry",
+    "Outcome",
+    "Record",
+    "RecordBuilder",
+    "RecordMetadata",
+    "RunFolder",
+    "SkillWindow",
+    "SubgoalSegment",
+    "Termination",
+    "TrialStatus",
+    "first_difference",
+    "read_journal",
+    "read_outcome",
+    "read_record",
+    "record_bytes",
+    "run_names",
+    "subgoal_segments",
+    "told_apart",
+    "write_record",
+]

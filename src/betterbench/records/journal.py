@@ -1,0 +1,173 @@
+"""The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
+
+Each line holds the SHA-256 of its record, the digest of its scene and a link, the SHA-256 of the link before it and of
+the line itself, so that a line that is changed, left out or moved is noticed. Journals of older versions have no digest
+of scenes, or none of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, TypeAdapter
+
+from betterbench.errors import RecordError, RunConflictError
+from betterbench.jobs.line_journal import LineJournal, complete_lines, link_after, not_following
+from betterbench.json_form import read_form
+from betterbench.tasks.trial_id import TrialId
+
+TrialStatus = Literal["done", "error"]
+"""Whether a trial has a record, or broke down outside the policy and is run again when the run is resumed."""
+
+
+@dataclass(frozen=True, slots=True)
+class JournalEntry:
+    """One finished trial.
+
+    Attributes:
+        condition: Name of the condition within the task ("train1", "L3").
+        status: "done" when its record is on disk, "error" when it has to be run again.
+        message: What broke, for "error".
+        wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
+        ground_truth: What a faulty policy knows of its own episode, by name; no record holds it, no verdict reads it.
+        record: SHA-256 of the file of its record, or None where there is no record or an older version wrote the line.
+        scene: Digest of the files of the scene that it ran in
+            (:func:`~betterbench.records.scene_archive.scene_digest`), or None likewise.
+    """
+
+    task: str
+    condition: str
+    variation: str | None
+    seed: int
+    status: TrialStatus = "done"
+    message: str | None = None
+    wall: Mapping[str, float] = field(default_factory=dict)
+    ground_truth: Mapping[str, str] = field(default_factory=dict)
+    record: str | None = None
+    scene: str | None = None
+
+    @property
+    def key(self) -> TrialId:
+        """The name of the trial within the run."""
+        return TrialId(self.task, self.condition, self.seed)
+
+
+_Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Line(BaseModel, extra="forbid", strict=True, allow_inf_nan=False):
+    """The JSON form of an entry: every field is written, and journals of older versions hold no ground truth."""
+
+    task: str
+    condition: str
+    variation: str | None
+    seed: Annotated[int, Field(ge=0)]
+    status: TrialStatus
+    message: str | None
+    wall: dict[str, float]
+    ground_truth: dict[str, str] = {}
+    record: _Digest | None = None
+    scene: _Digest | None = None
+    link: str | None = None
+
+
+_LINE = TypeAdapter(_Line)
+_LINE_CURE = "Restore the file from a copy, or evaluate into a new folder"
+
+
+class Journal(LineJournal):
+    """The journal of a run (``journal.jsonl``), open for appending by one process at a time.
+
+    Raises:
+        RunConflictError: If another process appends to it.
+        RecordError: If a line is corrupt, or a trial is finished twice.
+    """
+
+    def __init__(self, path: Path, *, renews: bool = False) -> None:
+        self._entries: dict[TrialId, JournalEntry] = {}
+        self._link = ""
+        super().__init__(path, renews=renews)
+
+    def _take_in(self, lines: list[bytes]) -> None:
+        self._entries, self._link = _last_entries(self._path, lines)
+
+    @property
+    def entries(self) -> tuple[JournalEntry, ...]:
+        """The last entry of every trial, in order of first appearance."""
+        return tuple(self._entries.values())
+
+    def entry(self, key: TrialId) -> JournalEntry | None:
+        """Return the last entry of a trial, or None."""
+        return self._entries.get(key)
+
+    def is_done(self, key: TrialId) -> bool:
+        """Tell whether a trial is finished and must not be run again."""
+        entry = self._entries.get(key)
+        return entry is not None and entry.status == "done"
+
+    def append(self, entry: JournalEntry) -> None:
+        """Append a finished trial and force it to disk.
+
+        Raises:
+            InvalidInputError: If the entry could not be read back: a figure is not finite, or a field has another type.
+            RunConflictError: If the trial is finished already.
+            OSError: If the disk is full; the journal is then as it was before.
+            ValueError: If the journal is closed.
+        """
+        if self.is_done(entry.key):
+            raise RunConflictError(
+                f"{self._path}: {entry.key} is finished already. Ask is_done() before running a trial."
+            )
+        self._append(entry)
+
+    def reopen(self, key: TrialId, reason: str) -> None:
+        """Append that a finished trial has to be run again, because its record is not there; raises what append does.
+
+        Nothing happens where the trial is not finished.
+        """
+        if self.is_done(key):
+            self._append(replace(self._entries[key], status="error", message=reason, wall={}, record=None, scene=None))
+
+    def _append(self, entry: JournalEntry) -> None:
+        form = asdict(entry)
+        read_form(_LINE, form, where="journal entry", cure="Leave the field out or give a value of its type")
+        link = link_after(self._link, form)
+        self._append_line({**form, "link": link})
+        self._entries[entry.key], self._link = entry, link
+
+
+def read_journal(path: Path) -> tuple[JournalEntry, ...]:
+    """Read a journal without changing it, also while a run appends to it; an unfinished last line is left out.
+
+    Returns the last entry of every trial, in order of first appearance. Raises RecordError if a line is corrupt, or a
+    trial is finished twice.
+    """
+    return tuple(_last_entries(path, complete_lines(path)[0])[0].values())
+
+
+def _last_entries(path: Path, lines: Sequence[bytes]) -> tuple[dict[TrialId, JournalEntry], str]:
+    """Return the last entry of every trial, and the link of the last line."""
+    entries: dict[TrialId, JournalEntry] = {}
+    done: dict[TrialId, int] = {}
+    link = ""
+    for number, line in enumerate(lines, start=1):
+        where = f"{path}: line {number}"
+        form = read_form(_LINE, line, where=f"{where} is corrupt", cure=_LINE_CURE, raises=RecordError)
+        fields = form.model_dump(exclude_unset=True)  # the link is of the fields that the version had which wrote it
+        told = fields.pop("link", None)
+        if told is not None or link:
+            link = link_after(link, fields)
+            if told != link:
+                raise not_following(where, _LINE_CURE)
+        entry = JournalEntry(**fields)
+        if entry.status == "error":
+            done.pop(entry.key, None)  # its record was not there any more
+        elif entry.key in done:
+            raise RecordError(f"{where} finishes {entry.key} again, after line {done[entry.key]}. {_LINE_CURE}.")
+        else:
+            done[entry.key] = number
+        entries[entry.key] = entry
+    return entries, link

@@ -1,0 +1,131 @@
+"""What a record says about itself: which trial it is of, under which versions, and how the episode ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field
+
+from betterbench.errors import InvalidInputError
+from betterbench.interface.state import NO_JITTER, SceneInfo, ViewJitter
+from betterbench.json_form import strict_form
+from betterbench.records.demonstration import Demonstrator, SubgoalSegment
+from betterbench.tasks import Looks
+
+SCHEMA_VERSION = 1
+"""Version of the record's columns and metadata; it moves when an older reader would misunderstand a newer file."""
+
+Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
+"""Why an episode ended: the goal was met (or rightly left alone), it became unreachable or forbidden, the step limit
+was reached, the policy broke its protocol, or the operator stopped it."""
+
+_Count = Annotated[int, Field(ge=0)]
+
+TERMINATIONS: tuple[str, ...] = get_args(Termination)
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How an episode ended.
+
+    Attributes:
+        success: Whether the trial counts as a success under its expected behavior.
+        error: What went wrong, for "policy_error" and "interrupted".
+        clipped_actions: Actions that had to be clipped to the bounds of the action space.
+        invalid_actions: Answers of the policy that could not be executed.
+    """
+
+    termination: Termination
+    success: bool
+    error: str | None = None
+    clipped_actions: int = 0
+    invalid_actions: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse contradictory outcomes."""
+        if self.termination not in TERMINATIONS:
+            problem = f"{self.termination!r} is not a reason to end an episode"
+            raise InvalidInputError("termination", problem, f"Use one of {', '.join(TERMINATIONS)}")
+        if self.success and self.termination in ("failure", "policy_error", "interrupted"):
+            raise InvalidInputError(
+                "success", f"true although the episode ended by {self.termination}", "Give one of them"
+            )
+        for name in ("clipped_actions", "invalid_actions"):
+            if getattr(self, name) < 0:
+                raise InvalidInputError(name, f"{getattr(self, name)} is negative", "Give 0 or more")
+
+
+@strict_form
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordMetadata:
+    """What is known about an episode before it starts.
+
+    Attributes:
+        suite_version: Version of the suite, which also seeds its random streams.
+        condition: Name of the condition within the task ("train1", "L3").
+        variation: Name of the variation ("L3"), or None on a training condition.
+        axis: Axis of the variation, or None on a training condition.
+        base_condition: Training condition a variation is derived from; the same seed of it is the twin.
+        interventions: The operations as text, in order.
+        expected: What a correct policy does ("succeed", "refuse", "stay_still").
+        action_components: Name of each number of an action.
+        camera_preset: Name of the observation preset, or None when no image was rendered.
+        render_quality: Name of the render preset, or None likewise.
+        engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
+        scene_hash: Name of the stored scene ``scenes/HASH.zip``.
+        looks: Which looks the run draws from.
+        room: Name of the room that the trial drew.
+        view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
+        predicate_names: Meaning of each column of ``predicates``.
+        subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
+        demonstrator: Who or what demonstrated; None for the trial of a policy under test.
+        segments: The rows that serve each subgoal, derived from the states; of demonstrations alone.
+    """
+
+    task: str
+    task_version: _Count
+    suite_version: str
+    package_version: str
+    condition: str
+    variation: str | None
+    axis: str | None
+    base_condition: str | None
+    interventions: tuple[str, ...]
+    seed: _Count
+    policy: str
+    instruction: str
+    expected: str
+    action_space: str
+    action_components: tuple[str, ...]
+    control_rate_hz: Annotated[float, Field(gt=0.0)]
+    camera_preset: str | None
+    render_quality: str | None
+    engine: Mapping[str, str]
+    scene_hash: str
+    scene: SceneInfo
+    predicate_names: tuple[str, ...]
+    subgoal_names: tuple[str, ...]
+    looks: Looks = "seen"
+    room: str = ""
+    view_jitter: ViewJitter = NO_JITTER
+    demonstrator: Demonstrator | None = None
+    segments: tuple[SubgoalSegment, ...] = ()
+    schema_version: int = SCHEMA_VERSION
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form; what only demonstrations have is left out of all other records."""
+        form: dict[str, Any] = {}
+        for f in fields(self):
+            value = getattr(self, f.name)
+            form[f.name] = list(value) if isinstance(value, tuple) else value
+        form["engine"] = dict(self.engine)
+        form["scene"] = self.scene.to_json()
+        form["view_jitter"] = self.view_jitter.to_json()
+        del form["demonstrator"], form["segments"]
+        if self.demonstrator is not None:
+            form["demonstrator"] = self.demonstrator.to_json()
+            form["segments"] = [segment.to_json() for segment in self.segments]
+        return form

@@ -1,0 +1,94 @@
+"""What a file of modalities says about itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Vector
+from betterbench.json_form import strict_form
+from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE, semantics_of_instances
+from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
+
+FORMAT_VERSION: Literal[2] = 2
+"""Version of the columns and of the header; it moves when an older reader would misunderstand a newer file. Files of
+version 1 have no seal; better materialize draws them again."""
+
+_Count = Annotated[int, Field(ge=0)]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class BoxedObject:
+    """An object of the scene; boxes list the objects in the order of the record's ``scene.objects``.
+
+    Attributes:
+        instance: Its number in the column ``instances``.
+        semantic: Number of its category in the column ``semantics``.
+        half_size_m: Half extents of its 3-D box along the axes of its own frame [m].
+    """
+
+    name: str
+    category: str
+    instance: _Count
+    semantic: _Count
+    half_size_m: Vector
+
+
+@strict_form
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewHeader:
+    """What a file holds, and of what.
+
+    Attributes:
+        record_sha256: SHA-256 of the file of the record.
+        quality: Render preset of the colors.
+        modalities: What the file holds, in the order of its columns.
+        focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the middle of the image:
+            K = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
+        stage: Instance ids of what is no object.
+        renderer: Fingerprint of OpenGL and of the simulator, on which pixels depend.
+    """
+
+    task: str
+    condition: str
+    seed: _Count
+    policy: str
+    record_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    scene_hash: str
+    view: ViewSpec
+    quality: str
+    modalities: tuple[Modality, ...]
+    control_rate_hz: Annotated[float, Field(gt=0.0)]
+    focal_px: Annotated[float, Field(gt=0.0)]
+    objects: tuple[BoxedObject, ...]
+    renderer: Mapping[str, str]
+    stage: Mapping[str, int]
+    format_version: Literal[2] = FORMAT_VERSION
+
+    def __post_init__(self) -> None:
+        """Refuse modalities that stand twice or in another order."""
+        if list(self.modalities) != [name for name in MODALITIES if name in self.modalities] or not self.modalities:
+            raise InvalidInputError("modalities", "are none, or not in their order", "Materialize the trial again")
+
+    @property
+    def semantics(self) -> list[int]:
+        """Semantic id by instance id."""
+        return semantics_of_instances([o.category for o in self.objects])
+
+
+HEADER = TypeAdapter(ViewHeader)
+
+
+def stage_ids() -> dict[str, int]:
+    """Return the instance id of each part of the stage and the robot."""
+    return {name: 1 + i for i, name in enumerate(STAGE)}
+
+
+def instance_of_object(index: int) -> int:
+    """Return the instance id of an object by its place in the record's ``scene.objects``."""
+    return FIRST_OBJECT + index

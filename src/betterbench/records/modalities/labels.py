@@ -1,0 +1,66 @@
+"""What the numbers of masks mean: instances within a scene, and semantic ids by category, the same in every scene."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from importlib import resources
+
+from betterbench.errors import InvalidInputError
+
+NOTHING = 0
+"""Instance and semantic id where an image shows no body: the sky."""
+
+STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
+"""What is no object, in the order of its instance ids, which begin with 1. "other" is what a model holds besides."""
+
+FIRST_OBJECT = 10
+"""Instance id of the first object of a scene; the others follow in the order of the record's ``scene.objects``."""
+
+FIRST_OWN = 1024
+"""First semantic id of categories that do not come with betterbench; theirs follow from their names."""
+
+_LAST = 0xFFFF
+
+
+def _known() -> dict[str, int]:
+    text = resources.files("betterbench.records.modalities").joinpath("semantics.json").read_text(encoding="utf-8")
+    return dict(json.loads(text)["ids"])
+
+
+SEMANTIC_IDS: dict[str, int] = _known()
+"""Semantic id by category, of the stage and of all assets that come with betterbench (``semantics.json``)."""
+
+
+def semantic_id(category: str) -> int:
+    """Return the semantic id of a category: 1 to 1023 from the list, and from its name for one of your own.
+
+    The latter is 1024 plus the first four bytes of the name's SHA-256, as a big-endian number, modulo 64512.
+    """
+    known = SEMANTIC_IDS.get(category)
+    if known is not None:
+        return known
+    digest = int.from_bytes(hashlib.sha256(category.encode()).digest()[:4], "big")
+    return FIRST_OWN + digest % (_LAST + 1 - FIRST_OWN)
+
+
+def semantic_ids(categories: Iterable[str]) -> dict[str, int]:
+    """Return the semantic ids of the list and of further categories, in the order of the ids.
+
+    Raises InvalidInputError if two categories have the same id, which happens to two of your own with odds of 1 in
+    64512.
+    """
+    names: dict[int, str] = {}
+    for category in (*SEMANTIC_IDS, *categories):
+        other = names.setdefault(semantic_id(category), category)
+        if other != category:
+            problem = f"has the semantic id of {other!r}"
+            raise InvalidInputError(f"category {category!r}", problem, "Give one of the two another name")
+    return {names[number]: number for number in sorted(names)}
+
+
+def semantics_of_instances(categories: Sequence[str]) -> list[int]:
+    """Return the semantic id by instance id, for a scene whose objects have these categories, in their order."""
+    stage = [NOTHING, *(semantic_id(name) for name in STAGE)]
+    return [*stage, *[NOTHING] * (FIRST_OBJECT - len(stage)), *(semantic_id(name) for name in categories)]

@@ -1,0 +1,628 @@
+"""A run folder: where everything of a run lies, and whose run it is."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import logging
+import re
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import astuple, dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, NotRequired
+
+from pydantic import Field, TypeAdapter
+from typing_extensions import TypedDict
+
+from betterbench.errors import InvalidInputError, RecordError, RunConflictError, one_line
+from betterbench.jobs.durable import PART_SUFFIX, remove_parts, write_durably
+from betterbench.jobs.line_journal import say_lost_tail
+from betterbench.jobs.lock import LOCK_NAME, RunLock, is_locked
+from betterbench.jobs.places import require_inside
+from betterbench.json_form import (
+    dump_json,
+    file_digest,
+    growing_form,
+    open_seal,
+    read_bounded,
+    read_form,
+    read_ordinary,
+    sealed_form,
+    strict_form,
+)
+from betterbench.records.journal import Journal, JournalEntry, read_journal
+from betterbench.records.metadata import Outcome, RecordMetadata
+from betterbench.records.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
+from betterbench.records.record import Record
+from betterbench.records.scene_archive import StorableScene, has_digest, read_scene, scene_digest, write_scene
+from betterbench.tasks.trial_id import TrialId
+from betterbench.tasks.user_files import COMPANION_SUFFIX, COPIES, loaded_files, require_origins
+
+logger = logging.getLogger(__name__)
+
+RUN_SCHEMA_VERSION = 2
+"""Version of ``run.json`` and of the layout of the folder; version 1 had no seal."""
+
+_MAX_RUN_JSON_BYTES = 64 * 1024 * 1024
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
+_HASH = re.compile(r"[0-9a-f]{8,128}")
+
+
+@growing_form
+class _PolicyChange(TypedDict):
+    """A time at which a run went on with another policy."""
+
+    policy: dict[str, Any]
+    trials_before: NotRequired[Annotated[int, Field(ge=0)]]
+    difference: NotRequired[str]
+
+
+@growing_form
+class _RunContext(TypedDict, total=False):
+    """What is read of a context; it may say more."""
+
+    policy: dict[str, Any]
+    policy_changes: list[_PolicyChange]
+    extended: list[dict[str, Any]]
+    sources: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _RunDocument:
+    schema_version: Literal[1, 2]
+    plan: dict[str, Any]
+    context: _RunContext
+
+
+_RUN_DOCUMENT = TypeAdapter(_RunDocument)
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """A folder that holds one run.
+
+    ``plan`` is everything that two runs must share to be the same run; ``context`` is good to know and may differ on
+    resuming: machine, policy handshake.
+    """
+
+    path: Path
+    plan: Mapping[str, Any]
+    context: Mapping[str, Any]
+    _planned: Mapping[TrialId, Mapping[str, Any]] | None = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Make the path absolute: whoever changes the working directory later does not move the run."""
+        object.__setattr__(self, "path", self.path.absolute())
+        object.__setattr__(self, "_planned", _planned(self.plan))
+
+    @property
+    def planned(self) -> tuple[TrialId, ...]:
+        """The trials of the plan, in its order; none if it does not list them."""
+        return tuple(self._planned or ())
+
+    @classmethod
+    def start(cls, path: Path, plan: Mapping[str, Any], *, context: Mapping[str, Any] | None = None) -> RunFolder:
+        """Create a run, or resume the one in the folder if it has the same plan, or one with fewer of the same trials.
+
+        The folder is made if missing, and ``run.json`` is written before anything else. A resumed run keeps the
+        context of its first start. A plan with more trials takes the place of the stored one, and the context notes
+        when.
+
+        Raises:
+            RunConflictError: If the folder holds a run with another plan, other files, or is being written to.
+            RecordError: If its ``run.json`` is corrupt.
+            InvalidInputError: If plan or context is not JSON.
+        """
+        path = path.absolute()
+        wanted = _plain({"plan": dict(plan), "context": dict(context or {})})
+        if path.exists() and not path.is_dir():
+            raise RunConflictError(f"{path}: this is a file. Choose another folder for the run.")
+        fresh = not (path / "run.json").exists()
+        if fresh and path.exists() and any(not _is_leftover(p) for p in path.iterdir()):
+            raise RunConflictError(f"{path}: the folder holds other files and no run. Choose an empty or a new folder.")
+        with RunLock(path / LOCK_NAME):
+            remove_parts(path)
+            if not (path / "run.json").exists():
+                write_durably(path / "run.json", _run_json(wanted["plan"], wanted["context"]))
+                _copy_task_files(path, wanted["plan"])
+                return cls(path, wanted["plan"], wanted["context"])
+        existing = cls.open(path)
+        if holds_more(wanted["plan"], existing.plan):
+            existing = existing._grown(wanted["plan"])
+        if holds_more(existing.plan, wanted["plan"]):
+            stored, fewer = (len(plan["trials"]) for plan in (existing.plan, wanted["plan"]))
+            raise RunConflictError(
+                f"{path}: the run in this folder has {stored} trials, and this command asks for {fewer} of them. Give "
+                "as many trials, tasks and variations to resume it, or more to extend it, or choose another folder."
+            )
+        difference = first_difference(existing.plan, wanted["plan"], "plan")
+        if difference is not None:
+            where, there, asked = difference
+            raise RunConflictError(
+                f"{path}: the run in this folder is another one: {where} is {there} there and {asked} here. "
+                "Give the same arguments to resume it, or choose another folder."
+            )
+        _copy_task_files(path, existing.plan)
+        return existing
+
+    @classmethod
+    def open(cls, path: Path) -> RunFolder:
+        """Open an existing run for reading.
+
+        Raises RecordError if the folder holds no run, a corrupt one or one of another version, or its tasks are defined
+        by a user's file that is not loaded.
+        """
+        try:
+            holds_run = (path / "run.json").is_file()
+        except OSError as error:
+            raise RecordError(f"{one_line(path)}: {error.strerror}. Give the folder that `--out` named.") from error
+        if not holds_run:
+            inside = sorted(str(path / found.parent.name) for found in path.glob("*/run.json"))
+            cure = f"Give a run that is in it: {', '.join(inside)}" if inside else "Give the folder that `--out` named"
+            raise RecordError(f"{path}: holds no run (no run.json). {cure}.")
+        cure = "Restore it, or start the run in a new folder; read a run of another version with that version"
+        data = read_bounded(path / "run.json", max_bytes=_MAX_RUN_JSON_BYTES, cure=cure, raises=RecordError)
+        where = str(path / "run.json")
+        form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("schema_version", 2))
+        document = read_form(_RUN_DOCUMENT, form, where=where, cure=cure, raises=RecordError)
+        require_origins(document.plan, path)
+        return cls(path, document.plan, dict(document.context))
+
+    @property
+    def journal_path(self) -> Path:
+        """The file with one line per finished trial."""
+        return self.path / "journal.jsonl"
+
+    @property
+    def report_path(self) -> Path:
+        """The folder of the report; raises what :meth:`inside` raises."""
+        return self.inside("report")
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether the plan names another world than our own scenes."""
+        return "world" in self.plan
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a process is writing to the run now."""
+        return is_locked(self.path / LOCK_NAME)
+
+    def amended(self, changes: Mapping[str, Any]) -> RunFolder:
+        """Write what became known about the run later into its context, and return the run.
+
+        Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
+        """
+        return self._rewritten(self.plan, {**self.context, **changes})
+
+    def restore(self) -> bool:
+        """Write ``run.json`` again if somebody else has removed or changed it since the run was opened; tell so."""
+        path, content = self.path / "run.json", _run_json(self.plan, self.context)
+        with contextlib.suppress(OSError, ValueError):
+            unsealed = {"schema_version": 1, "plan": self.plan, "context": self.context}
+            if json.loads(read_ordinary(path)) in (json.loads(content), unsealed):
+                return False
+        logger.warning("%s was removed or changed by somebody else and is written again", path)
+        write_durably(path, content)
+        return True
+
+    def _grown(self, plan: Mapping[str, Any]) -> RunFolder:
+        """Write a plan that holds this one and more, and return the run."""
+        done = sum(entry.status == "done" for entry in self.entries())
+        at_utc = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        step = {"at_utc": at_utc, "trials_before": len(self.plan["trials"]), "done_before": done}
+        context = {**self.context, "extended": [*self.context.get("extended", []), step]}
+        return self._rewritten(plan, context)
+
+    def _rewritten(self, plan: Mapping[str, Any], context: Mapping[str, Any]) -> RunFolder:
+        """Write ``run.json`` with another plan or context, and return the run."""
+        form = _plain({"plan": dict(plan), "context": dict(context)})
+        with self.locked():
+            write_durably(self.path / "run.json", _run_json(form["plan"], form["context"]))
+        return RunFolder(self.path, form["plan"], form["context"])
+
+    def journal(self, *, renews: bool = False) -> Journal:
+        """Open the journal for appending, which locks the folder until it is closed.
+
+        With ``renews`` it goes on where somebody removes or moves the folder meanwhile; the caller then restores the
+        run and runs the trials again whose records are gone.
+
+        Raises what Journal does, and RecordError if the journal lists what is not planned.
+        """
+        journal = Journal(self.journal_path, renews=renews)
+        try:
+            self._check_entries(journal.entries)
+        except BaseException:
+            journal.close()
+            raise
+        return journal
+
+    def entries(self) -> tuple[JournalEntry, ...]:
+        """Read the journal without locking the folder.
+
+        Raises RecordError if the journal is corrupt or lists what is not planned.
+        """
+        entries = tuple(_known_entries(self.journal_path).values())
+        self._check_entries(entries)
+        self._say_unlisted(entries)
+        return entries
+
+    def entry(self, trial: TrialId) -> JournalEntry | None:
+        """Return the last line of the journal about a trial, or None; raises what :meth:`entries` raises."""
+        return _known_entries(self.journal_path).get(trial)
+
+    def record_digest(self, entry: JournalEntry) -> str:
+        """Return the SHA-256 of the record of a trial that is done, which journals of older versions do not hold."""
+        return entry.record or file_digest(self.record_path(entry.task, entry.condition, entry.seed))
+
+    def _say_unlisted(self, entries: tuple[JournalEntry, ...]) -> None:
+        """Say once that there are records that the journal does not list; the process that writes them is not one."""
+        told = (self.path, len(entries))
+        if told in _TOLD or self.is_running:
+            return
+        _TOLD.add(told)
+        listed = {TrialId(e.task, e.variation or e.condition, e.seed) for e in entries}
+        unlisted = [t for t in self._planned or () if t not in listed and self.record_path(*astuple(t)).exists()]
+        if unlisted:
+            logger.warning(
+                "%s: does not list %d records that are there, of %s and others: it was cut short, or the run was "
+                "killed. They do not count; the command that made the run runs their trials again",
+                self.journal_path,
+                len(unlisted),
+                one_line(unlisted[0]),
+            )
+
+    def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
+        """Refuse a journal that lists what the plan does not."""
+        planned = self._planned
+        for entry in entries if planned is not None else ():
+            key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
+            trial = planned.get(key)  # type: ignore[union-attr] # looked at above
+            if trial is None or trial.get("variation") != entry.variation:
+                problem = (
+                    "is not planned" if trial is None else f"is not planned as a trial of {one_line(entry.variation)}"
+                )
+                raise RecordError(
+                    f"{self.journal_path}: {one_line(entry.key)} {problem}, so the journal or run.json is of another "
+                    "run. Restore both from a copy, or evaluate into a new folder."
+                )
+
+    def record_path(self, task: str, condition: str, seed: int) -> Path:
+        """Return the place of a trial's record.
+
+        Raises InvalidInputError if a name could leave the folder or the seed is negative.
+        """
+        return self._inside("records", task, condition, f"{_seed(seed)}.parquet")
+
+    def video_path(self, task: str, condition: str, seed: int, *, camera: str) -> Path:
+        """Return the place of a trial's video; see :meth:`record_path`."""
+        return self._inside("videos", task, condition, f"{_seed(seed)}_{_safe_name('camera', camera)}.mp4")
+
+    def scene_path(self, scene_hash: str) -> Path:
+        """Return the place of a stored scene; raise InvalidInputError if it is no hash in lower-case hexadecimal."""
+        if not _HASH.fullmatch(scene_hash):
+            raise InvalidInputError("scene hash", f"{scene_hash!r} is not a hash", "Give 8 to 128 hexadecimal digits")
+        return self._inside("scenes", f"{scene_hash}.zip")
+
+    def write_record(self, record: Record) -> Path:
+        """Write a record to its place and return it."""
+        m = record.metadata
+        path = self.record_path(m.task, m.condition, m.seed)
+        write_record(record, path)
+        return path
+
+    def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
+        """Read a trial's record.
+
+        Whoever has noted the ``digest`` of the file before gives it: the run may have changed since. Otherwise it is
+        that of the journal.
+
+        Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
+        policy or action space, or with other bytes than when it was written.
+        """
+        trial = TrialId(task, condition, seed)
+        path = self.record_path(task, condition, seed)
+        record = read_record(path, digest=digest or self._digest(self.entry(trial)))
+        self._check_record(path, trial, record.metadata)
+        return record
+
+    def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
+        """Read of which trial a record is and how its episode ended, which is fast; raises what read_record raises.
+
+        With the journal's ``entry`` the journal is not read for it.
+        """
+        path = self.record_path(trial.task, trial.condition, trial.seed)
+        brief = read_brief(path, digest=self._digest(entry or self.entry(trial)))
+        self._check_record(path, trial, brief.metadata)
+        return brief
+
+    def outcome(self, entry: JournalEntry) -> Outcome:
+        """Return how the trial of a line of the journal ended; raises what :meth:`read_record` raises."""
+        return self.read_brief(entry.key, entry=entry).outcome
+
+    def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
+        """Return whether a trial succeeded, from its record; arguments and errors are those of :meth:`read_brief`."""
+        return self.read_brief(trial, entry=entry).outcome.success
+
+    @staticmethod
+    def _digest(entry: JournalEntry | None) -> str | None:
+        return entry.record if entry is not None and entry.status == "done" else None
+
+    def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
+        """Refuse a record that says something else than where it lies and what is planned there."""
+        wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
+        if self._planned is not None:
+            if trial not in self._planned:
+                raise RecordError(
+                    f"{path}: {one_line(trial)} is not planned in this run. Name a record of a planned trial."
+                )
+            wanted["variation"] = self._planned[trial].get("variation")
+            wanted |= {name: self.plan[name] for name in ("policy", "action_space") if name in self.plan}
+        for name, value in wanted.items():
+            there = getattr(found, name)
+            if there != value:
+                raise RecordError(
+                    f"{path}: is the record of {one_line(f'{found.task}/{found.condition} seed {found.seed}')} of "
+                    f"{one_line(found.policy)}: its {name} is {one_line(repr(there), most=80)} where the run plans "
+                    f"{one_line(repr(value), most=80)}. {AGAIN}."
+                )
+
+    def records(self) -> Iterator[Record]:
+        """Yield the record of each trial that the journal calls done, in its order; raise RecordError if one is bad."""
+        for entry in self.entries():
+            if entry.status == "done":
+                yield self.read_record(entry.task, entry.condition, entry.seed)
+
+    def set_aside(self, path: Path) -> Path | None:
+        """Move a file of the run that cannot be used to ``RUN/set-aside``, and return its place; None if there is none.
+
+        Nothing is deleted: it may be somebody's only copy.
+        """
+        if not path.exists() and not path.is_symlink():
+            return None
+        folder = self.inside("set-aside")
+        folder.mkdir(exist_ok=True)
+        name = "-".join(path.relative_to(self.path).parts[1:])
+        place = next(p for n in itertools.count() if not (p := folder / f"{n}-{name}").exists())
+        path.rename(place)
+        return place
+
+    def store_scene(self, scene_hash: str, files: Mapping[str, bytes]) -> Path:
+        """Store a scene once; raises what :func:`~betterbench.records.scene_archive.write_scene` raises."""
+        path = self.scene_path(scene_hash)
+        if not path.exists():
+            write_scene(path, files)
+        return path
+
+    def keep_scene(self, scene: StorableScene) -> str:
+        """Store the scene of a trial unless it is there, and return its digest for the journal.
+
+        An empty file stands for a scene that is stored elsewhere. A file that holds no scene is set aside.
+
+        Raises:
+            RunConflictError: If another scene has its name: another version stored it, or somebody put it there.
+            InvalidInputError: As :func:`~betterbench.records.scene_archive.write_scene`.
+        """
+        name = scene.content_hash
+        path = self.scene_path(name)
+        if name not in _DIGESTS:  # making the files takes 30 ms, which a trial does not pay for again
+            _DIGESTS[name] = scene_digest(name, scene.files())
+        digest = _DIGESTS[name]
+        if has_digest(path, digest) or (path.is_file() and path.stat().st_size == 0):
+            return digest
+        if path.exists():
+            try:
+                there = scene_digest(path.stem, read_scene(path))
+            except RecordError as problem:
+                logger.warning("%s The file is kept as %s.", problem, self.set_aside(path))
+            else:
+                if there == digest:
+                    return digest  # an earlier version stored it, without a seal
+                raise RunConflictError(
+                    f"{path}: is another scene than the one that this trial runs in, though it has its name: another "
+                    "version stored it, or somebody put it there. Evaluate into a new folder, or move the file away if "
+                    "no finished trial is of it."
+                )
+        write_scene(path, scene.files())
+        return digest
+
+    def load_scene(self, scene_hash: str, *, digest: str | None = None) -> dict[str, bytes]:
+        """Return the files of a stored scene by name, without writing any of them; raises what ``read_scene`` does."""
+        return read_scene(self.scene_path(scene_hash), digest=digest)
+
+    def scene_digest(self, trial: TrialId) -> str | None:
+        """Return the digest that the journal holds of the scene of a trial.
+
+        None if there is none, as in journals of earlier versions, where that is said once.
+        """
+        entry = self.entry(trial)
+        if entry is None or entry.status != "done":
+            return None
+        if entry.scene is None and self.path not in _WITHOUT_SCENES:
+            _WITHOUT_SCENES.add(self.path)
+            logger.warning(
+                "%s: an earlier version wrote it without digests of the scenes, so an exchanged scene would not be "
+                "seen",
+                self.journal_path,
+            )
+        return entry.scene
+
+    def scene_of(self, record: RecordMetadata) -> dict[str, bytes]:
+        """Return the files of the scene that a recorded trial ran in, which have to fit the journal.
+
+        Raises what :func:`~betterbench.records.scene_archive.read_scene` raises.
+        """
+        digest = self.scene_digest(TrialId(record.task, record.condition, record.seed))
+        return self.load_scene(record.scene_hash, digest=digest)
+
+    def _inside(self, top: str, *names: str) -> Path:
+        """Return a path below the folder, and refuse one that would lead out of it."""
+        path = self.path / top
+        for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
+            path /= _safe_name(what, name)
+        return self.inside(*path.relative_to(self.path).parts)
+
+    def inside(self, *names: str) -> Path:
+        """Return a path below the folder, and raise InvalidInputError if it leads out of it by a link."""
+        path = self.path.joinpath(*names)
+        require_inside(path, self.path)
+        return path
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the lock of the folder; raises RunConflictError if another process is writing to it."""
+        with RunLock(self.path / LOCK_NAME):
+            yield
+
+
+_DIGESTS: dict[str, str] = {}
+"""Digests of the scenes that trials of this process ran in, by their names."""
+
+_WITHOUT_SCENES: set[Path] = set()
+"""Runs of which was said that their journals hold no digests of scenes."""
+
+_TOLD: set[tuple[Path, int]] = set()
+"""Runs with the number of trials that they listed when their unlisted records were looked for."""
+
+
+@lru_cache(maxsize=8)
+def _entries_at(path: Path, size: int, changed_ns: int) -> dict[TrialId, JournalEntry]:
+    """Return the entries of a journal by trial; size and time of the last change tell whether it is still the same."""
+    del size, changed_ns
+    entries = {entry.key: entry for entry in read_journal(path)}
+    say_lost_tail(path)
+    return entries
+
+
+def _known_entries(path: Path) -> dict[TrialId, JournalEntry]:
+    try:
+        known = path.stat()
+    except FileNotFoundError:
+        return {}
+    return _entries_at(path, known.st_size, known.st_mtime_ns)
+
+
+def _planned(plan: Mapping[str, Any]) -> dict[TrialId, Mapping[str, Any]] | None:
+    """Return the trials of a plan by their id; None for a plan without a list of trials."""
+    listed = plan.get("trials")
+    if not isinstance(listed, list):
+        return None
+    found: dict[TrialId, Mapping[str, Any]] = {}
+    for trial in listed:
+        form = trial if isinstance(trial, dict) else {}
+        # The condition of a variation has its name; plans of the first versions gave the condition it is derived from.
+        task, condition, seed = form.get("task"), form.get("variation") or form.get("condition"), form.get("seed")
+        if not (isinstance(task, str) and isinstance(condition, str) and isinstance(seed, int)):
+            return None  # whoever needs the plan says what is wrong with it
+        found[TrialId(task, condition, seed)] = form
+    return found
+
+
+def _plain(form: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a form as reading its JSON gives it; InvalidInputError if it is not JSON."""
+    found: dict[str, Any] = json.loads(dump_json(form))
+    return found
+
+
+def _run_json(plan: Mapping[str, Any], context: Mapping[str, Any]) -> bytes:
+    """Return the content of ``run.json``, with its seal."""
+    form = sealed_form({"schema_version": RUN_SCHEMA_VERSION, "plan": dict(plan), "context": dict(context)})
+    return json.dumps(form, indent=2, sort_keys=True).encode() + b"\n"
+
+
+def _copy_task_files(path: Path, plan: Mapping[str, Any]) -> None:
+    """Keep a copy of each of the user's files that the tasks of a run come from."""
+    if plan.get("task_files"):
+        keep_copies(path)
+
+
+def keep_copies(path: Path) -> None:
+    """Keep a copy of each of the user's files that are loaded, in the folder of what was made with them."""
+    require_inside(path / COPIES, path)
+    for file in loaded_files():
+        if not (path / COPIES / file.copy_name).exists():
+            write_durably(path / COPIES / file.copy_name, file.source.encode())
+        if file.demonstrations is not None:
+            measured = (path / COPIES / file.copy_name).with_suffix(COMPANION_SUFFIX)
+            write_durably(measured, file.demonstrations.encode())
+
+
+def _safe_name(what: str, name: str) -> str:
+    """Return a name that can stand in a path; raise InvalidInputError if it cannot."""
+    if not _NAME.fullmatch(name):
+        problem = f"{name!r} cannot be the name of a file"
+        raise InvalidInputError(
+            what, problem, "Use up to 100 letters, digits, '_', '-' and '.', the first a letter or digit"
+        )
+    return name
+
+
+def _seed(seed: int) -> int:
+    """Return a seed that can stand in a file name; raise InvalidInputError if it is negative."""
+    if seed < 0:
+        raise InvalidInputError("seed", f"{seed} is negative", "Give an integer of at least 0")
+    return seed
+
+
+def _is_leftover(path: Path) -> bool:
+    """Tell whether a file is one that a run that never began may have left."""
+    return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
+
+
+_GROWING = ("trials", "task_versions", "task_files")
+"""Parts of a plan that may be larger when a run is continued; a trial that is planned already stays as it is."""
+
+
+def holds_more(plan: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Return whether a plan has every trial of another one and more, and is the same in everything else."""
+    rest, others = ({k: v for k, v in p.items() if k not in _GROWING} for p in (plan, other))
+    if dump_json(rest) != dump_json(others):
+        return False
+    for name in _GROWING:
+        mine, theirs = plan.get(name, []), other.get(name, [])
+        if isinstance(mine, dict) and isinstance(theirs, dict):
+            mine, theirs = list(mine.items()), list(theirs.items())
+        if not (isinstance(mine, list) and isinstance(theirs, list)):
+            return False
+        known = {dump_json(item) for item in mine}
+        if not all(dump_json(item) in known for item in theirs):
+            return False
+    return len(plan.get("trials", [])) > len(other.get("trials", []))
+
+
+def first_difference(there: object, asked: object, where: str) -> tuple[str, str, str] | None:
+    """Return the first place at which two JSON values differ, in sorted order, with both values as text, or None."""
+    if isinstance(there, dict) and isinstance(asked, dict):
+        for key in sorted(set(there) | set(asked)):
+            if key not in there or key not in asked:
+                return f"{where}.{key}", _shown(there.get(key, _ABSENT)), _shown(asked.get(key, _ABSENT))
+            found = first_difference(there[key], asked[key], f"{where}.{key}")
+            if found:
+                return found
+        return None
+    if isinstance(there, list) and isinstance(asked, list):
+        for i, (a, b) in enumerate(zip(there, asked, strict=False)):
+            found = first_difference(a, b, f"{where}[{i}]")
+            if found:
+                return found
+        if len(there) != len(asked):
+            return f"the length of {where}", str(len(there)), str(len(asked))
+        return None
+    if type(there) is type(asked) and there == asked:
+        return None
+    return where, _shown(there), _shown(asked)
+
+
+_ABSENT = object()
+
+
+def _shown(value: object) -> str:
+    """Return a value for a message, shortened."""
+    if value is _ABSENT:
+        return "absent"
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,72 @@
+"""What runs are called where several stand side by side."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from betterbench.errors import InvalidInputError
+from betterbench.records.run import RunFolder
+
+_BUILT_IN = re.compile(r"expert|noop|random|(zoo|probe|replay):.*", re.IGNORECASE)
+"""Names of built-in policies: a class derived from one may declare them, and is called by its address all the same."""
+
+MOST_CHARACTERS = 80
+"""Longest name of a run; a longer one is cut, so that a page or a table stays readable."""
+
+
+def run_names(runs: Sequence[RunFolder], given: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return one name per run, all different.
+
+    Without ``given`` names, a run is called by the name that its policy declared; runs that share it are called by the
+    address of their policy, and where that is shared too, by the name with the folder of the run in parentheses.
+
+    Raises:
+        InvalidInputError: If names are given and there is not one for each run, or one is empty, too long or repeated.
+    """
+    if given:
+        return _checked(given, len(runs))
+    declared, addresses = [_declared(run) for run in runs], [_shown(run.plan.get("policy", "policy")) for run in runs]
+    shared = {name for name, n in Counter(declared).items() if n > 1}
+    differ = {name for name in shared if len({a for d, a in zip(declared, addresses, strict=True) if d == name}) > 1}
+    names = [a if d in differ else d for d, a in zip(declared, addresses, strict=True)]
+    return told_apart(names, [run.path for run in runs])
+
+
+def told_apart(names: Sequence[str], places: Sequence[Path | str]) -> tuple[str, ...]:
+    """Return names that tell runs apart: with the folder where two are alike, and a number where that is not enough."""
+    counts = Counter(names)
+    named = [
+        name if counts[name] == 1 else f"{name} ({Path(place).resolve().name if str(place) else number})"
+        for number, (name, place) in enumerate(zip(names, places, strict=True), 1)
+    ]
+    again = Counter(named)
+    return tuple(name if again[name] == 1 else f"{name} #{number}" for number, name in enumerate(named, 1))
+
+
+def _declared(run: RunFolder) -> str:
+    """Return the name that the policy of a run declared, or its address."""
+    policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
+    name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
+    return address if not name or _BUILT_IN.fullmatch(name) else name
+
+
+def _shown(name: object) -> str:
+    """Return a name that others wrote as one line of bounded length; empty if it is none."""
+    line = "".join(c if c.isprintable() else " " for c in name).strip() if isinstance(name, str) else ""
+    return line if len(line) <= MOST_CHARACTERS else f"{line[: MOST_CHARACTERS - 1]}…"
+
+
+def _checked(given: Sequence[str], runs: int) -> tuple[str, ...]:
+    if len(given) != runs:
+        problem = f"there {'is 1 name' if len(given) == 1 else f'are {len(given)} names'} for {runs} run(s)"
+        raise InvalidInputError("--name", problem, "Give it once per run, in the same order")
+    for name in given:
+        if not name.strip() or _shown(name) != name:
+            cure = f"Give 1 to {MOST_CHARACTERS} printable characters"
+            raise InvalidInputError("--name", f"{name[:MOST_CHARACTERS]!r} cannot be the name of a run", cure)
+        if given.count(name) > 1:
+            raise InvalidInputError("--name", f"{name!r} is given twice", "Give each run a name of its own")
+    return tuple(given)

@@ -1,0 +1,158 @@
+"""The archive of a compiled scene: a zip file whose bytes follow from its content; it may come from a stranger.
+
+The comment of the zip file is its seal: the digest of the scene's name and of all its files (:func:`scene_digest`). It
+is compared before anybody reads a file, so that a changed model, or the archive of another scene, never reaches MuJoCo
+or a picture. The journal of a run holds the digest too, of the scene that each trial ran in: an archive that was
+exchanged together with its seal does not fit it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import stat
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+
+from betterbench.errors import InvalidInputError, RecordError, one_line
+from betterbench.jobs.durable import write_durably
+from betterbench.json_form import content_digest, open_ordinary, read_bounded, say_unsealed
+
+MAX_SCENE_BYTES = 256 * 1024 * 1024
+"""Largest size of a stored scene after decompression."""
+
+MAX_SCENE_FILES = 10_000
+"""Largest number of files of a stored scene."""
+
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time a zip archive can hold
+_SEAL_MARK = b"betterbench scene sha256 "
+_READ_BLOCK = 1 << 20
+_AGAIN = "The command that made the run stores it again"
+
+
+class StorableScene(Protocol):
+    """A compiled scene that is stored with the records of its trials."""
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene; in one process it stands for the same files."""
+
+    def files(self) -> dict[str, bytes]:
+        """Return what is stored."""
+
+
+def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
+    """Return the SHA-256 of the name of a scene and of the names and contents of its files (hex, 64 characters)."""
+    lines = [f"{hashlib.sha256(files[file]).hexdigest()} {file}\n" for file in sorted(files)]
+    return content_digest(name, "".join(lines).encode())
+
+
+def write_scene(path: Path, files: Mapping[str, bytes]) -> None:
+    """Store the files of a scene under its hash, ``HASH.zip``; the same files give the same bytes.
+
+    Raises InvalidInputError if a name could leave the archive's folder or the scene is too large.
+    """
+    for name in files:
+        problem = _member_problem(name)
+        if problem:
+            raise InvalidInputError(f"scene file {name!r}", problem, "Give a relative name with forward slashes")
+    total = sum(len(data) for data in files.values())
+    if total > MAX_SCENE_BYTES or len(files) > MAX_SCENE_FILES:
+        problem = f"{len(files)} files with {total} bytes exceed {MAX_SCENE_FILES} files or {MAX_SCENE_BYTES} bytes"
+        raise InvalidInputError("scene", problem, "Reduce its meshes and textures")
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files):
+            member = zipfile.ZipInfo(name, _ZIP_EPOCH)
+            member.compress_type = zipfile.ZIP_DEFLATED
+            member.create_system = 3  # Unix, whatever the machine
+            member.external_attr = (stat.S_IFREG | 0o644) << 16
+            archive.writestr(member, files[name])
+        archive.comment = _seal(scene_digest(path.stem, files))
+    write_durably(path, buffer.getvalue())
+
+
+def has_digest(path: Path, digest: str) -> bool:
+    """Return whether an archive carries the seal of a digest; its files are compared with it when they are read."""
+    seal = _seal(digest)
+    try:
+        with open_ordinary(path) as stream:
+            stream.seek(-len(seal), os.SEEK_END)
+            return stream.read() == seal
+    except OSError:
+        return False
+
+
+def read_scene(path: Path, *, digest: str | None = None) -> dict[str, bytes]:
+    """Return the files of a stored scene by name, without writing any of them.
+
+    Given the ``digest`` that the journal holds of the scene, the files have to have it. Archives of an earlier version
+    have no seal, which is said once for all scenes of a run unless the journal's digest is compared.
+
+    Raises RecordError if the scene is missing, damaged, changed, that of another hash or another trial, or too large,
+    or a name could leave a folder.
+    """
+    try:
+        data = read_bounded(path, max_bytes=MAX_SCENE_BYTES, cure=_AGAIN, raises=RecordError)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            files, seal = _read_members(path, archive), archive.comment
+    except RecordError as error:
+        if isinstance(error.__cause__, FileNotFoundError):
+            raise RecordError(f"{path}: the scene is not stored. {_AGAIN}.") from None
+        raise
+    except Exception as error:  # what decompressors raise about a damaged archive
+        said = one_line(error, most=200) or type(error).__name__
+        raise RecordError(f"{path}: is damaged ({said}). {_AGAIN}.") from error
+    found = scene_digest(path.stem, files)
+    if seal and seal != _seal(found):
+        problem = "was changed after it was written, or is the archive of another scene: its seal does not fit"
+        raise RecordError(f"{path}: {problem}. {_AGAIN}.")
+    if digest is not None and found != digest:
+        problem = "is not the scene that the trial ran in: its digest is another one than the journal holds"
+        raise RecordError(f"{path}: {problem}. {_AGAIN}.")
+    if not seal and digest is None:
+        say_unsealed(str(path.parent))
+    return files
+
+
+def _seal(digest: str) -> bytes:
+    """Return the comment of an archive."""
+    return _SEAL_MARK + digest.encode()
+
+
+def _member_problem(name: str) -> str | None:
+    """Return why a name must not stand in an archive, or None."""
+    if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
+        return "is not a portable file name"
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or str(path) != name:
+        return "could lead out of its folder"
+    return None
+
+
+def _read_members(path: Path, archive: zipfile.ZipFile) -> dict[str, bytes]:
+    """Return the content of an archive within the limits; refuse names that leave a folder or stand there twice."""
+    members = archive.infolist()
+    too_large = RecordError(f"{path}: unpacks to more than {MAX_SCENE_BYTES} bytes. This is not a scene of a run.")
+    if len(members) > MAX_SCENE_FILES or sum(m.file_size for m in members) > MAX_SCENE_BYTES:
+        raise too_large
+    files: dict[str, bytes] = {}
+    left = MAX_SCENE_BYTES
+    for member in members:
+        problem = "stands there twice" if member.filename in files else _member_problem(member.filename)
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            problem = "is compressed in a way that no scene is"
+        if problem:
+            raise RecordError(f"{path}: the member {member.filename!r} {problem}. This is not a scene of a run.")
+        blocks: list[bytes] = []
+        with archive.open(member) as stream:
+            while block := stream.read(_READ_BLOCK):
+                left -= len(block)
+                if left < 0:
+                    raise too_large
+                blocks.append(block)
+        files[member.filename] = b"".join(blocks)
+    return files

@@ -1,0 +1,161 @@
+"""Segments of a record: which rows serve which subgoal, derived from the states and from nothing that a policy says.
+
+A skill is told by the gripper: from the action that closes it to the action that opens it. What was held in between was
+picked and placed, a drawer that moved was slid, and if there was neither it was a miss. A skill's window reaches back
+to where the tool came within :data:`NEAR_M` of the place at which the gripper changes, and on to where it has left.
+A segment ends with the skill that brings its subgoal about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.records.demonstration import SkillKind, SkillWindow, SubgoalSegment
+from betterbench.records.record import Record
+from betterbench.tasks import Condition, Subgoal
+from betterbench.tasks.relations import relation
+
+NEAR_M = 0.20
+"""Distance from the place of the gripper's change at which a window begins [m]: longer than any straight way in."""
+LIFTED_M = 0.06
+"""Distance from there at which the window of a pick has ended [m]: the object is off its support and clear of it."""
+LEFT_M = 0.10
+"""Distance from there at which the windows of a place and of a slide have ended [m]."""
+HELD_ROWS = 3
+"""Least rows in which an object is held for the gripper to count as having taken it."""
+SLID_M = 0.005
+"""Least motion of a drawer that counts as a slide [m]: the gap up to which one is shut."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Closure:
+    """The rows [closed, opened) in which the gripper is told to be closed, and what happened to which object."""
+
+    closed: int
+    opened: int
+    kind: SkillKind
+    object: str
+
+
+def subgoal_segments(record: Record, condition: Condition) -> tuple[SubgoalSegment, ...]:
+    """Return the segments of an episode, which cover all its rows; none if the gripper never closed.
+
+    Args:
+        record: The record of the episode.
+        condition: The condition that it ran under.
+    """
+    found = list(_closures(record))
+    if not found:
+        return ()
+    credited: set[int] = set()
+    segments: list[SubgoalSegment] = []
+    skills: list[SkillWindow] = []
+    start, free_from = 0, 0
+    for i, closure in enumerate(found):
+        until = found[i + 1].closed if i + 1 < len(found) else len(record)
+        served = _served(record, condition, closure, until - 1, credited)
+        taken = next((c.object for c in found[i + 1 :] if c.object), "")
+        for skill in _windows(record, closure, served, free_from, until, next_object=taken):
+            skills.append(skill)
+            free_from = skill.stop
+        if served is not None:
+            credited.add(condition.instruction.subgoals.index(served))
+            stop = skills[-1].stop
+            segments.append(_segment(served, closure.object, start, stop, skills))
+            start, skills = stop, []
+    if start < len(record):
+        segments.append(SubgoalSegment("", "", "", "", "", start, len(record), tuple(skills)))
+    return tuple(segments)
+
+
+def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[SkillWindow]) -> SubgoalSegment:
+    return SubgoalSegment(goal.name, name, goal.target, goal.relation, goal.region, start, stop, tuple(skills))
+
+
+def _closures(record: Record) -> Iterator[_Closure]:
+    """Yield what the gripper did from each closing to the opening after it."""
+    closed = record.gripper_command > 0.0
+    edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
+    starts = [int(e) for e in edges if closed[e]]
+    names = [o.name for o in record.metadata.scene.objects]
+    drawers = [i for i, o in enumerate(record.metadata.scene.objects) if o.role == "drawer"]
+    for start in starts:
+        stop = next((int(e) for e in edges if e > start), len(record))
+        moved = {i: _travel(record, i, start, min(stop, len(record) - 1)) for i in drawers}
+        slid = max(moved, key=lambda i: moved[i], default=-1)
+        held = record.held[start:stop]
+        counts = np.bincount(held[held >= 0], minlength=len(names))
+        counts[drawers] = 0
+        taken = int(counts.argmax()) if names else -1
+        if taken >= 0 and counts[taken] >= HELD_ROWS:
+            yield _Closure(start, stop, "pick", names[taken])
+        elif slid >= 0 and moved[slid] > SLID_M:
+            yield _Closure(start, stop, "slide", names[slid])
+        else:
+            yield _Closure(start, stop, "miss", "")
+
+
+def _travel(record: Record, index: int, start: int, stop: int) -> float:
+    """Return how far an object is at one row from where it was at another [m]."""
+    positions = record.object_positions
+    return float(np.linalg.norm(positions[stop, index] - positions[start, index]))
+
+
+def _served(record: Record, condition: Condition, closure: _Closure, row: int, credited: set[int]) -> Subgoal | None:
+    """Return the subgoal that a closing has brought about by a row, if it was not brought about before."""
+    if closure.kind == "miss" or closure.opened >= len(record):
+        return None
+    state = record.state(row)
+    for i, goal in enumerate(condition.instruction.subgoals):
+        if i in credited or closure.object not in condition.resolve(goal.reference):
+            continue
+        if relation(goal.relation).carried is not (closure.kind == "pick"):
+            continue
+        if relation(goal.relation).holds(state, closure.object, goal.target, goal.region):
+            return goal
+    return None
+
+
+def _windows(
+    record: Record, closure: _Closure, served: Subgoal | None, free_from: int, until: int, *, next_object: str
+) -> Iterator[SkillWindow]:
+    """Yield the windows of one closing: a pick and its place, a slide or a miss, between two rows."""
+    start = _begin(record, closure.closed, free_from)
+    place = ("", "", "") if served is None else (served.target, served.relation, served.region)
+    if closure.kind == "miss":
+        stop = _end(record, closure.opened, LIFTED_M, until)
+        yield SkillWindow("miss", next_object, "", "", "", start, closure.closed, max(stop, closure.closed + 1))
+        return
+    if closure.kind == "slide":
+        stop = _end(record, closure.opened, LEFT_M, until)
+        yield SkillWindow("slide", closure.object, *place, start, closure.closed, max(stop, closure.closed + 1))
+        return
+    last = min(closure.opened, len(record) - 1)
+    stop = max(_end(record, closure.closed, LIFTED_M, last), closure.closed + 1)
+    yield SkillWindow("pick", closure.object, "", "", "", start, closure.closed, stop)
+    if closure.opened < len(record):
+        begin = _begin(record, closure.opened, stop)
+        end = max(_end(record, closure.opened, LEFT_M, until), closure.opened + 1)
+        yield SkillWindow("place", closure.object, *place, begin, closure.opened, end)
+
+
+def _begin(record: Record, change: int, earliest: int) -> int:
+    """Return the first row from which on the tool stays near the place of a change, not before ``earliest``."""
+    away = np.flatnonzero(_distances(record, earliest, change, change) >= NEAR_M)
+    return min(earliest, change) if not len(away) else earliest + int(away[-1]) + 1
+
+
+def _end(record: Record, change: int, away_m: float, latest: int) -> int:
+    """Return the row after the first one at which the tool is away from the place of a change, at most ``latest``."""
+    row = min(change, len(record) - 1)
+    away = np.flatnonzero(_distances(record, row, latest, row) >= away_m)
+    return min(row + int(away[0]) + 1, latest) if len(away) else latest
+
+
+def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
+    """Return how far the tool is at the rows from ``start`` to ``stop`` from where it is at another one [m]."""
+    found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
+    return found

@@ -1,0 +1,40 @@
+"""Plain tables as Parquet: rows of texts, numbers and lists of them, for whoever reads data with other tools."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from betterbench.records.parquet import COMPRESSION_LEVEL
+
+PlainCell = str | int | float | bool | None | Sequence[str] | Sequence[int]
+
+_KINDS = {
+    "text": pa.string(),
+    "integer": pa.int64(),
+    "number": pa.float64(),
+    "texts": pa.list_(pa.string()),
+    "integers": pa.list_(pa.int64()),
+}
+
+
+def table_bytes(
+    columns: Mapping[str, str], rows: Sequence[Mapping[str, PlainCell]], metadata: Mapping[str, str]
+) -> bytes:
+    """Return a Parquet file (zstd) of rows; the same rows give the same bytes on one installation.
+
+    Args:
+        columns: Kind of each column by name: "text", "integer", "number", "texts" or "integers"; any cell may be None.
+        rows: The rows; what a row lacks is None.
+        metadata: Texts that the file's schema carries.
+    """
+    schema = pa.schema([(name, _KINDS[kind]) for name, kind in columns.items()], metadata=dict(metadata))
+    arrays = [pa.array([row.get(name) for row in rows], type=_KINDS[kind]) for name, kind in columns.items()]
+    buffer = io.BytesIO()
+    pq.write_table(
+        pa.Table.from_arrays(arrays, schema=schema), buffer, compression="zstd", compression_level=COMPRESSION_LEVEL
+    )
+    return buffer.getvalue()

@@ -1,0 +1,1 @@
+"""Figures of a report: charts, films, films' images and the player of a trial."""

@@ -1,0 +1,191 @@
+"""The charts of a report: what the runs show at a glance, each with counts and intervals."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.report.figures.drawing import GRID, Bar, BarGroup, Chart, Scale, Stack, StackGroup
+from betterbench.report.legend import AXIS_NAMES, FAMILIES, LEGEND, families_of
+from betterbench.report.outcomes import task_title
+from betterbench.report.wording import Figure
+from betterbench.statistics import Rate
+from betterbench.statistics.power import DEFAULT_ALPHA
+from betterbench.tasks.labels import Kind
+
+MODES_SHOWN = 6
+"""Failure modes that the chart shows per policy; the CSV file of the trials has them all."""
+
+HOLM_NOTE = (
+    " Where an interval leaves out zero and p is large all the same, they answer two questions: the interval is about "
+    "this row alone, and p is multiplied for the number of axes that were looked at (Holm) and exact for few pairs. "
+    "Call only what passes p shown."
+)
+"""What the chart of the gaps adds where an interval and its p-value seem to contradict each other."""
+
+_PAIR = (("training", "Training twins"), ("variation", "Variations"))
+TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."
+
+Keep = Callable[[TrialDiagnosis], bool]
+
+
+def charts_of(diagnoses: Sequence[RunDiagnosis]) -> tuple[Chart, ...]:
+    """Return every chart that the runs can fill."""
+    made = (axes_chart, outcomes_chart, gap_chart, modes_chart, grasps_chart, tasks_chart)
+    return tuple(chart for chart in (make(diagnoses) for make in made) if chart.groups)
+
+
+def axes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the success on training twins and on variations, over all variations and per axis."""
+    return Chart(
+        "axes",
+        "Success in training and under each axis of variation",
+        f"Success rate in percent with its 95 % interval. {TWINS_NOTE}",
+        tuple(g for scope, title in _scopes() if (g := _pairs(diagnoses, title, scope)) is not None),
+        key=_PAIR,
+    )
+
+
+def tasks_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the success on training twins and on variations per task."""
+    names = sorted({t.task for d in diagnoses for t in d.trials if t.variation is not None})
+    groups = (_pairs(diagnoses, task_title(name), name) for name in names)
+    return Chart(
+        "tasks",
+        "Success in training and under variation, by task",
+        f"Success rate in percent with its 95 % interval. {TWINS_NOTE}",
+        tuple(group for group in groups if group is not None),
+        key=_PAIR,
+    )
+
+
+def gap_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the illusion gaps over all variations and per axis."""
+    single = len(diagnoses) == 1
+    groups = []
+    for scope, title in _scopes():
+        rows = [
+            Bar(title if single else d.policy, figure, "dot")
+            for d in diagnoses
+            if not (figure := _gap(d, scope)).missing
+        ]
+        if rows:
+            groups.append(BarGroup("" if single else title, tuple(rows)))
+    ends = [
+        e for g in groups for r in g.rows for e in (r.figure.value, r.figure.low, r.figure.high) if e is not None
+    ]  # fmt: skip
+    low = math.floor(min([0.0, *ends]) / GRID + 1e-9) * GRID
+    high = math.ceil(max([GRID, *ends]) / GRID - 1e-9) * GRID
+    clear = [r.figure for g in groups for r in g.rows if (r.figure.low or 0.0) > 0.0 or (r.figure.high or 0.0) < 0.0]
+    doubtful = any((figure.p_value or 0.0) > DEFAULT_ALPHA for figure in clear)
+    return Chart(
+        "gap",
+        "Illusion gap",
+        "Success of the training twin minus success of the variation, in percentage points, with 95 % intervals and "
+        "the exact McNemar test (Holm over the axes of a policy). Right of zero: the variation breaks what training "
+        f"success seemed to show.{HOLM_NOTE if doubtful else ''}",
+        tuple(groups),
+        Scale(low, high),
+    )
+
+
+def outcomes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return how trials ended, by family: training, all variations and every axis."""
+    scopes: list[tuple[str, Keep]] = [
+        ("Training", lambda t: t.variation is None),
+        ("All variations", lambda t: t.variation is not None),
+    ]
+    scopes += [(name, lambda t, a=a: t.axis == a) for a, name in AXIS_NAMES.items()]  # type: ignore[misc]
+    groups: list[StackGroup] = []
+    for title, keep in scopes:
+        rows = [
+            Stack(title if len(diagnoses) == 1 else d.policy, _families([t for t in d.trials if keep(t)]))
+            for d in diagnoses
+            if any(map(keep, d.trials))
+        ]
+        if rows:
+            groups.append(StackGroup("" if len(diagnoses) == 1 else title, tuple(rows)))
+    return Chart(
+        "outcomes",
+        "How the trials ended",
+        "Counts of trials. Reasoning: it went for the wrong object. Execution: correct target at the right time, "
+        "failed manipulation. System: the policy did not run.",
+        tuple(groups),
+        key=tuple(families_of(t for d in diagnoses for t in d.trials).items()),
+    )
+
+
+def modes_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the most frequent failure modes of the variation trials."""
+    groups = []
+    for d in diagnoses:
+        varied = [t for t in d.trials if t.variation is not None]
+        counts = Counter(t.label for t in varied if t.kind not in (Kind.NONE, Kind.UNFINISHED))
+        ranked = sorted(counts, key=lambda label: (-counts[label], list(LEGEND).index(label)))[:MODES_SHOWN]
+        rows = tuple(
+            Bar(LEGEND[label].short, Figure.of_rate(Rate(counts[label], len(varied))), LEGEND[label].family)
+            for label in ranked
+        )
+        if rows:
+            groups.append(BarGroup("" if len(diagnoses) == 1 else d.policy, rows))
+    return Chart(
+        "modes",
+        "Failure modes",
+        "Share of all variation trials that ended with each label, in percent, with its 95 % interval.",
+        tuple(groups),
+        key=tuple((f, n) for f, n in FAMILIES.items() if any(r.style == f for g in groups for r in g.rows)),
+    )
+
+
+def grasps_chart(diagnoses: Sequence[RunDiagnosis]) -> Chart:
+    """Return the distractor grasp rates: in training, over all variations and per axis."""
+    single = len(diagnoses) == 1
+    groups = []
+    for scope, title in (("training", "Training"), *_scopes()):
+        rows = []
+        for d in diagnoses:
+            figure = Figure.of(d.metric("distractor_grasp_rate", scope), noun="grasps")
+            if not figure.missing:
+                style = "training" if scope == "training" else "reasoning"
+                rows.append(Bar(title if single else d.policy, figure, style))
+        if rows:
+            groups.append(BarGroup("" if single else title, tuple(rows)))
+    return Chart(
+        "grasps",
+        "Distractor grasp rate",
+        "Grasp attempts at an object that was not asked for, out of grasp attempts at any object, in percent, with the "
+        "95 % interval. Air grasps are not counted. Attempts of one trial depend on each other.",
+        tuple(groups),
+    )
+
+
+def twin_figure(diagnosis: RunDiagnosis, scope: str) -> Figure:
+    """Return the success rate of the training twins of a scope, one per pair: what its illusion gap begins with."""
+    return Figure.of(diagnosis.metric("twin_success_rate", scope), noun="pairs")
+
+
+def _pairs(diagnoses: Sequence[RunDiagnosis], title: str, scope: str) -> BarGroup | None:
+    """Return two bars per policy: the training twins and the variations of a scope."""
+    rows: list[Bar] = []
+    for d in diagnoses:
+        variation = Figure.of(d.metric("success_rate", scope))
+        if variation.missing:
+            continue
+        names = ("twins", "variations") if len(diagnoses) == 1 else (d.policy, "")
+        rows += [Bar(names[0], twin_figure(d, scope), "training"), Bar(names[1], variation, "variation")]
+    return BarGroup(title, tuple(rows)) if rows else None
+
+
+def _families(trials: Sequence[TrialDiagnosis]) -> tuple[tuple[str, int], ...]:
+    counts = Counter(LEGEND[t.label].family for t in trials)
+    return tuple((family, counts[family]) for family in families_of(trials))
+
+
+def _gap(diagnosis: RunDiagnosis, scope: str) -> Figure:
+    return Figure.gap(diagnosis, scope)
+
+
+def _scopes() -> tuple[tuple[str, str], ...]:
+    return (("overall", "All variations"), *((f"axis:{a}", name) for a, name in AXIS_NAMES.items()))

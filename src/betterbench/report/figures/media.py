@@ -1,0 +1,50 @@
+"""What a report shows besides numbers: films, start images with paths, thumbnails, and commands that replay a trial."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from betterbench.quoting import shell_word
+from betterbench.report.figures.film import Film
+
+
+@dataclass(frozen=True, slots=True)
+class Thumbnails:
+    """The scene of a variation at reset (JPEG), and that of its training twin or None where the run has none."""
+
+    test: bytes
+    training: bytes | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Media:
+    """Images and commands by name; whatever is missing is left out on the page.
+
+    Attributes:
+        films: Films by :func:`~betterbench.report.figures.film.film_key`.
+        paths: Start images with the path of the end effector (JPEG), by the same keys.
+        thumbnails: Scenes by variation ("fast_food/T1").
+        folders: Folder of the run by policy, as it was given, for commands.
+        options: What these commands need besides (" --task-file mine.py").
+    """
+
+    films: Mapping[str, Film] = field(default_factory=dict)
+    paths: Mapping[str, bytes] = field(default_factory=dict)
+    thumbnails: Mapping[str, Thumbnails] = field(default_factory=dict)
+    folders: Mapping[str, str] = field(default_factory=dict)
+    options: str = ""
+
+    def replay_command(self, policy: str, record: str | None) -> str:
+        """Return the command that writes the film of a record ("records/fast_food/T1/0.parquet"), or an empty text."""
+        start = self.replay_start(policy)
+        return f"{start}{record} --twin{self.options}" if start and record is not None else ""
+
+    def replay_start(self, policy: str) -> str:
+        """Return the beginning of every command that replays a trial of a policy; empty where its folder is unknown."""
+        folder = self.folders.get(policy)
+        return "" if folder is None else f"better replay {shell_word(folder.rstrip('/') + '/')}"
+
+
+NO_MEDIA = Media()
+"""A report without images."""

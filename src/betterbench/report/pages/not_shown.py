@@ -1,0 +1,53 @@
+"""What passing a variation does not show, because a policy without the ability passes it as well."""
+
+from __future__ import annotations
+
+from betterbench.diagnosis.measures.power_matrix import BLIND, FAILS_AT, FLOOR, REPLAY_LIMIT, Key, PowerMatrix
+from betterbench.tasks import Axis, get_task
+
+_LOOKS = "looks at the scene"
+_ABILITIES = {
+    BLIND[0]: "follows the instruction",
+    BLIND[1]: _LOOKS,
+    BLIND[2]: _LOOKS,
+    FLOOR[0]: "aims at anything",
+    FLOOR[1]: "would move where it should",
+    "zoo:lexical": "finds what a word names at another place than in training",
+    "zoo:layout": "chooses its first target by more than its place",
+    "zoo:color": "distinguishes what is asked for from objects of the same color",
+    "zoo:shape": "distinguishes what is asked for from objects of the same shape",
+}
+"""What a policy needs not be able to do if this pretender passes."""
+_OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
+"""Pretenders that count where the objects were exchanged for others: elsewhere nothing looks alike."""
+_MOVING_BLIND = (*BLIND[1:], FLOOR[0])
+
+
+def passing_pretenders(matrix: PowerMatrix, key: Key) -> tuple[str, ...]:
+    """Return the pretenders that pass a variation: in more than half of its trials, or a quarter without looking."""
+    perturbed = get_task(key[0]).variation(key[1]).axis is Axis.ADVERSARIAL_OBJECT_PERTURBATION
+    found = []
+    for name in _ABILITIES:
+        cell = matrix.cell(name, key)
+        if cell is None or (name in _OF_LOOK_ALIKES and not perturbed):
+            continue
+        if cell.k > (REPLAY_LIMIT if name in _MOVING_BLIND else FAILS_AT) * cell.n:
+            found.append(name)
+    return tuple(found)
+
+
+def not_shown(matrix: PowerMatrix, key: Key) -> str:
+    """Return one sentence that says what passing a variation does not show, from the trials that were measured."""
+    if all(matrix.cell(name, key) is None for name in _ABILITIES):
+        return "Nothing was measured that could say what a pass shows."
+    passing = passing_pretenders(matrix, key)
+    if not passing:
+        return "None of the policies that the variation is measured with passes it without what it tests."
+    abilities = {_ABILITIES[name]: [n for n in passing if _ABILITIES[n] == _ABILITIES[name]] for name in passing}
+    parts = [f"that a policy {ability} ({_counts(matrix, key, names)})" for ability, names in abilities.items()]
+    return f"A pass does not show {' or '.join(parts)}."
+
+
+def _counts(matrix: PowerMatrix, key: Key, names: list[str]) -> str:
+    cells = ((name, matrix.cells[name][key]) for name in names)
+    return ", ".join(f"`{name}` passes {cell.k} of {cell.n}" for name, cell in cells)

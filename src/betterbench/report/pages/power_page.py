@@ -1,0 +1,243 @@
+"""The page of the power matrix: what each pretender reaches, and what can be solved blind."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from betterbench.diagnosis.measures.power_matrix import (
+    BLIND,
+    CURE,
+    FAILS_AT,
+    FLOOR,
+    REPLAY_LIMIT,
+    BlindCell,
+    Key,
+    PowerCell,
+    PowerMatrix,
+)
+from betterbench.errors import UnknownNameError
+from betterbench.quoting import markdown_code, markdown_table, markdown_text
+from betterbench.report.html import environment, write
+from betterbench.report.pages.not_shown import not_shown
+from betterbench.statistics import percent
+from betterbench.statistics.wording import listed, plural
+from betterbench.tasks import Axis, get_task
+
+RAW, CORRECTED = "°", "*"
+"""Marks of a cell above its chance: before and after the correction over all cells."""
+RAW_LEVEL = 0.05
+"""Level of the tests that are not corrected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table of a page: a heading, what it says, its columns and its rows."""
+
+    title: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def write_power_page(matrix: PowerMatrix, out: Path) -> Path:
+    """Write the page and its tables as Markdown into a folder; return the page's path."""
+    write(out / "power.md", power_markdown(matrix))
+    page = (
+        environment()
+        .get_template("power.html.jinja")
+        .render(sentences=power_sentences(matrix), tables=power_tables(matrix), versions=matrix.versions)
+    )
+    return write(out / "power.html", page)
+
+
+def power_markdown(matrix: PowerMatrix) -> str:
+    """Return sentences and tables of a matrix as Markdown."""
+    lines = [f"- {_markdown(sentence)}" for sentence in power_sentences(matrix)]
+    for table in power_tables(matrix):
+        lines += ["", f"### {_markdown(table.title)}", "", _markdown(table.caption), ""]
+        head = tuple(map(_markdown, table.columns))
+        lines += markdown_table(head, (tuple(map(_markdown, row)) for row in table.rows))
+    return "\n".join(lines) + "\n"
+
+
+def _markdown(text: str) -> str:
+    """Return a text with its names, which stand between backticks, as code, and the rest as it is."""
+    parts = re.split("(`[^`]*`)", text)
+    return "".join(markdown_code(part[1:-1]) if n % 2 else _escaped(part) for n, part in enumerate(parts))
+
+
+def _escaped(part: str) -> str:
+    """Return a part of a text, with the space at its ends kept."""
+    inner = part.strip()
+    return part.replace(inner, markdown_text(inner), 1) if inner else part
+
+
+def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
+    """Return what a matrix says about the suite, in sentences."""
+    keys = matrix.variations
+    control = [_name(key) for key in keys if matrix.control(key)]
+    told = len(keys) - len(control)
+    replayed = [key for key in keys if _solved(matrix.cell(BLIND[2], key))]
+    all_of_them = plural(len(keys), "variation")
+    failed = f"{told} of {all_of_them} are failed by a rule that does not stop at everything new"
+    if control:
+        failed += f"; {plural(len(control), 'control cell')}, where the rules rightly succeed: {listed(control)}"
+    blindly = (
+        f"A demonstration replayed without looking solves more than {100 * REPLAY_LIMIT:.0f} % of the trials on "
+        f"{len(replayed)} of {all_of_them}"
+    )
+    if replayed:
+        blindly += f": {listed([_name(key) for key in replayed])}"
+    said = [f"{failed}.", f"{blindly}.", *blind_sentences(matrix.blind_cells())]
+    stale = matrix.stale_tasks()
+    if stale:
+        said.append(f"It was measured on another version of {listed(list(stale))}; {CURE}.")
+    return tuple(said)
+
+
+def blind_sentences(cells: Sequence[BlindCell]) -> tuple[str, ...]:
+    """Return which variations can be solved blind: after the correction, and before it."""
+    said = []
+    for mark, chosen in (
+        (f"after Holm's correction over {plural(len(cells), 'cell')}", flagged(cells)),
+        ("before the correction", above_chance(cells)),
+    ):
+        named = list(dict.fromkeys(f"{c.task}/{c.variation}" for c in chosen))
+        are = "is" if len(named) == 1 else "are"
+        found = f"{plural(len(named), 'variation')} {are} solved" if named else "none is solved"
+        each = listed([f"{c.task}/{c.variation} by {c.pretender} ({c.rate.k}/{c.rate.n})" for c in chosen])
+        said.append(
+            f"Of the variations on which something has to be done, {found} more often than by chance by what cannot "
+            f"see, hear or aim, {mark}" + (f": {each}." if named else ".")
+        )
+    alone = redundant(cells)
+    if alone:
+        said.append(f"Only one instruction makes sense in the scene of {listed(alone)}: it is redundant there.")
+    return tuple(said)
+
+
+def flagged(cells: Iterable[BlindCell]) -> list[BlindCell]:
+    """Return the cells that are above their chance after the correction, the least likely first."""
+    return sorted((c for c in cells if c.flagged), key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
+
+
+def above_chance(cells: Iterable[BlindCell]) -> list[BlindCell]:
+    """Return the cells that are above their chance before any correction, the least likely first."""
+    found = (c for c in cells if c.above and c.p_value < RAW_LEVEL)
+    return sorted(found, key=lambda c: (c.p_value, c.task, c.variation, c.pretender))
+
+
+def redundant(cells: Iterable[BlindCell]) -> list[str]:
+    """Return the variations in whose scene only one instruction makes sense."""
+    return list(dict.fromkeys(f"{c.task}/{c.variation}" for c in cells if c.speechless))
+
+
+def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
+    """Return the tables of a matrix: the pretenders overall, the blind ones by variation, the rules by variation."""
+    return _overall(matrix), blind_table(matrix), _rules(matrix), _ceilings(matrix), _limits(matrix)
+
+
+def blind_table(matrix: PowerMatrix) -> Table:
+    """Return what every blind pretender reaches on every variation, raw and corrected side by side."""
+    names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
+    tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}
+    rows = []
+    for key in matrix.variations:
+        marks = []
+        for name in names:
+            cell, test = matrix.cell(name, key), tested.get((name, key))
+            mark = ""
+            if test is not None and test.above and test.p_value < RAW_LEVEL:
+                mark = CORRECTED if test.flagged else RAW
+            marks.append(_count(cell) + mark)
+        rows.append((_name(key), f"{100 * matrix.chances.get(key, 1.0):.0f} %", *marks))
+    caption = (
+        f"Successes out of trials. {RAW} above chance at 5 % before the correction alone, {CORRECTED} also after "
+        "Holm's correction over all cells. Chance is guessing the instruction among those that make sense in the "
+        f"scene, for `{BLIND[0]}`, and {100 * REPLAY_LIMIT:.0f} % for what moves without looking."
+    )
+    return Table(
+        "What can be solved blind", caption, ("variation", "guessing", *(f"`{n}`" for n in names)), tuple(rows)
+    )
+
+
+def _overall(matrix: PowerMatrix) -> Table:
+    rows = []
+    for name, row in matrix.cells.items():
+        cells = list(row.items())
+        rates = [_mean(c.k / c.n for _, c in cells if c.n)]
+        for axis in Axis:
+            rates.append(_mean(c.k / c.n for key, c in cells if c.n and _axis(key) is axis))
+        first = _mean(c.right / c.n for _, c in cells if c.n)
+        trials, shared = sum(c.n for _, c in cells), sum(c.shared for _, c in cells)
+        rows.append((f"`{name}`", *rates, first, str(trials), str(shared)))
+    caption = (
+        "Mean success over the variations in percent, each counted once. A rule that decided like the expert in every "
+        "decision of a trial drove the same episode to the same bits: it takes the expert's outcome, and the trial is "
+        "counted as shared. Every other trial was simulated. First right: share of first grasp attempts at what was "
+        "asked for, which a policy that rightly attempts nothing has as well."
+    )
+    columns = ("pretender", "all", *(axis.letter for axis in Axis), "first right", "trials", "shared")
+    return Table("The pretenders over the suite", caption, columns, tuple(rows))
+
+
+def _rules(matrix: PowerMatrix) -> Table:
+    rows = [(_name(key), *(_count(matrix.cell(name, key)) for name in matrix.rules)) for key in matrix.variations]
+    caption = "Successes out of trials of every faulty rule at full strength, with the expert's motion."
+    names = (f"`{name.removeprefix('zoo:')}`" for name in matrix.rules)
+    return Table("The faulty rules by variation", caption, ("variation", *names), tuple(rows))
+
+
+def _ceilings(matrix: PowerMatrix) -> Table:
+    rows = []
+    for key in matrix.variations:
+        ceiling, backed = matrix.ceiling(key), sorted(label.value for label in matrix.backed(key))
+        best = "–" if ceiling is None else f"{_rate(ceiling.rate.k, ceiling.rate.n)}, `{ceiling.pretender}`"
+        remark = "control cell" if matrix.control(key) else ", ".join(f"`{label}`" for label in backed)
+        rows.append((_name(key), best, remark))
+    caption = (
+        "The shortcut ceiling is the best success rate among the rules that a variation claims to expose, the blind "
+        "probes and the replays. A success rate proves what it has above that; where one instruction alone makes sense "
+        "in a scene, the probe without language reaches 100 % and nothing is proven about language."
+    )
+    return Table("Shortcut ceilings", caption, ("variation", "ceiling", "labels that rules fail by"), tuple(rows))
+
+
+def _limits(matrix: PowerMatrix) -> Table:
+    rows = [(_name(key), not_shown(matrix, key)) for key in matrix.variations if _axis(key) is not None]
+    caption = (
+        f"A pass does not show an ability if a policy without it passes more than {100 * FAILS_AT:.0f} % of the "
+        f"trials, or more than {100 * REPLAY_LIMIT:.0f} % where the policy moves without looking."
+    )
+    return Table("What a pass does not show", caption, ("variation", "limits"), tuple(rows))
+
+
+def _solved(cell: PowerCell | None) -> bool:
+    return cell is not None and cell.k > REPLAY_LIMIT * cell.n
+
+
+def _name(key: Key) -> str:
+    return "/".join(key)
+
+
+def _axis(key: Key) -> Axis | None:
+    try:
+        return get_task(key[0]).variation(key[1]).axis
+    except UnknownNameError:
+        return None
+
+
+def _mean(values: Iterable[float]) -> str:
+    found = list(values)
+    return f"{100 * sum(found) / len(found):.0f}" if found else "–"
+
+
+def _count(cell: PowerCell | None) -> str:
+    return "–" if cell is None else f"{cell.k}/{cell.n}"
+
+
+def _rate(k: int, n: int) -> str:
+    return f"{percent(k, n)} % ({k}/{n})"

@@ -1,0 +1,85 @@
+"""How far a report can be trusted: what is certified of its scenes, and what its diagnosis has been measured at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from betterbench.certification.coverage import packaged_coverage, parse_ranges
+from betterbench.diagnosis import Calibration, RunDiagnosis, packaged_calibration
+from betterbench.diagnosis.measures.confusion import CLAIMED
+from betterbench.diagnosis.measures.power_matrix import CURE, packaged_power_matrix
+from betterbench.report.outcomes import is_abroad
+from betterbench.report.pages.calibration_page import calibration_summary, rate_text
+from betterbench.report.pages.power_page import flagged, redundant
+from betterbench.statistics import Rate
+from betterbench.statistics.wording import listed, points
+from betterbench.tasks import SUITE_VERSION
+
+_ABROAD = {
+    "Scenes": "They are LIBERO's own. Where a scene does not show what its sentence presupposes, the run stops or its "
+    "records say so; no trial is certified.",
+    "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
+    "calibrate measures our own scenes alone.",
+}
+"""What is known of a run in LIBERO."""
+
+
+def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
+    """Return what is known about the benchmark itself for these runs, by name, a sentence or two each."""
+    if all(map(is_abroad, diagnoses)):
+        return dict(_ABROAD)
+    trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
+    shown = sorted({looks for d in diagnoses for looks in d.versions.get("looks", "seen").split(" | ")})
+    facts = {"Certificate": _certified(trials, shown)}
+    held_out = packaged_calibration(CLAIMED)
+    facts["Calibration"] = (
+        f"This build ships none; run better calibrate --family {CLAIMED}."
+        if held_out is None
+        else "Measured on policies that the diagnosis was not developed on, with habits and a controller of their own. "
+        f"{calibration_summary(held_out)} {_interval(held_out)} Command: better calibrate --family {CLAIMED}."
+    )
+    facts |= _blind({name for name, _ in trials})
+    return facts
+
+
+def _interval(held_out: Calibration) -> str:
+    low, high = map(points, held_out.failed.interval)
+    return f"The 95 % interval of the first of these rates is {low} to {high} %, if each trial counts by itself."
+
+
+def _blind(ran: set[str]) -> dict[str, str]:
+    """Return what can be solved blind among the variations that were run."""
+    matrix = packaged_power_matrix()
+    if matrix is None:
+        return {"Blind probes": f"This build ships no power matrix; {CURE}."}
+    cells = matrix.without(matrix.stale_tasks()).blind_cells()
+    blind: dict[str, list[str]] = {}
+    for cell in flagged(cells):
+        if f"{cell.task}/{cell.variation}" in ran:
+            name = f"{cell.task}/{cell.variation} ({cell.rate.k}/{cell.rate.n})"
+            blind.setdefault(cell.pretender.removeprefix("probe:"), []).append(name)
+    facts = {
+        "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
+        + " more often than by chance: a success there proves less."
+        if blind
+        else "No variation of this run is solved without images, instruction or aim more often than by chance."
+    }
+    alone = [name for name in redundant(cells) if name in ran]
+    if alone:
+        facts["Instructions"] = f"Only one makes sense in the scene of {listed(alone)}: it is redundant there."
+    return facts
+
+
+def _certified(trials: set[tuple[str, int]], looks: Sequence[str]) -> str:
+    coverage = packaged_coverage()
+    others = [name for name in looks if name != coverage.versions.looks]
+    if others:
+        return f"The packaged certificate covers the {coverage.versions.looks} looks, not the {listed(others)} ones."
+    if coverage.versions.suite != SUITE_VERSION:
+        return f"The packaged certificate is for suite version {coverage.versions.suite}, not {SUITE_VERSION}."
+    seeds = {name: parse_ranges(s.certified) for name, s in coverage.conditions.items()}
+    covered = Rate(sum(seed in seeds.get(name, ()) for name, seed in trials), len(trials))
+    return (
+        f"{rate_text(covered)} of the trials are covered by the packaged certificate: solved by the expert with "
+        "trained motions only, at rest, reachable, and showing what the instruction says."
+    )

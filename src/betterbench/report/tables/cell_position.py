@@ -1,0 +1,97 @@
+"""Cells of the diagnostic matrices: which one a condition belongs to, from where its objects are at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+
+from betterbench.tasks import Condition, Subgoal, all_tasks
+from betterbench.tasks.interventions.resolve import resolve_condition
+
+
+class State(StrEnum):
+    """Where an object is when a trial begins."""
+
+    TABLE = "on the table"
+    TARGET = "at the target"
+    ABSENT = "absent"
+
+
+class Horizon(StrEnum):
+    """Which of the two matrices a condition belongs to."""
+
+    SHORT = "short"
+    LONG = "long"
+
+
+@dataclass(frozen=True, slots=True)
+class CellPosition:
+    """A cell's matrix, and the states of the first target and of the distractor (long horizon: the second target)."""
+
+    horizon: Horizon
+    row: State
+    column: State
+
+
+def position_of(condition: Condition, *, training: bool) -> CellPosition | None:
+    """Return the cell that a condition belongs to, or None if it belongs to neither matrix.
+
+    One object to be picked belongs to the short horizon, two to the long one.
+    """
+    goals = [goal for goal in condition.instruction.subgoals if _is_pick(condition, goal)]
+    if len(goals) == 1:
+        cell = CellPosition(Horizon.SHORT, _target_state(condition, goals[0]), _distractor_state(condition, goals[0]))
+    elif len(goals) == 2:
+        cell = CellPosition(Horizon.LONG, _target_state(condition, goals[0]), _target_state(condition, goals[1]))
+    else:
+        return None
+    standard = cell.row is State.TABLE and cell.column is State.TABLE
+    return None if standard and not training else cell
+
+
+@cache
+def known_conditions() -> Mapping[CellPosition, tuple[str, ...]]:
+    """Return the conditions of all registered tasks by cell."""
+    found: dict[CellPosition, list[str]] = {}
+    for task in all_tasks():
+        for name in (*(c.name for c in task.training), *(v.name for v in task.variations)):
+            setting = resolve_condition(task.id, name)
+            cell = position_of(setting.condition, training=setting.axis is None)
+            if cell is not None:
+                found.setdefault(cell, []).append(f"{task.id}/{name}")
+    return {cell: tuple(ids) for cell, ids in found.items()}
+
+
+def _is_pick(condition: Condition, goal: Subgoal) -> bool:
+    """Return whether a subgoal asks for an object to be brought somewhere; a drawer is only closed."""
+    return all(condition.object(name).role != "drawer" for name in condition.resolve(goal.reference))
+
+
+def _target_state(condition: Condition, goal: Subgoal) -> State:
+    """Return where a subgoal's object is at the start; the second of two equal ones means the second object."""
+    names = condition.resolve(goal.reference)
+    if len(names) < goal.count:
+        return State.ABSENT
+    return State.TARGET if sum(_is_at(condition, name, goal.target) for name in names) >= goal.count else State.TABLE
+
+
+def _distractor_state(condition: Condition, goal: Subgoal) -> State:
+    """Return where the other objects are at the start: on the table if one of them is."""
+    supports = {goal.target, *(placed.target for placed in condition.preplaced.values())}
+    targets = condition.resolve(goal.reference)
+    others = [
+        o.name
+        for o in condition.objects
+        if o.role in ("item", "distractor") and o.name not in targets and o.name not in supports
+    ]
+    if any(name in condition.layout for name in others):
+        return State.TABLE
+    return State.TARGET if any(_is_at(condition, name, goal.target) for name in others) else State.ABSENT
+
+
+def _is_at(condition: Condition, name: str, target: str) -> bool:
+    """Return whether an object already rests at a target."""
+    placed = condition.preplaced.get(name)
+    return placed is not None and placed.target == target

@@ -1,0 +1,220 @@
+"""The paper's two diagnostic matrices: what happens when a target or its neighbor is there, done, or absent."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from betterbench.diagnosis.foreign import is_of_libero
+from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
+from betterbench.report.tables.cell_position import CellPosition, Horizon, State, known_conditions, position_of
+from betterbench.report.tables.table import Scalar, Table
+from betterbench.statistics import Rate
+from betterbench.tasks import Condition, Expected
+from betterbench.tasks.interventions.resolve import resolve_condition
+from betterbench.tasks.labels import Label, all_labels
+
+PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
+    Horizon.SHORT: (
+        ("success: grasps the target",) * 3,
+        ("correct freeze: sees that it is done",) * 3,
+        ("ambiguous: grasps the distractor", "ambiguous: freezes or air grasp", "ambiguous: air grasp"),
+    ),
+    Horizon.LONG: (
+        ("success: packs both", "success: packs the first, ends", "behavioral inertia: packs the first, air grasp"),
+        ("phase conflict I: freezes or skips", "success: sees that it is done", "phase conflict II: oscillates"),
+        ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
+    ),
+}
+"""What the paper saw on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
+
+SHOWN = 4
+"""Conditions that the note of an empty cell names."""
+
+_HEADINGS = {
+    Horizon.SHORT: (
+        "Short horizon: one target and a distractor",
+        "One object is asked for. Rows: where it is at the start; columns: where another one is.",
+        ("target", "distractor"),
+    ),
+    Horizon.LONG: (
+        "Long horizon: two targets",
+        "Two objects are asked for. Rows: where the first one is at the start; columns: where the second one is.",
+        ("first target", "second target"),
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixSource:
+    """One condition behind a cell ("fruit_lunch/T1").
+
+    Attributes:
+        labels: How its trials ended, the most frequent first.
+        needless: How many of its successes took a needless step.
+    """
+
+    id: str
+    expected: Expected
+    success: Rate
+    labels: tuple[tuple[Label, int], ...]
+    needless: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of a matrix: the state of the first target, and of the distractor or second target.
+
+    Attributes:
+        sources: The conditions behind it; none if the run has none.
+        success: Success rate over all their trials; no trials if there are none.
+        labels: How the trials ended, the most frequent first.
+        needless: How many of the successes took a needless step, as an air grasp at an emptied slot.
+        note: Why the cell is empty; an empty text if it is not.
+        paper: What the paper saw, for reference.
+    """
+
+    row: State
+    column: State
+    sources: tuple[MatrixSource, ...]
+    success: Rate
+    labels: tuple[tuple[Label, int], ...]
+    note: str
+    paper: str
+    needless: int = 0
+
+    @property
+    def empty(self) -> bool:
+        """Whether the run says nothing about it."""
+        return self.success.n == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """One of the paper's diagnostic matrices, filled from a run.
+
+    Attributes:
+        caption: What rows and columns are.
+        axes: What the rows and what the columns tell the state of.
+        cells: Three rows of three cells, in the order of :class:`State`.
+    """
+
+    name: str
+    title: str
+    caption: str
+    policy: str
+    axes: tuple[str, str]
+    cells: tuple[tuple[Cell, ...], ...]
+
+    @property
+    def measured(self) -> bool:
+        """Whether a run fills at least one cell."""
+        return any(not cell.empty for row in self.cells for cell in row)
+
+    def cell(self, row: State, column: State) -> Cell:
+        """Return a cell."""
+        states = list(State)
+        return self.cells[states.index(row)][states.index(column)]
+
+
+def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
+    """Return the short-horizon and the long-horizon matrix of a run.
+
+    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
+    so. Trials in LIBERO are in no cell.
+
+    Raises:
+        UnknownNameError: If a trial's task, variation or training condition is unknown.
+    """
+    trials: dict[str, list[TrialDiagnosis]] = {}
+    for trial in diagnosis.even_trials:
+        if not is_of_libero(trial.task):
+            trials.setdefault(f"{trial.task}/{trial.variation or trial.condition}", []).append(trial)
+    groups: dict[CellPosition, list[MatrixSource]] = {}
+    for name, members in trials.items():
+        setting = resolve_condition(*name.split("/"))
+        position = position_of(setting.condition, training=setting.axis is None)
+        if position is not None:
+            groups.setdefault(position, []).append(_source(name, setting.condition, members))
+    return _matrix(diagnosis.policy, Horizon.SHORT, groups), _matrix(diagnosis.policy, Horizon.LONG, groups)
+
+
+def plain_matrix(matrices: Sequence[Matrix]) -> Table:
+    """Return the same matrix of several policies as a plain table: one row per policy and cell, rates as fractions."""
+    rows: list[tuple[Scalar, ...]] = []
+    for matrix in matrices:
+        for cell in (cell for row in matrix.cells for cell in row):
+            rate = cell.success
+            ends = (None, None) if cell.empty else (rate.low, rate.high)
+            sources = " ".join(source.id for source in cell.sources)
+            where = (matrix.policy, cell.row.value, cell.column.value, rate.k, rate.n, rate.value, *ends)
+            rows.append((*where, cell.needless, outcomes_text(cell.labels), sources, cell.note, cell.paper))
+    first = matrices[0] if matrices else None
+    axes = ("target", "other") if first is None else tuple(axis.replace(" ", "_") for axis in first.axes)
+    columns = (
+        "policy",
+        *axes,
+        "k",
+        "n",
+        "success_rate",
+        "low",
+        "high",
+        "needless",
+        "outcomes",
+        "conditions",
+        "note",
+        "paper",
+    )
+    name, caption = ("matrix", "No run.") if first is None else (first.name, first.caption)
+    return Table(name, caption, columns, tuple(rows))
+
+
+def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
+    """Return outcomes with their counts ("success 12, early_halt 8")."""
+    return ", ".join(f"{label.value} {count}" for label, count in labels)
+
+
+def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
+    """Return what the trials of one condition show."""
+    success = Rate(sum(t.success for t in trials), len(trials))
+    needless = sum(t.success and bool(t.needless) for t in trials)
+    return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)
+
+
+def _ranked(counts: Mapping[Label, int]) -> tuple[tuple[Label, int], ...]:
+    """Return labels by frequency, equal ones in the order of the labels."""
+    order = all_labels()
+    return tuple(sorted(counts.items(), key=lambda entry: (-entry[1], order.index(entry[0]))))
+
+
+def _matrix(policy: str, horizon: Horizon, groups: Mapping[CellPosition, Sequence[MatrixSource]]) -> Matrix:
+    """Return one matrix."""
+    title, caption, axes = _HEADINGS[horizon]
+    positions = [[CellPosition(horizon, row, column) for column in State] for row in State]
+    cells = tuple(
+        tuple(_cell(at, groups.get(at, ()), paper) for at, paper in zip(row, seen, strict=True))
+        for row, seen in zip(positions, PAPER[horizon], strict=True)
+    )
+    return Matrix(f"{horizon.value}_horizon_matrix", title, caption, policy, axes, cells)
+
+
+def _cell(position: CellPosition, sources: Sequence[MatrixSource], paper: str) -> Cell:
+    """Return one cell."""
+    success = Rate(sum(s.success.k for s in sources), sum(s.success.n for s in sources))
+    labels: Counter[Label] = Counter()
+    for source in sources:
+        labels.update(dict(source.labels))
+    note = "" if sources else _why_empty(position)
+    needless = sum(source.needless for source in sources)
+    return Cell(position.row, position.column, tuple(sources), success, _ranked(labels), note, paper, needless)
+
+
+def _why_empty(position: CellPosition) -> str:
+    """Return why a run has no trial in a cell."""
+    known = known_conditions().get(position, ())
+    if not known:
+        return "No condition of the registered tasks begins so."
+    more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
+    return f"Not in this run: {', '.join(known[:SHOWN])}{more}."

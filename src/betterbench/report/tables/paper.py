@@ -1,0 +1,138 @@
+"""The paper's two tables in the paper's shape: our rows with counts and intervals, the paper's rows for reference."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+from betterbench.diagnosis.verdict import RunDiagnosis
+from betterbench.report.tables.table import Scalar, Table
+from betterbench.report.wording import Figure
+from betterbench.statistics import Rate, delta_success_rate
+
+GUESS = 0.5
+"""Chance of the right first grasp with two mugs on the table (paper, table on the coffee task)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperGroup:
+    """A heading over several columns: its title and how many columns it spans."""
+
+    title: str
+    span: int
+
+
+@dataclass(frozen=True, slots=True)
+class PaperColumn:
+    """A column: the name of its condition in CSV files ("L1"), and its title."""
+
+    name: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRow:
+    """A row: who it is about, where its numbers come from ("chance", "run" or "paper"), and the numbers."""
+
+    name: str
+    source: str
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTable:
+    """One of the paper's tables; ``groups`` are headings over the columns, ``name`` a file name without its ending."""
+
+    name: str
+    title: str
+    caption: str
+    groups: tuple[PaperGroup, ...]
+    columns: tuple[PaperColumn, ...]
+    rows: tuple[PaperRow, ...]
+
+    @property
+    def measured(self) -> bool:
+        """Whether a run fills at least one cell."""
+        return any(not figure.missing for row in self.rows if row.source == "run" for figure in row.figures)
+
+
+@cache
+def paper_facts() -> dict[str, Any]:
+    """Return the numbers that the paper prints, with their source."""
+    text = resources.files("betterbench.report").joinpath("paper.json").read_text(encoding="utf-8")
+    facts: dict[str, Any] = json.loads(text)
+    return facts
+
+
+def coffee_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
+    """Return the intention accuracy per instruction on the coffee task, one row per run."""
+    names = ("L1", "L2", "L3", "L4")
+    rows = [PaperRow("Random guess", "chance", tuple(Figure(GUESS) for _ in names))]
+    rows += [
+        PaperRow(
+            d.policy, "run", tuple(Figure.of(d.metric("intention_accuracy", f"morning_coffee/{n}")) for n in names)
+        )
+        for d in diagnoses
+    ]
+    n = paper_facts()["trials_per_cell"]
+    for name, counts in paper_facts()["coffee"]["rows"].items():
+        rows.append(PaperRow(name, "paper", tuple(Figure.of_rate(Rate(k, n)) for k in counts)))
+    return PaperTable(
+        "coffee",
+        "Preparing morning coffee: which mug is grasped first",
+        "Intention accuracy: share of trials whose first grasp attempt is at the instructed mug, with 95 % intervals. "
+        "In training, place words were only heard in layout 2 and color words only in layout 1.",
+        (PaperGroup("Spatial instruction (layout 1)", 2), PaperGroup("Semantic instruction (layout 2)", 2)),
+        tuple(PaperColumn(n, t) for n, t in zip(names, ("“top”", "“bottom”", "“red”", "“blue”"), strict=True)),
+        tuple(rows),
+    )
+
+
+def composition_table(diagnoses: Sequence[RunDiagnosis]) -> PaperTable:
+    """Return the success rates of seen and novel compositions of the fast-food task and their difference ΔSR."""
+    names = ("train1", "train2", "R1")
+    rows = []
+    for diagnosis in diagnoses:
+        figures = [Figure.of(diagnosis.metric("success_rate", f"fast_food/{name}")) for name in names]
+        delta = Figure.of(diagnosis.metric("delta_sr", "fast_food/R1"), difference=True)
+        rows.append(PaperRow(diagnosis.policy, "run", (*figures, delta)))
+    n = paper_facts()["trials_per_cell"]
+    for name, counts in paper_facts()["composition"]["rows"].items():
+        first, second, novel = (Rate(k, n) for k in counts)
+        found = delta_success_rate(novel, (first, second))
+        delta = Figure(found.value, found.low, found.high, None, n, difference=True)
+        rows.append(
+            PaperRow(name, "paper", (Figure.of_rate(first), Figure.of_rate(second), Figure.of_rate(novel), delta))
+        )
+    return PaperTable(
+        "composition",
+        "Packing a fast food order: can seen steps be recombined?",
+        "Success rates with 95 % intervals. A is the burger, B the fries, C the drink; in training a burger always "
+        "came first. ΔSR is the novel composition minus the mean of the seen ones, in percentage points.",
+        (PaperGroup("Seen compositions", 2), PaperGroup("Novel composition", 1), PaperGroup("Difference", 1)),
+        (
+            PaperColumn("train1", "A→B"),
+            PaperColumn("train2", "A→C"),
+            PaperColumn("R1", "B→C"),
+            PaperColumn("delta_sr", "ΔSR"),
+        ),
+        tuple(rows),
+    )
+
+
+def plain_paper_table(table: PaperTable) -> Table:
+    """Return a paper table as a plain one: value, ends of the interval and counts in columns of their own."""
+    columns = ["model", "source"]
+    for column in table.columns:
+        columns += [f"{column.name}{suffix}" for suffix in ("", "_low", "_high", "_k", "_n")]
+    rows: list[tuple[Scalar, ...]] = []
+    for row in table.rows:
+        cells: list[Scalar] = [row.name, row.source]
+        for f in row.figures:
+            cells += [f.value, f.low, f.high, f.k, f.n]
+        rows.append(tuple(cells))
+    return Table(table.name, table.caption, tuple(columns), tuple(rows))

@@ -1,1 +1,0 @@
-"""The shortcut audit: what goes together in demonstrations, and which variations a learner of them would fail."""

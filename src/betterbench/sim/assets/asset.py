@@ -1,0 +1,174 @@
+"""The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from betterbench.errors import find_named
+from betterbench.geometry import IDENTITY_QUATERNION, Pose, Quaternion, Vector
+from betterbench.interface.state import Region
+
+CollisionShape = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "hull"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Texture:
+    """A picture painted on a visual part.
+
+    Attributes:
+        pixels: (height, width, 3) uint8 RGB, at most 1024 pixels a side.
+        uv: (n_vertices, 2) float32 texture coordinates, origin at the lower left.
+    """
+
+    pixels: np.ndarray
+    uv: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualPart:
+    """One colored mesh of an asset.
+
+    Attributes:
+        vertices: (n, 3) float32 positions in the object frame [m].
+        faces: (m, 3) int32 vertex indices, counter-clockwise seen from outside.
+        rgba: Color, each in [0, 1]; multiplied with the texture if there is one.
+        specular: Strength of highlights in [0, 1].
+        shininess: Sharpness of highlights in [0, 1].
+        smooth: True to share normals across faces (round things), False for crisp edges.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    rgba: tuple[float, float, float, float]
+    specular: float = 0.2
+    shininess: float = 0.3
+    texture: Texture | None = None
+    smooth: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CollisionPart:
+    """One convex collision geometry.
+
+    Attributes:
+        shape: Primitive type, or "hull" for the convex hull of ``vertices``.
+        size: MuJoCo's half sizes of the primitive [m]: box (x, y, z); cylinder and capsule (radius, half length, 0);
+            sphere (radius, 0, 0); ellipsoid (a, b, c); ignored for a hull.
+        position: Center in the object frame [m].
+        quaternion: Rotation in the object frame (w, x, y, z).
+        vertices: (n, 3) points of a hull in the object frame [m].
+        friction: Sliding, torsional [m] and rolling [m] coefficients.
+    """
+
+    shape: CollisionShape
+    size: Vector
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = IDENTITY_QUATERNION
+    vertices: np.ndarray | None = None
+    friction: Vector = (0.8, 0.01, 0.001)
+
+
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """A way for a parallel jaw to take the object.
+
+    Attributes:
+        name: What is taken ("handle", "body", "rim").
+        pose: Pose ``T_object_tcp`` of the tool center point when the jaw closes; its z axis is the approach direction,
+            its y axis the direction in which the fingers open.
+        width_m: Thickness of what is between the pads [m].
+        clearance_m: Free distance that the open jaw needs on each side [m].
+        symmetric_yaw: True if the grasp may be turned freely about the object's vertical axis.
+        preference: Lower is tried first.
+    """
+
+    name: str
+    pose: Pose
+    width_m: float
+    clearance_m: float = 0.012
+    symmetric_yaw: bool = False
+    preference: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Asset:
+    """A 3-D object ready for simulation. The origin is the center of the bottom face of its resting bounding box, z up.
+
+    Attributes:
+        category: What it is ("mug").
+        look: Number of the look within the generator's family.
+        color: Color word a person would use.
+        shape: Coarse shape word ("round", "cylinder", "box", "irregular").
+        description: One sentence of free text, used for retrieval.
+        size_m: Extents of the bounding box [m].
+        center_of_mass: In the object frame [m].
+        inertia: About the center of mass, axes of the object frame (ixx, iyy, izz, ixy, ixz, iyz) [kg m^2].
+        visual: Colored meshes; at most 600 faces in all.
+        collision: Convex geometries; at most about 12.
+        regions: Named places on it (opening, ring, handle, top).
+        parameters: The numbers that the generator chose, for the record.
+    """
+
+    category: str
+    look: int
+    color: str
+    shape: str
+    description: str
+    tags: tuple[str, ...]
+    size_m: Vector
+    mass_kg: float
+    center_of_mass: Vector
+    inertia: tuple[float, float, float, float, float, float]
+    visual: tuple[VisualPart, ...]
+    collision: tuple[CollisionPart, ...]
+    grasps: tuple[Grasp, ...] = ()
+    regions: tuple[Region, ...] = ()
+    source: str = "betterbench procedural library"
+    license: str = "Apache-2.0"
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+    @property
+    def identity(self) -> str:
+        """Name that two equal assets share ("mug-red#3")."""
+        return f"{self.category}-{self.color}#{self.look}"
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles of all visual parts."""
+        return sum(len(part.faces) for part in self.visual)
+
+    def grasp(self, name: str) -> Grasp:
+        """Return a grasp by name.
+
+        Raises:
+            UnknownNameError: If the asset has no such grasp.
+        """
+        return find_named(f"grasp of {self.category}", name, self.grasps)
+
+    def region(self, name: str) -> Region:
+        """Return a region by name.
+
+        Raises:
+            UnknownNameError: If the asset has no such region.
+        """
+        return find_named(f"region of {self.category}", name, self.regions)
+
+    def content_hash(self) -> str:
+        """Return a hash of everything that physics or a camera can notice (hex, 16 characters)."""
+        digest = hashlib.sha256()
+        numbers = (self.identity, self.size_m, self.mass_kg, self.center_of_mass, self.inertia, self.grasps)
+        digest.update(repr(numbers).encode() + repr(self.regions).encode())
+        for part in self.visual:
+            digest.update(repr((part.name, part.rgba, part.specular, part.shininess, part.smooth)).encode())
+            digest.update(part.vertices.tobytes() + part.faces.tobytes())
+            if part.texture is not None:
+                digest.update(part.texture.pixels.tobytes() + part.texture.uv.tobytes())
+        for shape in self.collision:
+            digest.update(repr((shape.shape, shape.size, shape.position, shape.quaternion, shape.friction)).encode())
+            if shape.vertices is not None:
+                digest.update(shape.vertices.tobytes())
+        return digest.hexdigest()[:16]

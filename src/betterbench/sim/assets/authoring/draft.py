@@ -1,0 +1,158 @@
+"""What a generator returns, and the words in which it describes an object: parts, grasps and regions."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from betterbench.geometry import Pose, Vector, multiply, normalize
+from betterbench.interface.state import Region
+from betterbench.sim.assets.asset import CollisionPart, Grasp, Texture, VisualPart
+from betterbench.sim.assets.authoring.mesh import Mesh, box, mapped
+from betterbench.sim.assets.authoring.paint import Canvas, Rgb
+from betterbench.sim.assets.authoring.solids import solid_box
+
+JAW_OPENS_ALONG_Y = normalize((0.0, 1.0, 0.0, 0.0))
+"""Tool frame of a jaw that comes from above: z down (approach), y the direction in which the fingers open."""
+
+JAW_OPENS_ALONG_X = normalize(multiply((math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)), JAW_OPENS_ALONG_Y))
+"""The same jaw, turned so that its fingers open along x of the object."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Draft:
+    """The description of one object, from which the registry makes an asset.
+
+    The registry adds the category, the look and the color word (also as the last tag), spreads the mass over the
+    collision parts and measures the size. What is not listed here is as in
+    :class:`~betterbench.sim.assets.asset.Asset`.
+
+    Attributes:
+        tags: Search words, without the color word.
+        parts: What is seen and what is touched, in any order.
+        densities: Relative density of each collision part, in order; the parts after the last number weigh nothing. All
+            parts have the same density if not given.
+        material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`: it gives
+            all collision parts their friction, except those that have one of their own (:func:`surfaced`). Without a
+            material each part keeps the friction it was made with.
+    """
+
+    shape: Literal["round", "cylinder", "box", "irregular"]
+    description: str
+    tags: tuple[str, ...]
+    mass_kg: float
+    parts: Sequence[VisualPart | CollisionPart]
+    densities: Sequence[float] | None = None
+    material: str | None = None
+    grasps: tuple[Grasp, ...] = ()
+    regions: tuple[Region, ...] = ()
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+
+def part(
+    name: str,
+    mesh: Mesh,
+    paint: Rgb | Canvas,
+    *,
+    view: tuple[Vector, Vector] | None = None,
+    specular: float = 0.2,
+    shininess: float = 0.3,
+    opacity: float = 1.0,
+) -> VisualPart:
+    """Return a visual part: a mesh in one color, or with a picture at the texture coordinates of the mesh.
+
+    A ``view`` projects the picture onto the mesh instead: the directions in which its columns and rows run
+    (:data:`FRONT`, :data:`ABOVE`). Colors, ``specular``, ``shininess`` and ``opacity`` are in [0, 1].
+    """
+    mesh = mesh if view is None else mapped(mesh, *view)
+    color, texture = (1.0, 1.0, 1.0), None
+    if isinstance(paint, Canvas):
+        texture = Texture(_frozen(paint.pixels()), _frozen(np.round(mesh.uv, 6).astype(np.float32)))
+    else:
+        color = paint
+    r, g, b = (round(min(max(float(c), 0.0), 1.0), 4) for c in color)
+    vertices = _frozen((np.round(mesh.vertices, 7) + 0.0).astype(np.float32))
+    faces = _frozen(mesh.faces.astype(np.int32))
+    return VisualPart(name, vertices, faces, (r, g, b, opacity), specular, shininess, texture)
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    """Return a contiguous array that nobody can write to: assets are cached and shared."""
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return array
+
+
+def block(
+    name: str,
+    low: Vector,
+    high: Vector,
+    paint: Rgb | Canvas,
+    *,
+    bevel: float = 0.0,
+    corner: float = 0.0,
+    steps: int = 1,
+    view: tuple[Vector, Vector] | None = None,
+    specular: float = 0.2,
+    shininess: float = 0.3,
+) -> tuple[VisualPart, CollisionPart]:
+    """Return what is seen and what is touched of one box from its corner ``low`` to its corner ``high`` [m].
+
+    The bevel of the top and bottom edges and the rounded vertical edges are only seen; see :func:`box` and
+    :func:`part`.
+    """
+    solid = solid_box(low, high)
+    x, y, z = solid.size
+    mesh = box((2.0 * x, 2.0 * y, 2.0 * z), solid.position, bevel=bevel, corner=corner, steps=steps)
+    return part(name, mesh, paint, view=view, specular=specular, shininess=shininess), solid
+
+
+def grip(
+    name: str,
+    height: float,
+    width: float,
+    *,
+    x: float = 0.0,
+    y: float = 0.0,
+    across: Literal["x", "y"] = "y",
+    clearance: float = 0.012,
+    symmetric_yaw: bool = False,
+    preference: int = 0,
+) -> Grasp:
+    """Return a grasp at (x, y) by a jaw that comes straight from above, the middle of its pads at ``height`` [m].
+
+    The fingers open along the axis ``across`` of the object, around a thickness of ``width`` [m]; for the other
+    arguments see :class:`Grasp`.
+    """
+    pose = Pose((x, y, height), JAW_OPENS_ALONG_X if across == "x" else JAW_OPENS_ALONG_Y)
+    return Grasp(name, pose, width, clearance, symmetric_yaw, preference)
+
+
+def grip_across(height: float, radius: float, *, clearance: float | None = None) -> Grasp:
+    """Return the grasp across the diameter of a body round at ``height``, which may be turned freely [m].
+
+    If not given, the clearance is 12 mm or what a jaw of 79 mm leaves on each side.
+    """
+    free = min(0.012, 0.0395 - radius) if clearance is None else clearance
+    return grip("body", height, 2.0 * radius, clearance=free, symmetric_yaw=True)
+
+
+def zone(
+    name: str, half_x: float, half_y: float, z: float = 0.0, *, x: float = 0.0, y: float = 0.0, half_z: float = 0.001
+) -> Region:
+    """Return a rectangular region with half extents and a middle [m]; it is flat unless ``half_z`` is given."""
+    return Region(name, (x, y, z), (half_x, half_y, half_z))
+
+
+def disc(name: str, radius: float, z: float = 0.0, *, x: float = 0.0) -> Region:
+    """Return a flat round region with a radius [m] at height ``z`` [m]."""
+    return zone(name, radius, radius, z, x=x)
+
+
+def centered(*meshes: Mesh) -> Vector:
+    """Return the shift [m] that moves the center of the bottom face of the bounding box to the origin."""
+    points = np.concatenate([m.vertices for m in meshes])
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (-0.5 * float(low[0] + high[0]), -0.5 * float(low[1] + high[1]), -float(low[2]))

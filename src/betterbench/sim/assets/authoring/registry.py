@@ -1,0 +1,188 @@
+"""The register of generators: a category is one decorated function; everything else is derived from it."""
+
+import functools
+import hashlib
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.sim.assets.asset import Asset, CollisionPart, VisualPart
+from betterbench.sim.assets.authoring.draft import Draft
+from betterbench.sim.assets.authoring.mass import mass_properties
+from betterbench.sim.assets.authoring.solids import surfaced
+from betterbench.tasks.user_files import load_declared, registered
+
+Generator = Callable[[np.random.Generator, str], Draft]
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """A registered generator."""
+
+    make: Generator
+    colors: tuple[str, ...]
+    looks: int
+    unseen_looks: int
+    family: str
+
+
+_REGISTER: dict[str, _Entry] = {}
+
+
+def generator(
+    category: str, *, colors: Sequence[str], looks: int = 8, unseen_looks: int = 4, family: str | None = None
+) -> Callable[[Generator], Generator]:
+    """Register a function as the generator of a category, from whatever file it is imported.
+
+    The function takes a random generator, the source of everything in which looks differ, and a color word; the first
+    color is the default. It must draw the same numbers for each color, so that the color never changes the shape.
+    The first ``looks`` numbers are the looks of training and test, the ``unseen_looks`` after them are held out.
+    Categories of one ``family`` draw the same random numbers for a look, so that what belongs together (a cabinet and
+    its drawers, the plates of a set) matches.
+
+    Raises:
+        InvalidInputError: If there is no color or no look of either kind, or if another function has registered the
+            category.
+    """
+    if not category or not colors or looks < 1 or unseen_looks < 1:
+        problem = "it needs a name, a color, a look and a held-out look"
+        raise InvalidInputError(f"asset category {category!r}", problem, 'Write @generator("kite", ...)')
+
+    def register(make: Generator) -> Generator:
+        named = registered("asset", category, make, _REGISTER)
+        known = _REGISTER.get(category)
+        # A file that is loaded again may register its own function once more.
+        if known is not None and _origin(known.make) != _origin(make):
+            both = f"{_origin(make)} registers it, and so does {_origin(known.make)}"
+            raise InvalidInputError(f"asset category {category!r}", both, "Give one of them another name")
+        _REGISTER[category] = _Entry(named, tuple(colors), looks, unseen_looks, family or category)
+        _build.cache_clear()
+        return make
+
+    return register
+
+
+def unregister(category: str) -> None:
+    """Remove a category, as a test does that has registered one.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    _entry(category)
+    del _REGISTER[category]
+    _build.cache_clear()
+
+
+def _origin(make: Generator) -> str:
+    """Return the file and the name of a generator, for a person to find it."""
+    code = getattr(inspect.unwrap(make), "__code__", None)
+    return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
+
+
+def categories() -> tuple[str, ...]:
+    """Return the names of all categories, sorted."""
+    load_declared()
+    return tuple(sorted(_REGISTER))
+
+
+def _entry(category: str) -> _Entry:
+    """Look a category up."""
+    load_declared()
+    if category not in _REGISTER:
+        raise UnknownNameError("asset category", category, _REGISTER)
+    return _REGISTER[category]
+
+
+def colors(category: str) -> tuple[str, ...]:
+    """Return the colors a category can be made in, the default first.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return _entry(category).colors
+
+
+def looks(category: str) -> range:
+    """Return the numbers of a category's looks in training and test.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return range(_entry(category).looks)
+
+
+def unseen_looks(category: str) -> range:
+    """Return the numbers of a category's held-out looks, which no demonstration shows.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    entry = _entry(category)
+    return range(entry.looks, entry.looks + entry.unseen_looks)
+
+
+def family_of(category: str) -> str:
+    """Return the family of a category, by default its own name.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return _entry(category).family
+
+
+def build(category: str, *, look: int = 0, color: str | None = None) -> Asset:
+    """Make an asset. The same arguments give the same bits in every process; the color never changes the shape.
+
+    Without a color it has the category's first one, see :func:`colors`; the look is one of :func:`looks` or
+    :func:`unseen_looks`.
+
+    Raises:
+        UnknownNameError: If the category or the color is not known.
+        InvalidInputError: If there is no such look.
+    """
+    entry = _entry(category)
+    chosen = entry.colors[0] if color is None else color
+    if chosen not in entry.colors:
+        raise UnknownNameError(f"color of {category}", chosen, entry.colors)
+    total = entry.looks + entry.unseen_looks
+    if look not in range(total):
+        cure = f"Use a number from 0 to {total - 1}"
+        raise InvalidInputError(f"look of {category}", f"{look!r} does not exist", cure)
+    return _build(category, look, chosen)
+
+
+@functools.lru_cache(maxsize=512)
+def _build(category: str, look: int, color: str) -> Asset:
+    """Make an asset from arguments that are known to be good."""
+    entry = _REGISTER[category]
+    seed = int.from_bytes(hashlib.sha256(f"betterbench asset {entry.family} {look}".encode()).digest()[:8], "big")
+    draft = entry.make(np.random.default_rng(seed), color)
+    visual = tuple(p for p in draft.parts if isinstance(p, VisualPart))
+    collision = tuple(p for p in draft.parts if isinstance(p, CollisionPart))
+    if draft.material is not None:
+        collision = surfaced(collision, draft.material, only_plain=True)
+    if not visual or not collision:
+        raise InvalidInputError(f"asset {category!r}", "it has nothing to see or nothing to touch", "Add a part")
+    points = np.concatenate([part.vertices for part in visual]).astype(float)
+    x, y, z = (round(float(e), 6) for e in np.ptp(points, axis=0))
+    body = mass_properties(collision, draft.mass_kg, densities=draft.densities)
+    return Asset(
+        category=category,
+        look=look,
+        color=color,
+        shape=draft.shape,
+        description=draft.description,
+        tags=(*draft.tags, color),
+        size_m=(x, y, z),
+        mass_kg=body.mass_kg,
+        center_of_mass=body.center_of_mass,
+        inertia=body.inertia,
+        visual=visual,
+        collision=collision,
+        grasps=draft.grasps,
+        regions=draft.regions,
+        parameters=draft.parameters,
+    )

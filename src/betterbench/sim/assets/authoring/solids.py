@@ -1,0 +1,117 @@
+"""Collision shapes: convex solids, and the walls of hollow things made of them."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+from betterbench.geometry import Vector, from_axis_angle, from_yaw, multiply
+from betterbench.sim.assets.asset import CollisionPart
+from betterbench.sim.assets.authoring.materials import material
+
+
+def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
+    """Return solids with the friction of a material: a handle of rubber on a thing of steel.
+
+    With ``only_plain``, solids that have a friction of their own keep it.
+
+    Raises:
+        UnknownNameError: If there is no such material.
+    """
+    friction, plain = material(name).friction, CollisionPart("box", (1.0, 1.0, 1.0)).friction
+    return tuple(s if only_plain and s.friction != plain else replace(s, friction=friction) for s in solids)
+
+
+def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
+    """Return the flat square at ``x`` with half a side [m] on which a round thing stands.
+
+    A cylinder on a box touches it in one or two points that change from step to step; four fixed corners, which must
+    stay inside the round footprint, stand still. The round part of the body should start 0.5 mm above the ground, so
+    that it only meets the ground when tipped.
+    """
+    return CollisionPart("box", (half, half, 0.5 * height), (x, 0.0, 0.5 * height))
+
+
+def upright_cylinder(radius: float, low: float, high: float, *, x: float = 0.0) -> CollisionPart:
+    """Return a standing cylinder on a vertical axis at ``x`` from height ``low`` to ``high`` [m]."""
+    return CollisionPart("cylinder", (radius, 0.5 * (high - low), 0.0), (x, 0.0, 0.5 * (low + high)))
+
+
+def standing(foot_half: float, *cylinders: tuple[float, float]) -> tuple[CollisionPart, ...]:
+    """Return a round body that stands on a :func:`foot_square`: cylinders one on another.
+
+    Each has a radius and an upper end [m]; the lowest starts 0.5 mm above the ground.
+    """
+    ends = [0.0005, *(high for _, high in cylinders)]
+    upper = (upright_cylinder(r, low, high) for (r, high), low in zip(cylinders, ends, strict=False))
+    return foot_square(foot_half), *upper
+
+
+def spheroid(radius: float, half_height: float, z: float) -> CollisionPart:
+    """Return an upright ellipsoid of revolution on the object's axis with its center at height ``z`` [m]."""
+    return CollisionPart("ellipsoid", (radius, radius, half_height), (0.0, 0.0, z))
+
+
+def solid_box(low: Vector, high: Vector) -> CollisionPart:
+    """Return the axis-aligned box between two opposite corners [m]."""
+    (ax, ay, az), (bx, by, bz) = low, high
+    half = (0.5 * (bx - ax), 0.5 * (by - ay), 0.5 * (bz - az))
+    return CollisionPart("box", half, (0.5 * (bx + ax), 0.5 * (by + ay), 0.5 * (bz + az)))
+
+
+def solid_span(x: tuple[float, float], half_y: float, z: tuple[float, float]) -> CollisionPart:
+    """Return the box that is symmetric about y = 0, between two positions along x and two heights [m]."""
+    return solid_box((x[0], -half_y, z[0]), (x[1], half_y, z[1]))
+
+
+def leaning_box(half: Vector, center: Vector, lean: float) -> CollisionPart:
+    """Return a box with half sizes and a center [m], turned about the object's y axis by ``lean`` [rad]."""
+    return CollisionPart("box", half, center, from_axis_angle((0.0, lean, 0.0)))
+
+
+def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float, z: float) -> CollisionPart:
+    """Return a box with half sizes made about a hinge at the origin, its ``middle`` at (x, z) [m].
+
+    It is opened and put to the hinge like :meth:`Mesh.hinged`.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    return leaning_box(half, (x + c * middle[0] - s * middle[1], 0.0, z + s * middle[0] + c * middle[1]), -angle)
+
+
+def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
+    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round thing.
+
+    The half sizes are along the radius, along the circumference and upward; the middles of the boards are at height
+    ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] leans their upper ends outward.
+    """
+    tilt, boards = from_axis_angle((0.0, lean, 0.0)), []
+    for angle in (k * math.pi / 4 for k in range(8)):
+        turn = multiply(from_yaw(angle), tilt) if lean else from_yaw(angle)
+        boards.append(CollisionPart("box", half, (x + away * math.cos(angle), away * math.sin(angle), z), turn))
+    return boards
+
+
+def round_wall(
+    radius: float, thickness: float, low: float, high: float, *, x: float = 0.0, half_length: float | None = None
+) -> list[CollisionPart]:
+    """Return the upright wall of a hollow round thing between two heights [m] as a :func:`ring_of_boards`.
+
+    The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
+    """
+    along = radius * math.tan(math.pi / 8) if half_length is None else half_length
+    up = 0.5 * (high - low)
+    return ring_of_boards((0.5 * thickness, along, up), radius - 0.5 * thickness, low + up, x=x)
+
+
+def open_box(
+    inner: tuple[float, float], wall: float, floor: float, height: float, *, x: float = 0.0
+) -> tuple[CollisionPart, ...]:
+    """Return a floor and four walls around an inside with half extents along x and y, its middle at ``x`` [m]."""
+    ix, iy = inner
+    ox, oy = ix + wall, iy + wall
+    return (
+        solid_box((x - ox, -oy, 0.0), (x + ox, oy, floor)),
+        solid_box((x + ix, -oy, floor), (x + ox, oy, height)),
+        solid_box((x - ox, -oy, floor), (x - ix, oy, height)),
+        solid_box((x - ix, iy, floor), (x + ix, oy, height)),
+        solid_box((x - ix, -oy, floor), (x + ix, -iy, height)),
+    )

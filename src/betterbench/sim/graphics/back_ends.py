@@ -1,0 +1,65 @@
+"""The OpenGL back ends: which one images are made with, and whether its libraries are there.
+
+Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import functools
+import os
+
+INSTALL_HINT = "apt-get install -y --no-install-recommends libegl1 libgl1"
+"""The line that brings an OpenGL back end to a Debian or Ubuntu machine, with or without a graphics card."""
+
+OSMESA_HINT = "apt-get install -y --no-install-recommends libosmesa6"
+"""The line that brings OSMesa, which draws in software alone."""
+
+OFF = ("disable", "disabled", "off", "false", "0")
+BACK_ENDS = ("egl", "osmesa", "glfw")
+KNOWN = (*BACK_ENDS, "glx", *OFF, "enable", "enabled", "on", "true", "1", "")
+PLATFORMS = ("egl", "osmesa")
+"""Back ends whose functions PyOpenGL finds on the platform of the same name."""
+
+
+def gl_backend() -> str | None:
+    """Return the off-screen OpenGL back end that images are made with ("egl", "osmesa", "glfw"), None without one.
+
+    The environment variable ``MUJOCO_GL`` decides if it names one of the three; "glfw" needs a display. Otherwise EGL
+    is preferred, which also finds graphics cards. Only the presence of libraries is looked at;
+    :func:`betterbench.sim.scenes.renderer_fingerprint` tries them.
+    """
+    asked = asked_back_end()
+    if asked in BACK_ENDS:
+        return asked
+    if asked in OFF:
+        return None
+    return next((name for name in PLATFORMS if has_library(name)), None)
+
+
+def asked_back_end() -> str:
+    """Return what ``MUJOCO_GL`` says, as MuJoCo reads it."""
+    return os.environ.get("MUJOCO_GL", "").strip().lower()
+
+
+def has_library(backend: str) -> bool:
+    """Return whether the libraries of a back end can be loaded."""
+    if backend == "egl":
+        # PyOpenGL takes the functions of OpenGL from one of these beside EGL's own library.
+        return _loads("libEGL.so.1") and any(
+            _loads(name) for name in ("libOpenGL.so.0", "libGL.so.1", "libGLESv2.so.2")
+        )
+    return _loads("libOSMesa.so.8") or _loads(ctypes.util.find_library("OSMesa"))
+
+
+@functools.cache
+def _loads(library: str | None) -> bool:
+    """Return True if a shared library can be loaded."""
+    if library is None:
+        return False
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True

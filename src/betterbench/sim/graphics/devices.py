@@ -1,0 +1,180 @@
+"""The EGL devices of this machine, and how processes are spread over them.
+
+Processes are spread over devices that draw alike: those with the same OpenGL vendor, renderer and version as the first
+one that works, so that no image depends on the process that drew it. A process passes the list on to those that it
+starts, in an order of their own that begins with the device of each.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from betterbench.errors import GraphicsError, one_line
+from betterbench.sim.graphics import probe
+from betterbench.sim.graphics.back_ends import gl_backend
+
+DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
+"""The number of the EGL device by which MuJoCo and robosuite draw."""
+
+HANDED_DOWN = "BETTERBENCH_EGL_DEVICES"
+"""Numbers of the devices that a process spreads its own over, the first for itself; set by the process before it."""
+
+_BULLET_VARIABLE = "EGL_VISIBLE_DEVICES"
+"""The same number for PyBullet, by which CALVIN draws."""
+
+_PROBE_LIMIT_S = 60.0
+
+_started = itertools.count()
+
+
+@dataclass(frozen=True, slots=True)
+class EglDevice:
+    """One EGL device on which an OpenGL context can be made.
+
+    Attributes:
+        number: Its place in EGL's list.
+        draws: OpenGL's vendor, renderer and version.
+        cuda: The number that CUDA gives to the graphics card, in the driver's own order; None if that is not known.
+        uuid: The UUID of the graphics card; empty if that is not known.
+    """
+
+    number: int
+    draws: tuple[str, str, str]
+    cuda: int | None = None
+    uuid: str = ""
+
+
+@functools.cache
+def device_count() -> int:
+    """Return how many devices EGL lists; 0 without EGL, or where it cannot list them."""
+    return len(probe.devices())
+
+
+@functools.cache
+def egl_devices() -> tuple[EglDevice, ...]:
+    """Return the devices that work, in EGL's order; a machine with one device is not asked what it draws with."""
+    if device_count() <= 1:
+        return tuple(EglDevice(number, ("", "", "")) for number in range(device_count()))
+    # Without CUDA's own choice, its numbers are those of the driver.
+    hidden = ("CUDA_VISIBLE_DEVICES", DEVICE_VARIABLE)
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    try:
+        done = subprocess.run(  # noqa: S603 - our own file
+            [sys.executable, "-I", str(Path(probe.__file__))],
+            capture_output=True,
+            timeout=_PROBE_LIMIT_S,
+            check=True,
+            env=environment,
+        )
+        found = json.loads(done.stdout)
+    except (OSError, subprocess.SubprocessError, ValueError):
+        return ()
+    return tuple(
+        EglDevice(number, (said["vendor"], said["renderer"], said["version"]), said.get("cuda"), said.get("uuid", ""))
+        for number, said in enumerate(found)
+        if said
+    )
+
+
+def drawing_devices() -> tuple[int, ...]:
+    """Return the numbers of the devices that processes started here are spread over; empty if EGL is not used.
+
+    A device that ``MUJOCO_EGL_DEVICE_ID`` names is the only one.
+
+    Raises:
+        GraphicsError: If that variable names none.
+    """
+    if gl_backend() != "egl":
+        return ()
+    handed = _numbers(os.environ.get(HANDED_DOWN, ""))
+    if handed:
+        return handed
+    chosen = require_device()
+    return alike(egl_devices(), os.environ) if chosen is None else (chosen,)
+
+
+def require_device() -> int | None:
+    """Return the device that ``MUJOCO_EGL_DEVICE_ID`` names, None if it is not set; GraphicsError if there is none."""
+    chosen = os.environ.get(DEVICE_VARIABLE)
+    if chosen is None:
+        return None
+    problem = device_problem(chosen, device_count())
+    if problem is not None:
+        raise problem
+    return int(chosen) if chosen.strip().isdecimal() else None
+
+
+def alike(devices: Sequence[EglDevice], environment: Mapping[str, str]) -> tuple[int, ...]:
+    """Return the numbers of the devices that draw as the first one does.
+
+    Where ``CUDA_VISIBLE_DEVICES`` names graphics cards that are among them, by number or by UUID, only those count: the
+    others belong to somebody else's job.
+    """
+    if not devices:
+        return ()
+    named = [part.strip() for part in environment.get("CUDA_VISIBLE_DEVICES", "").split(",") if part.strip()]
+    own = [device for device in devices if any(_is_card(device, name) for name in named)] or list(devices)
+    return tuple(device.number for device in own if device.draws == own[0].draws)
+
+
+def next_device_variables() -> dict[str, str]:
+    """Return the variables that give the next process started here its device, each in turn; none without devices."""
+    return device_variables(next(_started))
+
+
+def take_device(turn: int) -> None:
+    """Give this process the device of its turn, before anything is drawn.
+
+    A variable that names no device is left to the first image, whose error names it: a run may draw none.
+    """
+    with contextlib.suppress(GraphicsError):
+        os.environ.update(device_variables(turn))
+
+
+def device_variables(turn: int) -> dict[str, str]:
+    """Return the variables that give a process its device, by its number among those started here."""
+    devices = drawing_devices()
+    if not devices:
+        return {}
+    first = turn % len(devices)
+    ordered = [str(number) for number in (*devices[first:], *devices[:first])]
+    return {DEVICE_VARIABLE: ordered[0], _BULLET_VARIABLE: ordered[0], HANDED_DOWN: ",".join(ordered)}
+
+
+def device_problem(chosen: str, count: int) -> GraphicsError | None:
+    """Return what is wrong with the device that ``MUJOCO_EGL_DEVICE_ID`` names, of so many; None if nothing is."""
+    if count == 0:
+        return None
+    last = count - 1
+    cure = "Unset it, or set it to 0" if last == 0 else f"Unset it, or set it to a number from 0 to {last}"
+    there = "this machine has one EGL device, number 0" if last == 0 else f"EGL has the devices 0 to {last} here"
+    try:
+        number = int(chosen)
+    except ValueError:
+        said = f"{one_line(chosen, most=60)!r} is no number of an EGL device" if chosen.strip() else "it is empty"
+        return GraphicsError(f"{DEVICE_VARIABLE}: {said}; {there}. {cure}.")
+    if not 0 <= number <= last:
+        return GraphicsError(f"{DEVICE_VARIABLE}: it is {number}, and {there}. {cure}.")
+    return None
+
+
+def _is_card(device: EglDevice, name: str) -> bool:
+    """Return whether a part of ``CUDA_VISIBLE_DEVICES`` names a device: a number, or the beginning of a UUID."""
+    if name.isdecimal():
+        return device.cuda == int(name)
+    start = name.lower().removeprefix("gpu-")
+    return bool(start) and device.uuid.startswith(start)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    parts = text.split(",")
+    return tuple(map(int, parts)) if all(part.isdecimal() for part in parts) else ()

@@ -1,0 +1,132 @@
+"""Checking a folder of modalities against its run: what is missing, damaged, in another's place or of another run."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from betterbench.errors import RecordError, one_line
+from betterbench.records import JournalEntry, RunFolder
+from betterbench.records.modalities.file import ModalityFile, fault_text
+from betterbench.records.modalities.header import ViewHeader
+from betterbench.sim.modalities.expected import ExpectedFile
+from betterbench.sim.modalities.folder import Wanted, files_in, read_settings, trial_folder
+from betterbench.sim.modalities.run import recorded_trials, seen_quality
+from betterbench.tasks import TrialId
+
+
+@dataclass(frozen=True, slots=True)
+class FileProblem:
+    """What is wrong with a file.
+
+    Attributes:
+        path: The file, or where it should be.
+        text: What is wrong, as the rest of a sentence about it.
+        kind: "missing", "damaged", "other" (it is not what belongs at its place), or "extra" (nothing does).
+    """
+
+    path: Path
+    text: str
+    kind: Literal["missing", "damaged", "other", "extra"]
+
+
+@dataclass(slots=True)
+class FolderCheck:
+    """What checking a folder found.
+
+    Attributes:
+        wanted: What the folder holds, as its settings say.
+        files: Files that were looked at.
+        rows: Rows of those that are intact.
+        of_run: Files that were drawn of records of the run, whatever else is wrong with them.
+        strangers: Trials that the other readable files are of, each with its policy.
+    """
+
+    wanted: Wanted
+    files: int = 0
+    rows: int = 0
+    of_run: int = 0
+    strangers: list[str] = field(default_factory=list)
+    problems: list[FileProblem] = field(default_factory=list)
+
+    @property
+    def is_of_another_run(self) -> bool:
+        """Whether files can be read, and none of them is of a record of the run."""
+        return bool(self.strangers) and not self.of_run
+
+
+def check_folder(
+    run: RunFolder,
+    place: Path,
+    *,
+    trials: Sequence[TrialId] = (),
+    on_progress: Callable[[int, int], None] | None = None,
+) -> FolderCheck:
+    """Read all files of a folder of modalities, and compare them with what its run has recorded; nothing is written.
+
+    Expected is one file for each view in the settings of the folder and each recorded trial, of all or of ``trials``.
+    Each must say that it is that file, and its checksums must fit. With ``trials``, files of other trials are not
+    looked at. ``on_progress`` gets the numbers of files done and known.
+
+    Raises RecordError if the folder has no settings, or one of ``trials`` is not recorded.
+    """
+    found = FolderCheck(read_settings(place))
+    digests: set[str] = set()
+    wanted: dict[Path, ExpectedFile] = {}
+    there: list[Path] = [] if trials else files_in(place)
+    entries = {entry.key: entry for entry in run.entries()}
+    for trial in recorded_trials(run, trials):
+        folder = trial_folder(place, trial)
+        there += sorted(folder.glob("*.parquet")) if trials else ()
+        for expected in _expected(run, entries[trial], found.wanted):
+            digests.add(expected.record_sha256)
+            wanted[folder / f"{expected.view.name}.parquet"] = expected
+    paths = list(dict.fromkeys((*wanted, *there)))
+    for number, path in enumerate(paths, start=1):
+        problem = _check_file(path, wanted.get(path), digests, found)
+        if problem is not None:
+            found.problems.append(problem)
+        if on_progress is not None:
+            on_progress(number, len(paths))
+    return found
+
+
+def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
+    """Yield what the file of each view of a recorded trial has to be."""
+    quality = wanted.quality
+    if quality is None:
+        with contextlib.suppress(RecordError):  # its files can be whole even if the record is not any more
+            quality = seen_quality(run, run.read_record(entry.task, entry.condition, entry.seed))
+    digest = run.record_digest(entry)
+    for view in wanted.views:
+        yield ExpectedFile(entry.key, view, wanted.modalities, digest, quality, wanted.renderer)
+
+
+def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], found: FolderCheck) -> FileProblem | None:
+    """Read a file, and return what is wrong with it."""
+    if not path.exists():
+        return FileProblem(path, "is missing", "missing")
+    found.files += 1
+    try:
+        with ModalityFile(path) as file:
+            if file.header.record_sha256 in digests:
+                found.of_run += 1
+            else:
+                found.strangers.append(_origin(file.header))
+            if expected is None:
+                text = f"is of {_origin(file.header)}, which is no recorded trial or no view of this folder"
+                return FileProblem(path, text, "extra")
+            difference = expected.difference(file.header)
+            if difference is not None:
+                return FileProblem(path, difference, "other")
+            found.rows += file.check()
+    except RecordError as problem:
+        return FileProblem(path, fault_text(path, problem), "damaged" if expected is not None else "extra")
+    return None
+
+
+def _origin(header: ViewHeader) -> str:
+    return one_line(f"{header.task}/{header.condition}/{header.seed} by {header.policy}", most=200)

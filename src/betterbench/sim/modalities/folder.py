@@ -1,0 +1,167 @@
+"""The folder of materialized modalities: what was asked for, the files of each trial, and the list of semantic ids."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import RecordError, RunConflictError
+from betterbench.jobs import write_durably
+from betterbench.jobs.durable import PART_SUFFIX
+from betterbench.json_form import (
+    NO_TRUTH,
+    dump_json,
+    open_seal,
+    read_bounded,
+    read_form,
+    read_ordinary,
+    sealed_form,
+    strict_form,
+)
+from betterbench.records import RunFolder, first_difference
+from betterbench.records.modalities.labels import semantic_ids
+from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec, require_views
+from betterbench.sim.assets import categories
+from betterbench.sim.scenes.stage import quality_preset, require_cameras
+from betterbench.tasks import TrialId
+
+SETTINGS_VERSION: Literal[2] = 2
+"""Version of the settings of a folder; the second has a seal."""
+SETTINGS_FILE, SEMANTICS_FILE = "materialize.json", "semantics.json"
+_MAX_BYTES = 1 << 20
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is asked for: the same for every trial of a folder.
+
+    Attributes:
+        quality: Render preset of the colors, or None for the one that each record's policy saw.
+        renderer: Fingerprint of OpenGL; None until the first image is drawn. Pixels of two renderers differ.
+    """
+
+    views: tuple[ViewSpec, ...]
+    modalities: tuple[Modality, ...] = MODALITIES
+    quality: str | None = None
+    renderer: Mapping[str, str] | None = None
+    format_version: Annotated[Literal[1, 2], NO_TRUTH] = SETTINGS_VERSION
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn."""
+        require_views(self.views)
+        require_cameras(v.camera for v in self.views if v.placed is None)
+        if self.quality is not None:
+            quality_preset(self.quality)
+
+
+_WANTED = TypeAdapter(Wanted)
+
+
+class ModalityFolder:
+    """A folder of modalities. The same wish resumes it; another one is refused as soon as it holds a file.
+
+    Raises:
+        RunConflictError: If it holds other modalities, or other files.
+        RecordError: If its settings are damaged.
+    """
+
+    def __init__(self, path: Path, wanted: Wanted) -> None:
+        self.path, self.wanted = path.absolute(), wanted
+        settings = self.path / SETTINGS_FILE
+        if settings.exists():
+            stored = read_settings(self.path)
+            if _is_begun(self.path):
+                require_same_settings(self.path, stored, wanted)
+                self.wanted = stored
+            elif stored != wanted:  # settings alone bind nothing: a command may have ended before it drew anything
+                write_durably(settings, _text(wanted))
+        else:
+            require_free_place(self.path)
+            write_durably(settings, _text(wanted))
+        ids = {"about": "Semantic id by category; 0 is nothing (the sky).", "ids": semantic_ids(categories())}
+        text = json.dumps(ids, indent=1).encode() + b"\n"
+        if not (self.path / SEMANTICS_FILE).exists() or read_ordinary(self.path / SEMANTICS_FILE) != text:
+            write_durably(self.path / SEMANTICS_FILE, text)
+
+    def trial(self, trial: TrialId) -> Path:
+        """Return the folder of a trial's files; raises InvalidInputError if a name could leave the folder."""
+        return trial_folder(self.path, trial)
+
+    def claim(self, renderer: Mapping[str, str]) -> None:
+        """Note by which OpenGL the images are drawn, or raise RunConflictError if others were drawn by another one."""
+        if self.wanted.renderer is None:
+            self.wanted = replace(self.wanted, renderer=dict(renderer))
+            write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
+        difference = first_difference(dict(self.wanted.renderer or {}), dict(renderer), "renderer")
+        if difference is not None:
+            where, there, here = difference
+            raise RunConflictError(
+                f"{self.path}: was drawn by another OpenGL: {where} is {there} there and {here} here, so pixels may "
+                "differ. Continue on the same kind of machine, or choose another --out."
+            )
+
+    def remove_parts(self) -> None:
+        """Delete what killed processes left unfinished; the caller holds the lock of the folder."""
+        for part in self.path.rglob(f".*{PART_SUFFIX}"):
+            part.unlink(missing_ok=True)
+
+
+def require_free_place(path: Path) -> None:
+    """Raise RunConflictError if a folder holds other files and no modalities."""
+    if not (path / SETTINGS_FILE).exists() and path.is_dir() and any(not _is_ours(entry) for entry in path.iterdir()):
+        raise RunConflictError(f"{path}: holds other files and no modalities. Choose another --out.")
+
+
+def trial_folder(path: Path, trial: TrialId) -> Path:
+    """Return the folder of a trial's files in one of modalities; InvalidInputError if a name could leave that."""
+    record = RunFolder(path, {}, {}).record_path(trial.task, trial.condition, trial.seed)
+    return path / trial.task / trial.condition / record.stem
+
+
+def files_in(path: Path) -> list[Path]:
+    """Return the files of all trials in a folder of modalities, in the order of their names."""
+    return sorted(path.glob("*/*/*/*.parquet"))
+
+
+def _is_begun(path: Path) -> bool:
+    """Tell whether a folder of modalities holds a file, or one that is still being written."""
+    return any(any(path.glob(f"*/*/*/{name}")) for name in ("*.parquet", f".*{PART_SUFFIX}"))
+
+
+def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
+    """Raise RunConflictError if a folder holds something else than is wanted."""
+    difference = first_difference(_form(replace(stored, renderer=None)), _form(wanted), "materialize")
+    if difference is not None:
+        where, there, asked = difference
+        raise RunConflictError(
+            f"{path}: holds other modalities: {where} is {there} there and {asked} here. Give the same "
+            "options to resume, or choose another --out."
+        )
+
+
+def read_settings(path: Path) -> Wanted:
+    """Return what a folder of modalities holds; RecordError if it is none or damaged."""
+    cure = "Name a folder that better materialize wrote"
+    data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
+    where = str(path / SETTINGS_FILE)
+    form = open_seal(data, where=where, cure=cure, raises=RecordError, since=("format_version", 2))
+    found = read_form(_WANTED, form, where=where, cure=cure, raises=RecordError)
+    return replace(found, format_version=SETTINGS_VERSION)
+
+
+def _form(wanted: Wanted) -> dict[str, object]:
+    return dict(_WANTED.dump_python(wanted, mode="json"))
+
+
+def _text(wanted: Wanted) -> bytes:
+    return json.dumps(sealed_form(json.loads(dump_json(_form(wanted)))), indent=2).encode() + b"\n"
+
+
+def _is_ours(path: Path) -> bool:
+    return path.name in (SEMANTICS_FILE, ".lock") or path.name.endswith(PART_SUFFIX)

@@ -1,0 +1,60 @@
+"""Materializing while an episode is recorded: the same files as ``better materialize`` writes later, byte for byte."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.records import Record
+from betterbench.sim.modalities.folder import ModalityFolder, Wanted
+from betterbench.sim.modalities.trial_files import TrialFiles, TrialOrigin
+from betterbench.sim.scenes import Scene, renderer_fingerprint
+from betterbench.sim.scenes.sights import Sights
+from betterbench.tasks import TrialId
+
+
+class LiveMaterializer:
+    """Draws the views of a scene row by row while it is recorded; a context manager.
+
+    Call :meth:`add` after the reset and after every step, where the rows of the record are appended, and :meth:`finish`
+    with the record. Without that nothing is left behind. ``out`` is a folder as better materialize makes it; in
+    ``RUN/modalities`` the command finds the files and keeps them.
+
+    Raises:
+        RunConflictError: If the folder holds something else, or was drawn by another OpenGL.
+        StorageError: If the disk is full.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+
+    def __init__(self, scene: Scene, out: Path, wanted: Wanted) -> None:
+        self._scene, self._folder = scene, ModalityFolder(out, wanted)
+        self._fingerprint = renderer_fingerprint()
+        self._folder.claim(self._fingerprint)
+        self._sights = Sights(scene.model, scene.quality, wanted.views, wanted.modalities)
+        place = self._folder.trial(TrialId(scene.task.id, scene.condition.name, scene.seed))
+        try:
+            self._files = TrialFiles(
+                place, wanted.views, wanted.modalities, facts=self._sights.facts(), objects=scene.info.objects
+            )
+        except BaseException:
+            self._sights.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._files.__exit__(kind, error, trace)
+        self._sights.close()
+
+    def add(self) -> None:
+        """Draw the present state as the next row."""
+        self._files.add(list(self._sights.draw(self._scene.data)), self._scene.state().time_s)
+
+    def finish(self, record: Record, record_sha256: str) -> list[Path]:
+        """Put the files of a record at their places and return these; the digest is that of the record's file."""
+        origin = TrialOrigin(record.metadata, record_sha256, self._scene.quality.name, self._fingerprint)
+        return self._files.finish(origin)

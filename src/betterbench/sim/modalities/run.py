@@ -1,0 +1,247 @@
+"""Materializing a run: the records of its trials become files of modalities, from a folder that can be resumed."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from betterbench.errors import RecordError
+from betterbench.interface import observation_spec
+from betterbench.jobs import RunLock
+from betterbench.jobs.ahead import ahead
+from betterbench.jobs.item_threads import in_threads
+from betterbench.jobs.lock import LOCK_NAME
+from betterbench.json_form import file_digest
+from betterbench.records import Record, RunFolder
+from betterbench.records.modalities.file import ModalityFile, fault_text
+from betterbench.records.modalities.spec import ViewSpec
+from betterbench.sim.modalities.expected import ExpectedFile
+from betterbench.sim.modalities.folder import ModalityFolder, Wanted, require_free_place
+from betterbench.sim.modalities.trial_files import TrialFiles, TrialOrigin
+from betterbench.sim.scenes.limited import LimitedView
+from betterbench.tasks import TrialId
+
+logger = logging.getLogger(__name__)
+
+_AHEAD_BYTES = 64 << 20
+_POLL_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Materialized:
+    """What became of a command.
+
+    Attributes:
+        trials: Trials whose files are complete now.
+        files: Files written by this command.
+        kept: Files that were there and intact before.
+        rows: Rows of the files written.
+        bytes: Their size.
+        seconds: Time that it took [s].
+    """
+
+    trials: int
+    files: int
+    kept: int
+    rows: int
+    bytes: int
+    seconds: float
+
+
+@dataclass(slots=True)
+class _Tally:
+    trials: int = 0
+    files: int = 0
+    kept: int = 0
+    rows: int = 0
+    bytes: int = 0
+    problems: list[str] = field(default_factory=list)
+
+
+def default_views(run: RunFolder) -> tuple[ViewSpec, ...]:
+    """Return the views that the policy of a run was shown; those of the default preset if it saw no image."""
+    told = run.plan.get("observation")
+    name = told.get("name") if isinstance(told, dict) else told
+    preset = observation_spec(name if isinstance(name, str) else "default")
+    cameras = preset.cameras or observation_spec("default").cameras
+    return tuple(ViewSpec(c.name, c.width, c.height) for c in cameras)
+
+
+def materialize_run(
+    run: RunFolder,
+    out: Path,
+    wanted: Wanted,
+    *,
+    trials: Sequence[TrialId] = (),
+    workers: int = 1,
+    follow: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Materialized:
+    """Write the files of the recorded trials of a run that are missing or damaged; intact ones are kept.
+
+    The bytes depend neither on the number of workers nor on interruptions. With ``follow``, trials that are recorded
+    meanwhile are waited for until the run ends. ``on_progress`` is called with the number of trials done and known.
+
+    Raises:
+        RunConflictError: If the folder holds something else, was drawn by another OpenGL, or is being written to.
+        RecordError: If records or scenes are missing or damaged; the other trials are done before.
+        StorageError: If the disk is full, or the folder was removed or moved meanwhile.
+        MissingDependencyError: If no off-screen OpenGL works here.
+    """
+    began, tally = time.monotonic(), _Tally()
+    known: set[TrialId] = set()
+    done = 0
+    list(recorded_trials(run, trials))  # a trial that is not there is refused before a folder is made
+    require_free_place(out)
+    with RunLock(out.absolute() / LOCK_NAME) as lock:
+        folder = ModalityFolder(out, wanted)
+        folder.remove_parts()
+        writer = _Writer(run, folder, tally)
+
+        def told(_: TrialId) -> None:
+            nonlocal done
+            done += 1
+            if on_progress is not None:
+                on_progress(done, len(known))
+
+        while True:
+            running = follow and run.is_running  # asked before the journal is read, so that no trial is missed
+            fresh = [trial for trial in recorded_trials(run, trials) if trial not in known]
+            known.update(fresh)
+            in_threads(fresh, writer.write, workers=workers, open_resource=lambda: _Views(run), on_done=told)
+            if not running:
+                break
+            if not fresh:
+                time.sleep(_POLL_S)
+        lock.require_in_place()
+    if tally.problems:
+        more = len(tally.problems) - 1
+        raise RecordError(tally.problems[0] + (f" {more} more trials could not be read either." if more else ""))
+    seconds = time.monotonic() - began
+    return Materialized(tally.trials, tally.files, tally.kept, tally.rows, tally.bytes, round(seconds, 3))
+
+
+def recorded_trials(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TrialId]:
+    """Yield the trials that are recorded, in the order of the journal.
+
+    Raises RecordError if one that is asked for is not.
+    """
+    done = [entry.key for entry in run.entries() if entry.status == "done"]
+    missing = [trial for trial in trials if trial not in done]
+    if missing:
+        raise RecordError(f"{run.path}: {missing[0]} is not recorded. Name trials as TASK/CONDITION/SEED.")
+    yield from (trial for trial in done if not trials or trial in trials)
+
+
+class _Views:
+    """The limited processes of one thread, one for each render preset. A context manager, which ends them."""
+
+    def __init__(self, run: RunFolder) -> None:
+        self._run = run
+        self._views: dict[str, LimitedView] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for view in self._views.values():
+            view.close()
+
+    def stop(self) -> None:
+        """End the processes from another thread: the one that draws gets a RecordError."""
+        for view in list(self._views.values()):
+            view.stop()
+
+    def opened(self, record: Record, quality: str) -> LimitedView:
+        """Return a process with the scene of a record open."""
+        view = self._views.get(quality)
+        if view is None or view.is_closed:
+            view = self._views[quality] = LimitedView(quality=quality)
+        view.open_of(self._run, record)
+        return view
+
+
+class _Writer:
+    """Writes the files of trials."""
+
+    def __init__(self, run: RunFolder, folder: ModalityFolder, tally: _Tally) -> None:
+        self._run, self._folder, self._tally, self._lock = run, folder, tally, threading.Lock()
+
+    def write(self, views: _Views, trial: TrialId) -> None:
+        """Write the missing files of a trial; a record that cannot be read is noted."""
+        try:
+            self._write(views, trial)
+        except RecordError as problem:
+            with self._lock:
+                self._tally.problems.append(str(problem))
+
+    def _write(self, views: _Views, trial: TrialId) -> None:
+        record = self._run.read_record(trial.task, trial.condition, trial.seed)
+        digest = file_digest(self._run.record_path(trial.task, trial.condition, trial.seed))
+        quality = self._folder.wanted.quality or seen_quality(self._run, record)
+        place = self._folder.trial(trial)
+        missing = [v for v in self._folder.wanted.views if not self._is_there(trial, v, digest, quality)]
+        with self._lock:
+            self._tally.kept += len(self._folder.wanted.views) - len(missing)
+        paths = self._draw(views.opened(record, quality), record, (digest, quality), place, missing) if missing else []
+        with self._lock:
+            self._tally.trials += 1
+            self._tally.files += len(paths)
+            self._tally.rows += len(paths) * len(record)
+            self._tally.bytes += sum(path.stat().st_size for path in paths)
+
+    def _is_there(self, trial: TrialId, view: ViewSpec, digest: str, quality: str) -> bool:
+        """Tell whether the file of a view of a trial is there already, drawn of this record, and intact.
+
+        All of it is read, since a header says nothing about what follows; that takes some 2 % of drawing it.
+        """
+        path, wanted = self._folder.trial(trial) / f"{view.name}.parquet", self._folder.wanted
+        if not path.exists():
+            return False
+        expected = ExpectedFile(trial, view, wanted.modalities, digest, quality, wanted.renderer)
+        try:
+            with ModalityFile(path) as file:
+                fault = expected.difference(file.header)
+                if fault is None:
+                    file.check()
+                    return True
+        except RecordError as problem:
+            fault = fault_text(path, problem)
+        logger.warning("%s %s. It is drawn again.", path, fault)
+        return False
+
+    def _draw(
+        self, limited: LimitedView, record: Record, told: tuple[str, str], place: Path, views: Sequence[ViewSpec]
+    ) -> list[Path]:
+        """Draw views of a record with a digest, by a render preset, and return the files."""
+        meta, modalities = record.metadata, self._folder.wanted.modalities
+        facts, renderer = limited.prepare(views, modalities)
+        with self._lock:
+            self._folder.claim(renderer)
+        origin = TrialOrigin(meta, *told, renderer)
+        with TrialFiles(place, views, modalities, facts=facts, objects=meta.scene.objects) as files:
+            times = record.time.tolist()
+            rows = limited.sights(record.qpos, jitter=meta.view_jitter)
+            try:
+                with ahead(rows, max(2, min(64, _AHEAD_BYTES // limited.row_bytes))) as taken:
+                    for sights, time_s in zip(taken, times, strict=True):
+                        files.add(sights, time_s)
+            except BaseException:
+                limited.close()  # it is in the middle of an answer
+                raise
+            return files.finish(origin)
+
+
+def seen_quality(run: RunFolder, record: Record) -> str:
+    """Return the render preset that a record's policy saw, or the run's if it saw no image."""
+    planned = run.plan.get("quality")
+    name = planned.get("name") if isinstance(planned, dict) else None
+    return record.metadata.render_quality or (name if isinstance(name, str) else "standard")

@@ -1,0 +1,351 @@
+"""The arm controller: one action in, the references of all servos out.
+
+Every action space ends in a joint reference that the position servos integrate evenly over the control step, see
+:mod:`betterbench.sim.robots.panda`. In Cartesian action spaces the controller keeps a **commanded pose**. It stays
+where it is when the action is zero, and it may lead the measured pose by at most :data:`POSITION_LEAD_M` and
+:data:`ROTATION_LEAD_RAD`, so a blocked arm winds nothing up.
+
+What a controller remembers between actions is small and can be taken and put back (:meth:`ArmController.state`), so an
+episode can be continued from any recorded state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidActionError, InvalidInputError
+from betterbench.geometry import (
+    IDENTITY_QUATERNION,
+    Pose,
+    Quaternion,
+    Vector,
+    angle_between,
+    distance,
+    from_axis_angle,
+    multiply,
+    normalize,
+    to_axis_angle,
+    turn_between,
+    unit_quaternion,
+)
+from betterbench.interface.actions import (
+    EE_DELTA,
+    EE_DELTA_MEASURED,
+    EE_POSE,
+    JOINT_DELTA,
+    JOINT_POSITION,
+    JOINT_STEP_PER_UNIT_RAD,
+    ROTATION_PER_UNIT_RAD,
+    TRANSLATION_PER_UNIT_M,
+    ActionSpace,
+)
+from betterbench.sim.robots.ik import ArmIK
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.robots.readers import number_reader, numbers_of
+from betterbench.sim.robots.spec import RobotSpec
+
+POSITION_LEAD_M = 0.05
+"""Largest distance of the commanded from the measured position [m]: one action unit (design, section 4)."""
+
+ROTATION_LEAD_RAD = 0.5
+"""Largest angle between the commanded and the measured rotation [rad]: one action unit, like the position."""
+
+POSE_STEP_M = 0.025
+"""Largest step toward an absolute pose [m]: 0.5 m/s, which the joints follow on a straight way over the workspace."""
+
+POSE_STEP_RAD = 0.1
+"""Largest turn toward an absolute pose per step [rad]: 2 rad/s, below the velocity limit of every joint."""
+
+JOINT_LEAD_RAD = 0.3
+"""Largest distance of a joint reference from the measured angle [rad]: what 5 cm and 0.5 rad at the tool ask of a
+joint at most, so it binds only where the arm is blocked or far from its reference.
+"""
+
+
+Joints = Sequence[float]
+"""Joint angles [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerState:
+    """What a controller remembers between actions: the commanded ``T_base_tcp``, joints [rad] and pad distance [m]."""
+
+    pose: Pose
+    joints: tuple[float, ...]
+    width_m: float
+
+
+class ArmController:
+    """Turns actions of one action space into servo references, once per control step.
+
+    The robot's base is at the world origin; ``prefix`` is what the scene put before the robot's names.
+
+    Raises InvalidInputError if it does not drive the action space, the model lacks a part of the robot or the time step
+    does not divide the control period.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, spec: RobotSpec, action_space: ActionSpace = EE_DELTA, *, prefix: str = ""
+    ) -> None:
+        """Look up the addresses of all joints and servos."""
+        self.spec = spec
+        self.action_space = action_space
+        self.ik = ArmIK(spec)
+        driven, advance = _DRIVEN.get(action_space.name, (None, None))
+        if driven is None or advance is None or action_space.dim != driven.dim:
+            raise InvalidInputError(
+                "action space",
+                f"{action_space.name!r} is not one that the arm controller drives",
+                f"Choose one of {', '.join(_DRIVEN)}",
+            )
+        self._advance = advance
+        substeps = spec.control_period_s / model.opt.timestep
+        if abs(substeps - round(substeps)) > 1e-6:
+            raise InvalidInputError(
+                "time step",
+                f"{model.opt.timestep} s does not divide the control period of {spec.control_period_s} s",
+                f"Use {PHYSICS.timestep_s} s",
+            )
+        self.substeps = round(substeps)
+        self._period = self.substeps * float(model.opt.timestep)
+        try:
+            joints = [model.joint(prefix + name) for name in spec.arm_joints]
+            fingers = [model.joint(prefix + name) for name in spec.finger_joints]
+            position = [model.actuator(prefix + name) for name in spec.position_actuators]
+            velocity = [model.actuator(prefix + name) for name in spec.velocity_actuators]
+            gripper = model.actuator(prefix + spec.gripper_actuator)
+        except KeyError as error:
+            raise InvalidInputError(
+                f"robot {spec.name!r} in the model",
+                str(error.args[0]).splitlines()[0],
+                f"Attach the robot with the prefix {prefix!r} or name the prefix that was used",
+            ) from None
+        self._qpos = [int(j.qposadr[0]) for j in joints]
+        self._qvel = [int(j.dofadr[0]) for j in joints]
+        self._fingers = [int(j.qposadr[0]) for j in fingers]
+        self._servos = tuple((int(p.id), int(v.id)) for p, v in zip(position, velocity, strict=True))
+        self._act = [int(model.actuator_actadr[a.id]) for a in position]
+        self._gripper = int(gripper.id)
+        self._check_base(model, prefix)
+        self._pose = self.ik.forward(self.ik.home)
+        self._joints: Joints = self.ik.home.tolist()
+        self._width = spec.gripper_opening_m
+        self._measured: Pose | None = None
+        self._data: mujoco.MjData | None = None
+
+    @property
+    def commanded_pose(self) -> Pose:
+        """Pose ``T_base_tcp`` that the arm is on its way to."""
+        return self._pose
+
+    @property
+    def commanded_width_m(self) -> float:
+        """Distance of the finger pads that the gripper is on its way to [m]; it may lead the measured one both ways."""
+        return self._width
+
+    def measured_pose(self, data: mujoco.MjData) -> Pose:
+        """Return ``T_base_tcp`` from the measured joint angles."""
+        return self.ik.forward(data.qpos[self._qpos])
+
+    def measured_width_m(self, data: mujoco.MjData) -> float:
+        """Return the measured distance of the finger pads [m]."""
+        self._attend(data)
+        left, right = self._get_fingers()
+        width: float = left + right
+        return width
+
+    def home(self, data: mujoco.MjData) -> None:
+        """Put the arm at rest into its home posture with open fingers, and the controller with it.
+
+        Call ``mj_forward`` before reading anything derived from the state.
+        """
+        data.qpos[self._qpos] = self.ik.home
+        data.qvel[self._qvel] = 0.0
+        data.qpos[self._fingers] = 0.5 * self.spec.gripper_opening_m
+        self.reset(data)
+
+    def reset(self, data: mujoco.MjData) -> None:
+        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
+        joints = data.qpos[self._qpos]
+        self._joints = joints.tolist()
+        self._pose = self.ik.forward(joints)
+        self._width = self.measured_width_m(data)
+        data.act[self._act] = joints
+        data.ctrl[[number for pair in self._servos for number in pair]] = 0.0
+        data.ctrl[self._gripper] = self._width
+
+    def apply(self, data: mujoco.MjData, action: object, *, measured: Pose | None = None) -> np.ndarray:
+        """Set the controls of the next control step in ``data`` and return the action as applied.
+
+        ``measured`` is ``T_base_tcp`` at the present joint angles, if the caller knows it. The action returned is
+        float64 and inside the bounds, shape (dim,); applying it instead of the one given gives the same bits.
+
+        Raises:
+            InvalidActionError: If the action has the wrong shape or type, or a number that is not finite.
+        """
+        applied = self.action_space.clip(action)
+        numbers = applied.tolist()
+        self._measured = measured
+        self._attend(data)
+        reference = self._get_reference()
+        goal = self._advance(self, numbers, self._get_joints(), reference)
+        ctrl, period = self._ctrl, self._period
+        for (position, velocity), to, at in zip(self._servos, goal, reference, strict=True):
+            ctrl[position] = ctrl[velocity] = (to - at) / period
+        self._joints = goal
+        ctrl[self._gripper] = self._move_gripper(numbers[-1], self.measured_width_m(data))
+        return applied
+
+    def _attend(self, data: mujoco.MjData) -> None:
+        """Prepare to read and write these data, which the engine keeps in place."""
+        if data is self._data:
+            return
+        self._data, self._ctrl = data, numbers_of(data.ctrl)
+        self._get_joints, self._get_fingers = (number_reader(data.qpos, a) for a in (self._qpos, self._fingers))
+        self._get_reference = number_reader(data.act, self._act)
+
+    def state(self) -> ControllerState:
+        """Return what the controller remembers between actions."""
+        return ControllerState(self._pose, tuple(self._joints), self._width)
+
+    def restore(self, state: ControllerState) -> None:
+        """Put back what :meth:`state` returned; raise InvalidInputError if it belongs to another robot."""
+        if len(state.joints) != self.ik.home.size:
+            raise InvalidInputError(
+                "controller state", f"it has {len(state.joints)} joints", f"Restore a state of the {self.spec.title}"
+            )
+        self._pose = state.pose
+        self._joints = state.joints
+        self._width = state.width_m
+
+    def _ee_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
+        """Add the action to the commanded pose, bound its lead, and step toward it."""
+        asked = _moved(self._pose, action)
+        self._pose = _bounded(asked, self._measured or self.ik.forward(measured))
+        return self._toward(self._pose, measured, reference)
+
+    def _ee_delta_measured(
+        self, action: list[float], measured: Sequence[float], reference: Sequence[float]
+    ) -> list[float]:
+        """Add the action to the measured pose and step toward it."""
+        self._pose = _moved(self._measured or self.ik.forward(measured), action)
+        return self._toward(self._pose, measured, reference)
+
+    def _ee_pose(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
+        """Step toward an absolute pose along the straight way at moderate speed."""
+        x, y, z, qw, qx, qy, qz = action[:7]
+        if qw * qw + qx * qx + qy * qy + qz * qz < 1e-6:
+            raise InvalidActionError("ee_pose action: the quaternion is zero. Send a unit quaternion (w, x, y, z).")
+        self._pose = Pose((x, y, z), normalize((qw, qx, qy, qz)))
+        present = self.ik.forward(reference)
+        waypoint = _bounded(self._pose, present, distance_m=POSE_STEP_M, angle_rad=POSE_STEP_RAD)
+        return self._toward(_bounded(waypoint, self._measured or self.ik.forward(measured)), measured, reference)
+
+    def _joint_position(
+        self, action: list[float], measured: Sequence[float], reference: Sequence[float]
+    ) -> list[float]:
+        """Step toward absolute joint angles."""
+        return self._joint_step(action[:-1], measured, reference)
+
+    def _joint_delta(self, action: list[float], measured: Joints, reference: Joints) -> list[float]:
+        """Add the action to the commanded joint angles."""
+        asked = [q + JOINT_STEP_PER_UNIT_RAD * a for q, a in zip(self._joints, action[:-1], strict=True)]
+        return self._joint_step(asked, measured, reference)
+
+    def _joint_step(self, goal: Joints, measured: Joints, reference: Joints) -> list[float]:
+        """Return the next joint reference on the way to a joint goal, within limits of position, speed and lead."""
+        low, high = self.ik.window(reference, reference)
+        near = [min(max(g, m - JOINT_LEAD_RAD), m + JOINT_LEAD_RAD) for g, m in zip(goal, measured, strict=True)]
+        step = [min(max(g, least), most) for g, least, most in zip(near, low, high, strict=True)]
+        self._pose = self.ik.forward(step)
+        return step
+
+    def _toward(self, target: Pose, measured: Joints, reference: Joints) -> list[float]:
+        """Return the next joint reference on the way to a pose."""
+        return self.ik.step(reference, target, around=measured, lead_rad=JOINT_LEAD_RAD)
+
+    def _move_gripper(self, command: float, measured_width: float) -> float:
+        """Move the commanded distance of the pads at finite speed and return it [m]."""
+        if command != 0.0:
+            spec = self.spec
+            step = spec.gripper_speed_m_s * self._period
+            width = self._width - math.copysign(step, command)
+            width = min(max(width, measured_width - spec.gripper_lead_m), measured_width + spec.gripper_lead_m)
+            self._width = min(max(width, -spec.gripper_lead_m), spec.gripper_opening_m)
+        return self._width
+
+    def _check_base(self, model: mujoco.MjModel, prefix: str) -> None:
+        """Check that the robot stands where its kinematics assume it: at the world origin, not turned."""
+        body = model.body(prefix + self.spec.arm_bodies[0]).id
+        base = Pose()
+        while body:
+            x, y, z = model.body_pos[body].tolist()
+            base = Pose((x, y, z), normalize(model.body_quat[body].tolist())) @ base
+            body = int(model.body_parentid[body])
+        if (
+            distance(base.position, (0.0, 0.0, 0.0)) > 1e-9
+            or angle_between(base.quaternion, IDENTITY_QUATERNION) > 1e-9
+        ):
+            raise InvalidInputError(
+                f"base of the robot {self.spec.name!r}",
+                f"it stands at {list(base.position)}, or is turned",
+                "Attach the robot at the world origin; all poses are given in the base frame",
+            )
+
+
+# Functions of the class and not methods of an instance: a controller that referred to itself, with the models of its
+# inverse kinematics, would stay in memory until a garbage collection.
+_Advance = Callable[[ArmController, list[float], Joints, Joints], list[float]]
+_DRIVEN: dict[str, tuple[ActionSpace, _Advance]] = {
+    EE_DELTA.name: (EE_DELTA, ArmController._ee_delta),
+    EE_DELTA_MEASURED.name: (EE_DELTA_MEASURED, ArmController._ee_delta_measured),
+    EE_POSE.name: (EE_POSE, ArmController._ee_pose),
+    JOINT_POSITION.name: (JOINT_POSITION, ArmController._joint_position),
+    JOINT_DELTA.name: (JOINT_DELTA, ArmController._joint_delta),
+}
+
+
+_COS_HALF_LEAD = math.cos(0.5 * ROTATION_LEAD_RAD)
+
+
+def _moved(pose: Pose, action: list[float]) -> Pose:
+    """Return a pose moved by a Cartesian delta action, in the base frame."""
+    x, y, z = pose.position
+    s = TRANSLATION_PER_UNIT_M
+    position: Vector = (x + s * action[0], y + s * action[1], z + s * action[2])
+    quaternion: Quaternion = pose.quaternion
+    rx, ry, rz = action[3], action[4], action[5]
+    if rx != 0.0 or ry != 0.0 or rz != 0.0:
+        a = ROTATION_PER_UNIT_RAD
+        quaternion = unit_quaternion(multiply(from_axis_angle((a * rx, a * ry, a * rz)), quaternion))
+    return Pose(position, quaternion)
+
+
+def _bounded(
+    pose: Pose, center: Pose, *, distance_m: float = POSITION_LEAD_M, angle_rad: float = ROTATION_LEAD_RAD
+) -> Pose:
+    """Return the pose, drawn toward ``center`` where it is farther away than the bounds."""
+    position, quaternion = pose.position, pose.quaternion
+    cx, cy, cz = center.position
+    dx, dy, dz = position[0] - cx, position[1] - cy, position[2] - cz
+    lead = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if lead > distance_m:
+        f = distance_m / lead
+        position = (cx + f * dx, cy + f * dy, cz + f * dz)
+        pose = Pose(position, quaternion)
+    w, x, y, z = quaternion
+    cw, cx, cy, cz = center.quaternion
+    # The product of two unit quaternions is the cosine of half the angle between them.
+    if abs(w * cw + x * cx + y * cy + z * cz) < (
+        _COS_HALF_LEAD if angle_rad == ROTATION_LEAD_RAD else math.cos(0.5 * angle_rad)
+    ):
+        rx, ry, rz = to_axis_angle(turn_between(center.quaternion, quaternion))
+        f = angle_rad / math.sqrt(rx * rx + ry * ry + rz * rz)
+        quaternion = unit_quaternion(multiply(from_axis_angle((f * rx, f * ry, f * rz)), center.quaternion))
+        pose = Pose(position, quaternion)
+    return pose

@@ -1,0 +1,456 @@
+"""Inverse kinematics: one control step toward a pose, and the joint angles that reach a pose.
+
+Planning (:meth:`ArmIK.reach`) takes frame errors, Jacobians and forward kinematics from mink
+(:class:`mink.FrameTask`, :class:`mink.Configuration`) on a model of the arm alone. The control step
+(:meth:`ArmIK.solve`) runs 20 times per simulated second between cold caches; it takes the same Jacobian from MuJoCo
+directly, in the base frame, and a test holds the two against each other. The quadratic program is assembled here and
+handed to DAQP with its limits as simple bounds: mink's own front end states them as 28 general inequalities, which
+takes about three times as long.
+
+Each iteration minimizes over the joint step ``d``
+
+    |W (J d - e)|^2  +  posture^2 |q + d - home|^2  +  damping |d|^2
+
+inside the position and velocity limits. The posture term is a million times weaker than the pose, so it moves the
+elbow and displaces the tool by micrometers. Results depend on the arguments only: nothing is kept between calls.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import operator
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import daqp  # type: ignore[import-not-found]
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Pose, Quaternion, angle_between, distance, to_axis_angle, turn_between
+from betterbench.sim.robots.readers import number_reader, number_writer, numbers_of
+from betterbench.sim.robots.spec import RobotSpec, build_robot_spec
+
+POSITION_COST = 1.0
+"""Weight of a position error [1/m]."""
+
+ORIENTATION_COST = 0.3
+"""Weight of a rotation error [1/rad]: reach of the gripper [m], so that both errors weigh alike at the wrist."""
+
+POSTURE_COST = 1e-3
+"""Weight of the distance to the home posture [1/rad]; displaces the tool by about its square, 1 micrometer per rad."""
+
+_POSTURE_WEIGHT = POSTURE_COST * POSTURE_COST
+
+STEP_DAMPING = 2e-5
+"""Damping of a control step [1/rad2]: the elbow returns to its posture by 5 % per step, and singular directions stay
+calm.
+"""
+
+_STEP_WEIGHT = _POSTURE_WEIGHT + STEP_DAMPING
+
+REACH_DAMPING = 1e-6
+"""Damping of the iterations of :meth:`ArmIK.reach` [1/rad2]."""
+
+FOLLOW_ITERATIONS = 6
+"""Newton steps after which :meth:`ArmIK.follow` leaves it to :meth:`ArmIK.reach`; it takes one or two."""
+
+LIMIT_MARGIN_RAD = 0.06
+"""Distance that references keep from the joint limits [rad]; the moving arm overshoots its reference by less."""
+
+APPROACH = 0.5
+"""Share of the way to a position limit that a joint may take in one control step."""
+
+_FAR = 1.01 / APPROACH
+"""How many steps at full speed a joint is away from a position limit where that does not bind, with a margin."""
+
+SECOND_ITERATION_RAD = 0.03
+"""Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
+
+Below it (about 2 cm at the tool) the first iteration leaves less than 0.4 mm, which the next control step takes up;
+after 3 cm the second brings what is left to 0.1 mm.
+"""
+
+_REACH_STEP_RAD = 0.3
+"""Largest joint step of one iteration of :meth:`ArmIK.reach` [rad]."""
+
+_RESTARTS = (
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2),
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.2),
+    (0.5, 0.4, 0.0, 0.4, 0.0, 0.3, 0.6),
+    (-0.5, 0.4, 0.0, 0.4, 0.0, 0.3, -0.6),
+    (0.0, 0.5, 0.5, -0.3, 0.5, 0.6, 0.0),
+    (0.0, 0.5, -0.5, -0.3, -0.5, 0.6, 0.0),
+)
+"""Offsets from home from which an unreached pose is tried again [rad]."""
+
+
+_Window = tuple[Sequence[float], Sequence[float], float]
+"""Joint angles at the begin of a control step, and the angles around which the step stays with its lead [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class IKResult:
+    """Joint angles found for a pose: read-only, shape (n,) [rad], with the errors that remain.
+
+    ``converged`` tells whether both errors are within the tolerances asked for; ``iterations`` counts over all
+    restarts.
+    """
+
+    q: np.ndarray
+    position_error_m: float
+    rotation_error_rad: float
+    converged: bool
+    iterations: int
+
+
+class ArmIK:
+    """Inverse kinematics of one robot's arm; all poses are ``T_base_tcp``."""
+
+    def __init__(self, spec: RobotSpec) -> None:
+        """Compile the arm (once per process and robot) and set up the tasks."""
+        self.spec = spec
+        self._model, site = _arm_model(spec)
+        self._data = mujoco.MjData(self._model)
+        self._site = site
+        self.home = np.array(spec.home_joints)
+        self.low = np.array(spec.joint_low) + LIMIT_MARGIN_RAD
+        self.high = np.array(spec.joint_high) - LIMIT_MARGIN_RAD
+        self._speed = np.array(spec.joint_velocity) * spec.control_period_s
+        n = len(spec.arm_joints)
+        self._error, self._jacobian = np.zeros(6), np.zeros((6, n))
+        self._none = np.zeros((0, n))
+        self._sense = np.zeros(n, dtype=np.int32)
+        self._factor = np.zeros((n, n))
+        self._quaternion = np.zeros(4)
+        self._site_position, self._site_matrix = self._data.site_xpos[site], self._data.site_xmat[site]
+        self._bounds = tuple(zip(self.low.tolist(), self.high.tolist(), self._speed.tolist(), strict=True))
+        self._roomy = tuple((low + _FAR * v, high - _FAR * v, v) for low, high, v in self._bounds)
+        self._home = self.home.tolist()
+        self._gradient, self._newton = np.zeros(n), np.zeros(n)
+        self._weights = np.array([1.0] * 3 + [ORIENTATION_COST**2] * 3)
+        self._translation, self._rotation = self._jacobian[:3], self._jacobian[3:]
+        self._set_joints, self._set_error = number_writer(self._data.qpos), number_writer(self._error)
+        self._set_gradient = number_writer(self._gradient)
+        self._get_gradient, self._get_newton = (number_reader(a, range(n)) for a in (self._gradient, self._newton))
+        self._get_position = number_reader(self._site_position, range(3))
+        self._get_quaternion = number_reader(self._quaternion, range(4))
+        self._factor_numbers = numbers_of(self._factor)
+        self._diagonal = tuple(range(0, n * n, n + 1))
+
+    @functools.cached_property
+    def _frame(self) -> _FrameProblem:
+        """What planning asks mink; following a policy's actions needs none of it."""
+        return _FrameProblem(self._model, self.spec.tcp_site)
+
+    def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
+        """Return ``T_base_tcp`` at joint angles ``q``, shape (n,) [rad]."""
+        self._place(q)
+        return self._tcp()
+
+    def solve(
+        self, q: np.ndarray, target: Pose, *, around: np.ndarray | None = None, lead_rad: float = 0.0
+    ) -> np.ndarray:
+        """Return the joint angles, shape (n,) [rad], one control step later on the way from ``q`` to ``T_base_tcp``.
+
+        The result stays within ``lead_rad`` of ``around``, if given, and within position and velocity limits (or, from
+        outside the limits, as near to them as one step allows).
+        """
+        centers = None if around is None else around.tolist()
+        return np.array(self.step(q.tolist(), target, around=centers, lead_rad=lead_rad))
+
+    def step(
+        self, q: Sequence[float], target: Pose, *, around: Sequence[float] | None = None, lead_rad: float = 0.0
+    ) -> list[float]:
+        """Return what :meth:`solve` does, in plain numbers.
+
+        Plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are cold; an
+        array operation then costs three times what it does in a benchmark of its own, `all` and `map` twice a loop.
+        """
+        centers = q if around is None else around
+        lead = math.inf if around is None else lead_rad
+        self._place(q)
+        self._factorize(_STEP_WEIGHT)
+        moved, farthest = self._descent(q, target, (q, centers, lead))
+        if farthest > SECOND_ITERATION_RAD:
+            self._place(moved)
+            moved, _ = self._descent(moved, target, (q, centers, lead))
+        return moved
+
+    def window(
+        self, q: Sequence[float], centers: Sequence[float], lead_rad: float = math.inf
+    ) -> tuple[list[float], list[float]]:
+        """Return the lowest and the highest joint reference one control step after ``q``, all of length n [rad].
+
+        A joint keeps to its velocity limit, and takes at most :data:`APPROACH` of its way to a position limit, so that
+        it slows down before the limit. From outside the limits it returns at full speed. Within that it stays within
+        ``lead_rad`` of ``centers``.
+        """
+        lowest: list[float] = []
+        highest: list[float] = []
+        for now, center, (low, high, speed) in zip(q, centers, self._bounds, strict=True):
+            down, up = APPROACH * (low - now), APPROACH * (high - now)
+            down = now + (-speed if down < -speed else min(down, speed))
+            up = now + (speed if up > speed else max(up, -speed))
+            down = min(max(down, center - lead_rad), up)
+            up = max(min(up, center + lead_rad), down)
+            lowest.append(down)
+            highest.append(up)
+        return lowest, highest
+
+    def _reach_in_window(self, moved: Sequence[float], window: _Window) -> float | None:
+        """Return the largest step of a joint [rad] to angles inside what :meth:`window` returns; None for others."""
+        q, centers, lead = window
+        farthest = 0.0
+        # Far from its position limits a joint is bound by its speed and its lead alone.
+        for x, now, center, (low, high, speed) in zip(moved, q, centers, self._roomy, strict=True):
+            step = abs(x - now)
+            if not (low <= now <= high and step <= speed and abs(x - center) <= lead):
+                break
+            if step > farthest:  # noqa: PLR1730 - less than a call of max
+                farthest = step
+        else:
+            return farthest
+        lowest, highest = self.window(q, centers, lead)
+        if not all(least <= x <= most for least, x, most in zip(lowest, moved, highest, strict=True)):
+            return None
+        return largest_step(moved, q)
+
+    def reach(
+        self,
+        q: np.ndarray,
+        target: Pose,
+        *,
+        position_tolerance_m: float = 1e-4,
+        rotation_tolerance_rad: float = 1e-3,
+        iterations: int = 60,
+        restarts: bool = True,
+    ) -> IKResult:
+        """Return joint angles that reach ``T_base_tcp``, from the first start that converged, or the best of all.
+
+        The search starts at ``q``, shape (n,) [rad], and with ``restarts`` goes on from fixed postures around home; it
+        takes at most ``iterations`` per start. Raises InvalidInputError if ``q`` has the wrong shape or is not finite.
+        """
+        start = np.asarray(q, dtype=np.float64)
+        if start.shape != self.home.shape or not np.isfinite(start).all():
+            raise InvalidInputError(
+                "start of the inverse kinematics",
+                f"{start!r} is no joint vector",
+                f"Give {self.home.size} finite angles",
+            )
+        starts = [start]
+        self._frame.aim(target)
+        if restarts:
+            starts += [self.home + np.array(offset) for offset in _RESTARTS]
+        best: IKResult | None = None
+        used = 0
+        for first in starts:
+            inside = np.minimum(np.maximum(first, self.low), self.high)
+            found = self._descend(inside, target, position_tolerance_m, rotation_tolerance_rad, iterations)
+            used += found.iterations
+            if best is None or (found.converged, -_cost(found)) > (best.converged, -_cost(best)):
+                best = found
+            if best.converged:
+                break
+        if best is None:
+            raise AssertionError("the list of starts is never empty")
+        return IKResult(best.q, best.position_error_m, best.rotation_error_rad, best.converged, used)
+
+    def follow(
+        self, q: Sequence[float], target: Pose, *, position_tolerance_m: float, rotation_tolerance_rad: float
+    ) -> list[float] | None:
+        """Return n joint angles near ``q`` [rad] that bring the tool to ``T_base_tcp``, or None; in plain numbers.
+
+        It is for many targets one after the other along a way: Newton steps from near by, which take a tenth of the
+        time of :meth:`reach` and end as soon as both tolerances are kept; where they leave the limits or do not
+        converge, :meth:`reach` searches from ``q``. A ``q`` outside the limits counts as the nearest angles inside.
+        """
+        now = [min(max(angle, low), high) for angle, (low, high, _) in zip(q, self._bounds, strict=True)]
+        for _ in range(FOLLOW_ITERATIONS):
+            self._place(now)
+            x, y, z, rx, ry, rz = self._world_error(target)
+            if math.hypot(x, y, z) <= position_tolerance_m and math.hypot(rx, ry, rz) <= rotation_tolerance_rad:
+                return now
+            self._factorize(_POSTURE_WEIGHT + REACH_DAMPING)
+            now = self._newton_step(now, (x, y, z, rx, ry, rz))
+            if not all(low <= angle <= high for angle, (low, high, _) in zip(now, self._bounds, strict=True)):
+                break
+        found = self.reach(
+            np.array(q), target, restarts=False,
+            position_tolerance_m=position_tolerance_m, rotation_tolerance_rad=rotation_tolerance_rad,
+        )  # fmt: skip
+        return found.q.tolist() if found.converged else None
+
+    def _descend(self, q: np.ndarray, target: Pose, position: float, rotation: float, iterations: int) -> IKResult:
+        """Iterate from one start until the pose is reached or progress ends."""
+        settled = 0
+        count = 0
+        position_error = rotation_error = math.inf
+        while count < iterations and settled < 3:
+            count += 1
+            low = np.maximum(self.low, q - _REACH_STEP_RAD)
+            high = np.minimum(self.high, q + _REACH_STEP_RAD)
+            before = q
+            q = self._step(q, low, high, self._linearise(q, REACH_DAMPING))
+            tcp = self.forward(q)
+            position_error = distance(tcp.position, target.position)
+            rotation_error = angle_between(tcp.quaternion, target.quaternion)
+            if position_error < 0.1 * position and rotation_error < 0.1 * rotation:
+                break
+            settled = settled + 1 if float(np.abs(q - before).max()) < 1e-4 else 0
+        q.setflags(write=False)
+        return IKResult(
+            q, position_error, rotation_error, position_error <= position and rotation_error <= rotation, count
+        )
+
+    def _place(self, q: Sequence[float] | np.ndarray) -> None:
+        """Set the joint angles, shape (n,) [rad], and the poses that follow, but not what Jacobians need."""
+        self._set_joints(*q)
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _world_error(self, target: Pose) -> tuple[float, float, float, float, float, float]:
+        """Return the pose error in the base frame: position [m], then rotation vector [rad]."""
+        x, y, z = target.position
+        px, py, pz = self._get_position()
+        rotation = to_axis_angle(turn_between(self._site_quaternion(), target.quaternion))
+        return (x - px, y - py, z - pz, *rotation)
+
+    def _world_jacobian(self) -> np.ndarray:
+        """Return the Jacobian (6, n) of the tool in the base frame at the joint angles set last."""
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_jacSite(self._model, self._data, self._translation, self._rotation, self._site)
+        return self._jacobian
+
+    def _factorize(self, weight: float) -> None:
+        """Prepare Newton steps at the joint angles set last; ``weight`` is what a joint's motion costs."""
+        factor = self._factor
+        mujoco.mju_sqrMatTD(factor, self._world_jacobian(), self._weights)
+        numbers = self._factor_numbers
+        for diagonal in self._diagonal:
+            numbers[diagonal] += weight
+        mujoco.mju_cholFactor(factor, 0.0)
+
+    def _descent(self, q: Sequence[float], target: Pose, window: _Window) -> tuple[list[float], float]:
+        """Return the joint angles after one iteration from ``q`` with the Jacobian prepared before.
+
+        Beside them stands the largest distance of a joint from where the window begins; both [rad].
+        """
+        # Where no bound is active the minimum is one Newton step, a third of the time of the quadratic program.
+        moved = self._newton_step(q, self._world_error(target))
+        reach = self._reach_in_window(moved, window)
+        if reach is not None:
+            return moved, reach
+        hessian = np.empty_like(self._factor)
+        mujoco.mju_sqrMatTD(hessian, self._jacobian, self._weights)
+        hessian.ravel()[:: len(q) + 1] += _STEP_WEIGHT
+        now, low, high = np.array(q), *map(np.array, self.window(*window))
+        inside: list[float] = self._bounded_step(now, low, high, hessian, -self._gradient).tolist()
+        return inside, largest_step(inside, window[0])
+
+    def _newton_step(self, q: Sequence[float], error: tuple[float, float, float, float, float, float]) -> list[float]:
+        """Return the joint angles [rad] after one step from ``q``, prepared by :meth:`_factorize`, without bounds."""
+        x, y, z, rx, ry, rz = error
+        turn = ORIENTATION_COST * ORIENTATION_COST
+        self._set_error(x, y, z, turn * rx, turn * ry, turn * rz)
+        mujoco.mju_mulMatTVec(self._gradient, self._jacobian, self._error)
+        pulls = zip(self._get_gradient(), q, self._home, strict=True)
+        self._set_gradient(*[g - _POSTURE_WEIGHT * (now - home) for g, now, home in pulls])
+        mujoco.mju_cholSolve(self._newton, self._factor, self._gradient)
+        return list(map(operator.add, q, self._get_newton()))  # two thirds of the time of a loop
+
+    def _linearise(self, q: np.ndarray, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the Hessian (n, n), weighted Jacobian (6, n) and weighted pose error (6,) at joint angles ``q``."""
+        jacobian, error = self._frame.residual(q)
+        hessian = jacobian.T.dot(jacobian)
+        hessian.ravel()[:: len(q) + 1] += _POSTURE_WEIGHT + damping
+        return hessian, jacobian, error
+
+    def _step(
+        self, q: np.ndarray, low: np.ndarray, high: np.ndarray, problem: tuple[np.ndarray, np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """Return the joint angles, shape (n,) [rad], after one step of the quadratic program inside the bounds."""
+        hessian, jacobian, error = problem
+        gradient = _POSTURE_WEIGHT * (q - self.home) - error.dot(jacobian)
+        return self._bounded_step(q, low, high, hessian, gradient)
+
+    def _bounded_step(
+        self, q: np.ndarray, low: np.ndarray, high: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
+    ) -> np.ndarray:
+        """Return the joint angles that minimize a quadratic function of the step inside the bounds."""
+        step, _, flag, _ = daqp.solve(hessian, gradient, self._none, high - q, low - q, self._sense)
+        if flag < 1:
+            # Bounds never cross and the Hessian is positive definite, so this is a numerical accident: stay once.
+            step = np.zeros_like(q)
+        moved: np.ndarray = np.minimum(np.maximum(q + step, low), high)
+        return moved
+
+    def _tcp(self) -> Pose:
+        """Return the tool pose of the configuration last set."""
+        return Pose(self._get_position(), self._site_quaternion())
+
+    def _site_quaternion(self) -> Quaternion:
+        """Return the rotation of the tool at the joint angles set last."""
+        mujoco.mju_mat2Quat(self._quaternion, self._site_matrix)
+        w, x, y, z = self._get_quaternion()
+        return (w, x, y, z) if w >= 0.0 else (-w, -x, -y, -z)
+
+
+class _FrameProblem:
+    """The pose error of the tool and its Jacobian, by mink.
+
+    It computes on data of its own, so that nothing that planning does is left in those of the control step.
+    """
+
+    def __init__(self, model: mujoco.MjModel, site: str) -> None:
+        # Imported here: it takes a quarter of a worker's start, and only those who plan need it.
+        import mink  # noqa: PLC0415
+
+        self._configuration = mink.Configuration(model)
+        self._task = mink.FrameTask(site, "site", position_cost=POSITION_COST, orientation_cost=ORIENTATION_COST)
+        # The task keeps the target as one array (w, x, y, z, px, py, pz), which is written in place.
+        target = mink.SE3(wxyz_xyz=np.array(mink.SE3.identity().wxyz_xyz))
+        self._task.transform_target_to_world = target
+        self._target: np.ndarray = target.wxyz_xyz
+
+    def aim(self, target: Pose) -> None:
+        """Set the pose to be reached, ``T_base_tcp``."""
+        self._target[:] = (*target.quaternion, *target.position)
+
+    def residual(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted Jacobian (6, n) and the weighted pose error (6,) at joint angles ``q`` [rad]."""
+        self._configuration.update(q)
+        jacobian, error, _ = self._task.compute_qp_residual(self._configuration)
+        return jacobian, error
+
+
+def largest_step(moved: Sequence[float], q: Sequence[float]) -> float:
+    """Return the largest change of a joint [rad]."""
+    return max(abs(x - now) for x, now in zip(moved, q, strict=True))
+
+
+def _cost(result: IKResult) -> float:
+    """Return the weighted error of a result, by which unconverged starts are compared."""
+    return POSITION_COST * result.position_error_m + ORIENTATION_COST * result.rotation_error_rad
+
+
+@functools.cache
+def _arm_model(spec: RobotSpec) -> tuple[mujoco.MjModel, int]:
+    """Return the model of the arm alone, with fingers fixed, and the number of its tool site."""
+    description = build_robot_spec(spec.name, visuals=False)
+    for group in (description.actuators, description.tendons, description.equalities, description.excludes):
+        for element in list(group):
+            description.delete(element)
+    for joint in list(description.joints):
+        if joint.name not in spec.arm_joints:
+            description.delete(joint)
+    for geom in list(description.geoms):
+        description.delete(geom)
+    model = description.compile()
+    names = tuple(model.joint(i).name for i in range(model.njnt))
+    if names != spec.arm_joints:
+        raise InvalidInputError(
+            f"robot {spec.name!r}", f"its model has the joints {names}", f"List them in this order: {spec.arm_joints}"
+        )
+    return model, int(model.site(spec.tcp_site).id)

@@ -1,0 +1,60 @@
+"""Scenes: assets, robot and furniture composed into one compiled MuJoCo model, stepped, rendered and checked.
+
+- ``builder``, ``appearance``, ``objects``, ``stage``, ``rooms``, ``surfaces``: from a condition and a seed to a model.
+- ``scene``, ``contacts``, ``clearance``: state, reset and step; contacts, and collision checks for planners.
+- ``rendering``, ``gl_context``, ``cameras``, ``culling``, ``framing``, ``sights``, ``instances``: images and what they
+show.
+- ``stored``, ``limited``, ``glb``: compiled scenes on disk, opened in a limited process, or written for other viewers.
+
+Each public name is imported from its module when it is first used: a process that only draws builds no scene.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+from betterbench.sim.graphics import gl_backend, require_engine
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes.builder import CompiledScene, Placement, engine_version, place_objects
+    from betterbench.sim.scenes.clearance import Clearance
+    from betterbench.sim.scenes.gl_context import renderer_fingerprint
+    from betterbench.sim.scenes.rendering import Images, Renderer
+    from betterbench.sim.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
+    from betterbench.sim.scenes.stored import StoredView, load_model
+
+require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
+
+__all__ = [
+    "CONTROL_RATE_HZ",
+    "TIMESTEP_S",
+    "Clearance",
+    "CompiledScene",
+    "Images",
+    "Placement",
+    "Renderer",
+    "Scene",
+    "SceneSnapshot",
+    "StoredView",
+    "engine_version",
+    "gl_backend",
+    "load_model",
+    "place_objects",
+    "renderer_fingerprint",
+]
+
+_MODULES = {
+    "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
+    "clearance": ("Clearance",),
+    "gl_context": ("renderer_fingerprint",),
+    "rendering": ("Images", "Renderer"),
+    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
+    "stored": ("StoredView", "load_model"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

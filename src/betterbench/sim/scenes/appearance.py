@@ -1,0 +1,108 @@
+"""What varies by seed besides the slots: looks, room, places of the cameras, direction of the light, start of the arm.
+
+A trial and its twin share all of it, because nothing here depends on the condition. Looks and room change the compiled
+model, so a trial draws one of a limited number of sets of them; the rest changes no model.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Pose, from_axis_angle
+from betterbench.interface.state import CameraOffset, ViewJitter
+from betterbench.sim.assets import family_of, looks, unseen_looks
+from betterbench.sim.robots import ArmIK, RobotSpec
+from betterbench.sim.scenes.rooms import ROOMS, UNSEEN_ROOMS, Room
+from betterbench.sim.scenes.stage import CAMERAS, WRIST_CAMERA
+from betterbench.tasks import Looks, ObjectSpec, stream
+
+LOOK_SETS = 16
+"""Number of sets of looks of a task. A trial draws one set, which gives every kind of object and the room a look of
+their own, so that runs compile and store a few scenes instead of one per trial."""
+
+UNSEEN_LOOK_SETS = 12
+"""Number of sets of held-out looks of a task: a multiple of the four held-out looks and of the three rooms."""
+
+CAMERA_SHIFT_M = 0.01
+"""Half width of the jitter of a camera along each of its axes [m]."""
+
+CAMERA_TURN_RAD = math.radians(1.0)
+"""Half width of the jitter of a camera about each of its axes [rad]."""
+
+LIGHT_TURN_RAD = math.radians(4.0)
+"""Half width of the jitter of the key light's direction about the axes of the world [rad]."""
+
+START_SHIFT_M = 0.02
+"""Half width of the jitter of the end effector's start along the axes of the world [m]."""
+
+START_TURN_RAD = math.radians(5.0)
+"""Half width of the jitter of the end effector's start about the axis of the tool [rad]."""
+
+
+def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
+    """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene.
+
+    Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
+    the room. Categories of one family and color share their look, as a cabinet and its drawers do.
+    """
+    numbers = looks(spec.category) if shown == "seen" else unseen_looks(spec.category)
+    return numbers[_drawn(task, seed, f"{family_of(spec.category)}:{spec.color}", len(numbers), shown)]
+
+
+def room_of(task: str, seed: int, *, shown: Looks = "seen") -> Room:
+    """Return the room of a trial: table, wall, floor and light."""
+    rooms = ROOMS if shown == "seen" else UNSEEN_ROOMS
+    return rooms[_drawn(task, seed, "room", len(rooms), shown)]
+
+
+def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
+    """Return the number of the set of looks that a trial draws, from 0."""
+    return int(stream(task, seed, f"looks:{shown}").integers(LOOK_SETS if shown == "seen" else UNSEEN_LOOK_SETS))
+
+
+def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
+    """Return which of ``count`` looks a trial shows: each set takes the next one of a shuffled order of its own."""
+    chosen = look_set_of(task, seed, shown=shown)
+    round_, place = divmod(chosen, count)
+    return int(_order(task, round_, f"order of {shown} {what}", count)[place])
+
+
+@functools.lru_cache(maxsize=4096)
+def _order(task: str, round_: int, purpose: str, count: int) -> tuple[int, ...]:
+    return tuple(stream(task, round_, purpose).permutation(count).tolist())
+
+
+def view_jitter_of(task: str, seed: int) -> ViewJitter:
+    """Return by how much the cameras and the key light of a trial are off their nominal places."""
+    cameras = {}
+    for camera in (*CAMERAS, WRIST_CAMERA):
+        x, y, z, rx, ry, rz = stream(task, seed, f"camera:{camera}").uniform(-1.0, 1.0, 6).tolist()
+        shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
+        cameras[camera] = CameraOffset((shift * x, shift * y, shift * z), (turn * rx, turn * ry, turn * rz))
+    rx, ry, rz = (LIGHT_TURN_RAD * stream(task, seed, "key light").uniform(-1.0, 1.0, 3)).tolist()
+    return ViewJitter(cameras, (rx, ry, rz))
+
+
+@functools.lru_cache(maxsize=1024)
+def start_joints_of(task: str, seed: int, robot: RobotSpec) -> tuple[float, ...]:
+    """Return the joint angles that a trial starts from [rad]: near home, within the limits.
+
+    The end effector is off its home by up to 2 cm along each axis of the world and up to 5 degrees about the tool.
+
+    Raises:
+        InvalidInputError: If the arm cannot reach that pose from home.
+    """
+    dx, dy, dz, turn = stream(task, seed, "robot start").uniform(-1.0, 1.0, 4).tolist()
+    arm = ArmIK(robot)
+    home = arm.forward(arm.home)
+    shifted = home.translated(START_SHIFT_M * dx, START_SHIFT_M * dy, START_SHIFT_M * dz)
+    target = shifted @ Pose((0.0, 0.0, 0.0), from_axis_angle((0.0, 0.0, START_TURN_RAD * turn)))
+    found = arm.reach(np.array(robot.home_joints), target, restarts=False)
+    if not found.converged:
+        problem = f"the start of {task} seed {seed} is {1e3 * found.position_error_m:.1f} mm out of reach"
+        raise InvalidInputError(f"robot {robot.name!r}", problem, "Choose home farther from the limits of the arm")
+    return tuple(found.q.tolist())

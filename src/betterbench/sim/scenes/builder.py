@@ -1,0 +1,255 @@
+"""From a condition and a seed to a compiled model: which assets stand where, and which geometry belongs to whom."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.geometry import Pose, Vector, from_yaw, yaw_of
+from betterbench.sim.assets import Asset, build
+from betterbench.sim.robots import RobotSpec, build_robot_spec, robot
+from betterbench.sim.scenes.appearance import look_of
+from betterbench.sim.scenes.instances import ROBOT_PREFIX
+from betterbench.sim.scenes.objects import add_asset, rail_of, rest_pose
+from betterbench.sim.scenes.rooms import Room
+from betterbench.sim.scenes.stage import Quality, add_wrist_camera, stage_spec
+from betterbench.tasks import Condition, Looks, ObjectSpec, TargetRegion, Task, stream
+from betterbench.tasks.demonstrated import FlatPose, demonstrated, final_pose
+from betterbench.tasks.relations import relation as relation_named
+from betterbench.tasks.relations.closed import MOUNTS
+from betterbench.tasks.relations.layer import LAYERS
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """One object of a scene: what it is, the asset chosen for it, and its pose ``T_world_object`` at reset.
+
+    ``shut`` is the pose of a drawer while it is shut.
+    """
+
+    spec: ObjectSpec
+    asset: Asset
+    pose: Pose
+    shut: Pose | None = None
+
+    @property
+    def anchored(self) -> Pose | None:
+        """Pose that the model holds for good: of a fixed object, or of a drawer while it is shut."""
+        return self.pose if self.spec.fixed else self.shut
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledScene:
+    """A compiled model and the meaning of its parts. It is shared by every scene with the same assets.
+
+    Attributes:
+        content_hash: Hash of everything that went into it (hex, 16 characters).
+        bodies: Body id per object, in scene order.
+        qpos_addresses: First index into qpos per object, -1 for fixed ones.
+        dof_addresses: First index into qvel per object, -1 for fixed ones.
+        slides: (n,) bool, true for drawers: they have one joint coordinate, their distance from being shut [m].
+        geom_labels: (ngeom,) index into the label table per geometry: objects first, then :data:`LABELS`; -1 for none.
+    """
+
+    model: mujoco.MjModel
+    content_hash: str
+    robot: RobotSpec
+    bodies: np.ndarray
+    qpos_addresses: np.ndarray
+    dof_addresses: np.ndarray
+    slides: np.ndarray
+    geom_labels: np.ndarray
+
+
+LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
+"""Names of bodies that are no objects, as contacts name them."""
+
+
+def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
+    """Return where a slot's occupant stands in a trial: position on the table [m] and heading [rad].
+
+    The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
+    """
+    slot = task.slot(slot_name)
+    dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
+    position = (slot.x + slot.jitter_m * float(dx), slot.y + slot.jitter_m * float(dy), 0.0)
+    return position, slot.yaw + slot.yaw_jitter * float(dyaw)
+
+
+def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks = "seen") -> tuple[Placement, ...]:
+    """Return all objects of a condition with their assets and poses, in an order that names do not influence."""
+    chosen = {
+        o.name: build(o.category, look=look_of(task.id, seed, o, shown=shown), color=o.color) for o in condition.objects
+    }
+    poses: dict[str, Pose] = {}
+    for name, slot in condition.layout.items():
+        position, yaw = slot_pose(task, seed, slot)
+        ground = Pose(position, from_yaw(yaw))
+        poses[name] = ground if condition.object(name).fixed else ground @ rest_pose(chosen[name])
+    shut: dict[str, Pose] = {}
+    for o in condition.objects:
+        if o.mount is not None:
+            mount = chosen[o.mount.target].region(o.mount.region)
+            shut[o.name] = poses[o.mount.target] @ mount.pose
+            poses[o.name] = shut[o.name] @ Pose((_opening(condition, o.name, chosen[o.name]), 0.0, 0.0))
+    for name, place in condition.preplaced.items():
+        below = _below(condition, place)
+        on = poses[below].apply(_middle(task, chosen[below], place.region))
+        flat = _drawn_pose(task, condition, seed, name, chosen)
+        mx, my, _ = _middle(task, chosen[place.target], place.region)
+        x, y, _ = poses[place.target].apply((mx + 0.001 * flat.x_mm, my + 0.001 * flat.y_mm, 0.0))
+        yaw = yaw_of(poses[place.target].quaternion) + math.radians(flat.yaw_deg)
+        poses[name] = Pose((x, y, on[2]), from_yaw(yaw)) @ rest_pose(chosen[name])
+    placements = [Placement(o, chosen[o.name], poses[o.name], shut.get(o.name)) for o in condition.objects]
+
+    def order(p: Placement) -> tuple[str, ...]:
+        there = condition.preplaced.get(p.spec.name) or p.spec.mount
+        where = condition.layout.get(p.spec.name, "" if there is None else f"~{there.region}")
+        return (p.spec.role, p.asset.identity, where)
+
+    return tuple(sorted(placements, key=order))
+
+
+def _opening(condition: Condition, name: str, asset: Asset) -> float:
+    """Return how far a drawer is drawn out at the start [m], within its travel."""
+    opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
+    if not 0.0 <= opening <= travel:
+        raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
+    return opening
+
+
+def _below(condition: Condition, place: TargetRegion) -> str:
+    """Return what a pre-placed object rests on: the layer below it where the stack has one, else the target itself."""
+    for name, other in condition.preplaced.items():
+        if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
+            return name
+    return place.target
+
+
+def _under(layer: str) -> str:
+    return LAYERS[LAYERS.index(layer) - 1]
+
+
+def _middle(task: Task, target: Asset, region: str) -> Vector:
+    """Return the middle of the surface on which things rest at a target, in its frame [m]."""
+    relation = relation_named(task.template.relation)
+    if relation.surface is None:
+        problem = f"nothing can rest {relation.name!r} its target from the start"
+        raise InvalidInputError(f"{task.id} preplace", problem, "Give the relation a surface function")
+    return relation.surface({r.name: r for r in target.regions}, region)
+
+
+def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
+    """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
+
+    In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
+
+    Raises InvalidInputError if no demonstration was measured, or none brings anything there.
+    """
+    place, kind = condition.preplaced[name], condition.object(name).kind
+    asset, on = chosen[name], chosen[place.target]
+    target, relation = condition.object(place.target).kind, relation_named(task.template.relation)
+    known = demonstrated(task, engine=engine_version())
+    assets = (asset.identity, on.identity)
+    poses = known.final_poses_at(target, relation.name, place.region, kind=kind, assets=assets)
+    if not poses:
+        problem = f"no demonstration puts anything {relation.name} {target}{'.' if place.region else ''}{place.region}"
+        raise InvalidInputError(f"{task.id} preplace {name}", problem, "Pre-place things where training brings some")
+    flat = final_pose(task, seed, kind=kind, region=place.region, poses=poses)
+    if not relation.falls:
+        return flat
+    size_mm = 500.0 * max(asset.size_m[:2])
+    x_most, y_most = (max(0.0, 1000.0 * half - size_mm) for half in on.region("inside").half_size[:2])
+    return FlatPose(min(max(flat.x_mm, -x_most), x_most), min(max(flat.y_mm, -y_most), y_most), flat.yaw_deg)
+
+
+_CACHE: OrderedDict[str, CompiledScene] = OrderedDict()
+_CACHE_SIZE = 32
+_LOCK = threading.Lock()
+
+
+def compile_scene(placements: tuple[Placement, ...], quality: Quality, *, robot_name: str, room: Room) -> CompiledScene:
+    """Return the compiled model of a set of objects, from a cache where possible.
+
+    Only what a model holds decides: assets, fixed poses, robot, render quality and the room. Names,
+    slots and start poses of free objects do not, so trials that differ in layout or language share one model.
+    """
+    digest = hashlib.sha256(f"{mujoco.__version__}|{robot_name}|{quality}|{room}".encode())
+    for p in placements:
+        digest.update(f"|{p.asset.content_hash()}|{p.spec.fixed}|{p.anchored or ''}".encode())
+    key = digest.hexdigest()[:16]
+    with _LOCK:
+        if key in _CACHE:
+            _CACHE.move_to_end(key)
+            return _CACHE[key]
+        compiled = _compile(placements, quality, key, robot_name, room)
+        _CACHE[key] = compiled
+        while len(_CACHE) > _CACHE_SIZE:
+            _CACHE.popitem(last=False)
+        return compiled
+
+
+def _compile(
+    placements: tuple[Placement, ...], quality: Quality, key: str, robot_name: str, room: Room
+) -> CompiledScene:
+    description = robot(robot_name)
+    spec = stage_spec(quality, room=room)
+    arm = build_robot_spec(robot_name)
+    spec.worldbody.add_frame().attach_body(arm.worldbody.first_body(), ROBOT_PREFIX, "")
+    add_wrist_camera(spec.body(ROBOT_PREFIX + description.hand_body))
+    names = [f"object{i}_{p.asset.category}" for i, p in enumerate(placements)]
+    for name, p in zip(names, placements, strict=True):
+        add_asset(spec, name, p.asset, pose=p.anchored, slide=None if p.shut is None else rail_of(p.asset))
+    for drawer in [n for n, p in zip(names, placements, strict=True) if p.shut is not None]:
+        # The rails carry a drawer: it has clearance in the carcass and does not collide with it.
+        for cabinet in [n for n, p in zip(names, placements, strict=True) if _takes_drawers(p.asset)]:
+            spec.add_exclude(bodyname1=drawer, bodyname2=cabinet)
+    model = spec.compile()
+    bodies = np.array([model.body(name).id for name in names], dtype=np.int32)
+    qpos = np.full(len(names), -1, dtype=np.int32)
+    dofs = np.full(len(names), -1, dtype=np.int32)
+    for i, p in enumerate(placements):
+        if not p.spec.fixed:
+            joint = int(model.body_jntadr[bodies[i]])
+            qpos[i], dofs[i] = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
+    slides = np.array([p.shut is not None for p in placements])
+    return CompiledScene(model, key, description, bodies, qpos, dofs, slides, _label_geoms(model, bodies, description))
+
+
+def _takes_drawers(asset: Asset) -> bool:
+    return any(r.name in MOUNTS for r in asset.regions)
+
+
+def _label_geoms(model: mujoco.MjModel, bodies: np.ndarray, description: RobotSpec) -> np.ndarray:
+    n = len(bodies)
+    label_of = {name: n + i for i, name in enumerate(LABELS)}
+    body_label = np.full(model.nbody, -1, dtype=np.int32)
+    for body in range(1, model.nbody):
+        name = model.body(body).name
+        if name.startswith(ROBOT_PREFIX):
+            part = name.removeprefix(ROBOT_PREFIX)
+            body_label[body] = label_of[description.contact_name(part) or "arm"]
+        elif name in label_of:
+            body_label[body] = label_of[name]
+    body_label[bodies] = np.arange(n)
+    labels: np.ndarray = body_label[model.geom_bodyid].copy()
+    for geom in range(model.ngeom):
+        name = model.geom(geom).name
+        if name in label_of:
+            labels[geom] = label_of[name]
+    return labels
+
+
+@functools.lru_cache(maxsize=1)
+def engine_version() -> str:
+    """Return the version of the physics engine."""
+    return str(mujoco.__version__)

@@ -1,0 +1,114 @@
+"""Collision checks on a private copy of a scene, for planners: which bodies would touch in a given configuration."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose, distance
+from betterbench.interface.state import WorldState
+from betterbench.sim.robots.readers import numbers_of
+from betterbench.sim.scenes.scene import Scene
+
+ROBOT_PARTS = frozenset({"left_finger", "right_finger", "hand", "arm"})
+
+
+class Clearance:
+    """Tells what the robot, and an object in its gripper, would touch. It never changes the scene it was made from."""
+
+    def __init__(self, scene: Scene, *, margin_m: float = 0.004, penetration_m: float = 0.002) -> None:
+        """Copy the scene's model; the robot has to keep ``margin_m`` from everything.
+
+        ``penetration_m`` is the overlap of the held object with others that still counts as free; it has to be above
+        the depth of a resting contact.
+        """
+        self._compiled = scene.compiled
+        self._labels = scene.body_names
+        self._index = {name: i for i, name in enumerate(self._labels)}
+        self._model = copy.copy(scene.model)
+        self._data = mujoco.MjData(self._model)
+        self._penetration = penetration_m
+        self._shut = {i: p.shut.position for i, p in enumerate(scene.placements) if p.shut is not None}
+        labels = self._compiled.geom_labels
+        robot = [self._index[name] for name in ROBOT_PARTS]
+        self._model.geom_margin[np.isin(labels, robot)] = margin_m
+        # Contacts are looked for by the robot and by what it holds alone, and found at anything but the robot. What the
+        # other things touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
+        self._looks = scene.model.geom_contype, scene.model.body_contype
+        self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
+        self._model.geom_contype[:] = self._model.body_contype[:] = 0
+        for i in robot:
+            self._let_look(i, looks=True)
+            self._model.geom_conaffinity[self._geoms[i]] = 0
+            self._model.body_conaffinity[self._model.geom_bodyid[self._geoms[i]]] = 0
+        self._held = -1
+        self._arm, self._fingers = scene.arm_addresses.tolist(), scene.finger_addresses.tolist()
+        self._numbers = numbers_of(self._data.qpos)
+
+    def load(self, state: WorldState) -> None:
+        """Take over where everything is."""
+        for i, name in enumerate(o.name for o in state.info.objects):
+            self._place(i, state.pose(name))
+
+    def _place(self, i: int, pose: Pose) -> None:
+        address = self._compiled.qpos_addresses[i]
+        if self._compiled.slides[i]:
+            self._data.qpos[address] = distance(pose.position, self._shut[i])
+        elif address >= 0:
+            self._data.qpos[address : address + 3] = pose.position
+            self._data.qpos[address + 3 : address + 7] = pose.quaternion
+
+    def _let_look(self, i: int, *, looks: bool) -> None:
+        """Have a body of the label table look for contacts with everything else, or only be found by others."""
+        geoms, (of_geoms, of_bodies) = self._geoms[i], self._looks
+        bodies = self._model.geom_bodyid[geoms]
+        self._model.geom_contype[geoms] = of_geoms[geoms] if looks else 0
+        self._model.body_contype[bodies] = of_bodies[bodies] if looks else 0
+
+    def touches(
+        self,
+        joints: Sequence[float] | np.ndarray,
+        *,
+        finger_width_m: float,
+        held: str | None = None,
+        held_pose: Pose | None = None,
+        ignore: frozenset[str] = frozenset(),
+    ) -> tuple[str, ...]:
+        """Return what would be touched with these joint angles [rad]: one text "a-b" per pair, none if all is free.
+
+        ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
+        """
+        data = self._data
+        for address, angle in zip(self._arm, joints, strict=True):
+            self._numbers[address] = angle
+        for address in self._fingers:
+            self._numbers[address] = 0.5 * finger_width_m
+        held_index = -1
+        if held is not None and held_pose is not None:
+            held_index = self._index[held]
+            self._place(held_index, held_pose)
+        if held_index != self._held:
+            for i, looks in ((self._held, False), (held_index, True)):
+                if i >= 0:
+                    self._let_look(i, looks=looks)
+            self._held = held_index
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_collision(self._model, data)
+        if not data.ncon:
+            return ()  # as nearly everywhere on a way
+        found: set[str] = set()
+        pairs = self._compiled.geom_labels[data.contact.geom].tolist()
+        for (a, b), depth in zip(pairs, data.contact.dist.tolist(), strict=True):
+            if a < 0 or b < 0 or a == b:
+                continue
+            one, two = self._labels[a], self._labels[b]
+            if (one in ROBOT_PARTS) != (two in ROBOT_PARTS):
+                thing = two if one in ROBOT_PARTS else one
+                if thing != held and thing not in ignore:
+                    found.add(f"{one}-{two}")
+            elif held_index in (a, b) and depth < -self._penetration:
+                found.add(f"{one}-{two}")
+        return tuple(sorted(found))

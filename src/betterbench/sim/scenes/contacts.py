@@ -1,0 +1,261 @@
+"""Which bodies touch: the contacts of the physics engine as pairs of names, those of sleeping objects included."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import mujoco
+
+from betterbench.geometry import Vector
+from betterbench.interface.state import Contact
+from betterbench.sim.scenes.builder import LABELS, CompiledScene
+
+
+class _Sleep(NamedTuple):
+    """Which objects sleep.
+
+    Attributes:
+        cycles: What the engine says of its trees, as it stands in memory.
+        sleeping: The numbers of the objects.
+        places: Returns their positions, given those of all objects.
+    """
+
+    cycles: bytes
+    sleeping: tuple[int, ...]
+    places: Callable[[Sequence[Vector]], tuple[Vector, ...]]
+
+
+Groups = tuple[tuple[int, tuple[int, ...]], ...]
+"""Pairs that the engine lists: the number of each, and where the normal forces of its contact points stand."""
+
+
+class _Row(NamedTuple):
+    """What a reading returns, but for the forces, for as long as the same pairs touch.
+
+    Attributes:
+        groups: The pairs that the engine lists.
+        kept: What the sleeping objects touch.
+        order: The numbers of all pairs that touch.
+        contacts: Their contacts in this order; those with a force to be read are to be replaced.
+        awake: These: where they stand, their names, and where their forces stand.
+        held: The object that is held.
+    """
+
+    groups: Groups
+    kept: Mapping[int, Contact]
+    order: tuple[int, ...]
+    contacts: tuple[Contact, ...]
+    awake: tuple[tuple[int, str, str, tuple[int, ...]], ...]
+    held: str | None
+
+
+class ContactReader:
+    """Reads the contacts of one model.
+
+    The engine puts groups of objects that have come to rest to sleep: it neither moves them nor lists their contacts
+    until something that is awake touches one of the group. What they rest on is still true, so it is kept. The contacts
+    of the sleeping are computed once, when the group has fallen asleep, with everything awake in a second set of data.
+    """
+
+    def __init__(self, compiled: CompiledScene, names: tuple[str, ...]) -> None:
+        """Prepare for a model; ``names`` are those of its objects in scene order."""
+        self._model, self._names = compiled.model, names
+        n = len(names)
+        numbers, self._pair_names = _pairs((*names, *LABELS), n + 3)
+        left, right, table = n, n + 1, n + 4
+        self._holds = tuple(
+            (numbers[i][left], numbers[i][right], frozenset({numbers[i][j] for j in (*range(n), table) if j != i}))
+            for i in range(n)
+        )
+        self._lefts = frozenset(left for left, _, _ in self._holds)
+        self._numbers = numbers
+        nothing = len(numbers) - 1
+        self._geom_labels = bytes(nothing if label < 0 else label for label in compiled.geom_labels.tolist())
+        trees = self._model.body_treeid[compiled.bodies].tolist()
+        self._trees = tuple((i, tree) for i, tree in enumerate(trees) if tree >= 0)
+        self._data: mujoco.MjData | None = None
+        self._asleep: memoryview[int] = memoryview(b"")
+        self._sleep = _Sleep(b"", (), tuple)
+        self._awake = mujoco.MjData(self._model)
+        self._kept_for: tuple[tuple[int, ...], tuple[Vector, ...]] = ((), ())
+        self._kept: dict[int, Contact] = {}
+        self._kept_numbers: frozenset[int] = frozenset()
+        self._listed: tuple[bytes, bytes] = (b"", b"")
+        self._groups: Groups = ()
+        self._row = _Row((), _NOTHING, (), (), (), None)
+        self._by_robot = frozenset({numbers[i][part] for i in range(n) for part in range(n, table)})
+        self._passed: dict[int, float] = {}
+
+    def start_step(self) -> None:
+        """Forget the touches in passing of the control step before."""
+        self._passed = {}
+
+    def see_step(self, data: mujoco.MjData) -> None:
+        """Take note of what the robot touches at one of the physics steps between two readings.
+
+        A reading lists these touches too, with their largest force: a graze can begin and end between two readings.
+        """
+        if data.ncon == 0:
+            return
+        for number, force in self._touching(data).items():
+            if number in self._by_robot:
+                self._passed[number] = max(force, self._passed.get(number, 0.0))
+
+    def read(self, data: mujoco.MjData, positions: Sequence[Vector]) -> tuple[tuple[Contact, ...], str | None]:
+        """Return all pairs that involve an object or the gripper, in the order of the labels, and the held object.
+
+        An object is held if both fingers touch it now and neither another object nor the table does. ``positions`` are
+        those of the objects in these data.
+        """
+        if data is not self._data:  # the engine keeps its arrays in place
+            self._data, self._asleep = data, data.tree_asleep.data
+        groups = self._grouped(data)
+        cycles = self._asleep.tobytes()
+        if cycles != self._sleep.cycles:
+            self._sleep = self._who_sleeps(cycles)
+        kept = _NOTHING
+        if self._sleep.sleeping:
+            self._keep(data, positions)
+            kept = self._kept
+        row = self._row
+        if groups is not row.groups or kept is not row.kept:  # seldom: what is in the gripper is touched for long
+            row = self._row = self._new_row(groups, kept)
+        contacts = row.contacts
+        if row.awake:
+            forces, filled = data.efc_force.data, list(contacts)
+            for i, one, other, addresses in row.awake:
+                filled[i] = Contact(one, other, _force(forces, addresses))
+            contacts = tuple(filled)
+        return self._with_passed(row.order, contacts) if self._passed else contacts, row.held
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything that the next reading depends on beside the data; the data of the sleeping are copied."""
+        kept = {name: value for name, value in vars(self).items() if name in _KEPT_BETWEEN_READINGS}
+        return {**kept, "_awake": copy.copy(self._awake)}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Put back what :meth:`snapshot` returned."""
+        vars(self).update(snapshot)
+        self._awake = copy.copy(snapshot["_awake"])
+
+    def _touching(self, data: mujoco.MjData) -> dict[int, float]:
+        """Return the number of each pair that the engine lists, with the sum of its normal forces [N]."""
+        forces = data.efc_force.data
+        return {number: _force(forces, addresses) for number, addresses in self._grouped(data)}
+
+    def _grouped(self, data: mujoco.MjData) -> Groups:
+        """Return the pairs that the engine lists: the very tuple of the last call where it lists the same points."""
+        if data.ncon == 0:
+            return ()
+        contact = data.contact
+        geoms, rows = contact.geom, contact.efc_address
+        listed = geoms.tobytes(), rows.tobytes()
+        if listed != self._listed:
+            labels, numbers = self._geom_labels, self._numbers
+            found: dict[int, list[int]] = {}
+            for (one, other), address in zip(geoms.tolist(), rows.tolist(), strict=True):
+                number = numbers[labels[one]][labels[other]]
+                if number >= 0:
+                    found.setdefault(number, []).append(address)
+            self._listed = listed
+            self._groups = tuple([(number, tuple(addresses)) for number, addresses in found.items()])
+        return self._groups
+
+    def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
+        """Return what readings return where these pairs touch and the sleeping objects touch what is kept."""
+        asleep = frozenset() if kept is _NOTHING else self._kept_numbers
+        awake = {number: addresses for number, addresses in groups if number not in asleep}
+        order = tuple(sorted({*awake, *kept}))
+        contacts = tuple([kept[n] if n in kept else Contact(*self._pair_names[n], 0.0) for n in order])
+        read = tuple([(i, *self._pair_names[n], awake[n]) for i, n in enumerate(order) if n in awake])
+        return _Row(groups, kept, order, contacts, read, self._held({*order}) if awake else None)
+
+    def _with_passed(self, order: tuple[int, ...], contacts: tuple[Contact, ...]) -> tuple[Contact, ...]:
+        """Return the contacts, with those in passing since the reading before, each with its largest force."""
+        found = dict(zip(order, contacts, strict=True))
+        for number, force in self._passed.items():
+            before = found[number].force_n if number in found else 0.0
+            found[number] = Contact(*self._pair_names[number], max(force, before))
+        return tuple([found[number] for number in sorted(found)])
+
+    def _who_sleeps(self, cycles: bytes) -> _Sleep:
+        """Return which objects sleep, from what the engine says of its trees."""
+        asleep = self._asleep
+        sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
+        picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a row of one, not its element
+        return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
+
+    def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
+        """Find what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
+        sleeping = self._sleep.sleeping
+        state = (sleeping, self._sleep.places(positions))
+        if state == self._kept_for:
+            return
+        self._kept_numbers = frozenset(number for i in sleeping for number in self._numbers[i] if number >= 0)
+        if not self._sleep_on(*state):
+            self._awake.qpos[:] = data.qpos
+            mujoco.mj_forward(self._model, self._awake)
+            touching = self._touching(self._awake)
+            self._kept = {number: Contact(*self._pair_names[number], touching[number]) for number in sorted(touching)}
+        self._kept_for = state
+        self._kept = {number: contact for number, contact in self._kept.items() if number in self._kept_numbers}
+
+    def _sleep_on(self, sleeping: tuple[int, ...], places: tuple[Vector, ...]) -> bool:
+        """Tell whether these are objects that slept at the last call too, and touched none of those that have woken.
+
+        Then they touch what they touched. Computing it anew takes as long as a control step.
+        """
+        before = dict(zip(*self._kept_for, strict=True))
+        if not all(i in before and before[i] == place for i, place in zip(sleeping, places, strict=True)):
+            return False
+        woken = {number for i in before.keys() - {*sleeping} for number in self._numbers[i]}
+        return not any(number in woken and number in self._kept_numbers for number in self._kept)
+
+    def _held(self, touching: AbstractSet[int]) -> str | None:
+        """Return the object that both fingers touch and nothing else supports, from the pairs that touch."""
+        if self._lefts.isdisjoint(touching):
+            return None
+        for i, (left, right, supports) in enumerate(self._holds):
+            if left in touching and right in touching and supports.isdisjoint(touching):
+                return self._names[i]
+        return None
+
+
+_NOTHING: Mapping[int, Contact] = {}
+"""What is kept while nothing sleeps."""
+
+_KEPT_BETWEEN_READINGS = (
+    "_kept_for",
+    "_kept",
+    "_kept_numbers",
+    "_passed",
+)
+
+
+def _force(forces: memoryview[float], addresses: tuple[int, ...]) -> float:
+    """Return the sum of the normal forces of some contact points [N]; one that the solver left out has none."""
+    total = 0.0
+    for address in addresses:
+        if address >= 0:
+            total += forces[address]
+    return total
+
+
+def _pairs(labels: tuple[str, ...], relevant: int) -> tuple[list[list[int]], dict[int, tuple[str, str]]]:
+    """Return the numbers of all pairs of labels, -1 for a pair that does not count, and the names by number.
+
+    Labels below ``relevant`` are objects or parts of the gripper; pairs without any of them do not count. The last row
+    and the last column are for geometries without a label. Numbers are in the order of the labels.
+    """
+    n = len(labels)
+    numbers = [[-1] * (n + 1) for _ in range(n + 1)]
+    names = {}
+    for a in range(min(relevant, n)):
+        for b in range(a + 1, n):
+            numbers[a][b] = numbers[b][a] = a * n + b
+            names[a * n + b] = (labels[a], labels[b])
+    return numbers, names

@@ -1,0 +1,233 @@
+"""What the front camera shows of a task: its gripper, the size and visibility of what is asked for, and margins.
+
+The limits that every task keeps are constants of this file, and no verdict depends on them.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.geometry import Pose, Vector, from_yaw
+from betterbench.interface.state import CameraOffset, ViewJitter
+from betterbench.sim.robots import ArmIK
+from betterbench.sim.scenes.appearance import CAMERA_SHIFT_M, CAMERA_TURN_RAD
+from betterbench.sim.scenes.builder import slot_pose
+from betterbench.sim.scenes.cameras import ViewPlacement, camera_matrices
+from betterbench.sim.scenes.instances import ROBOT_PREFIX
+from betterbench.sim.scenes.objects import rail_of
+from betterbench.sim.scenes.rendering import NO_BODY, Renderer
+from betterbench.sim.scenes.scene import Scene
+from betterbench.sim.scenes.stage import QUALITIES
+from betterbench.tasks import Condition
+from betterbench.tasks.relations.closed import MOUNTS
+
+GRIPPER_PX = 60.0
+"""Fewest pixels of hand and fingers in an image of 256 x 256."""
+
+MARGIN_M = 0.008
+"""Least distance of slots and target regions from the image's edge [m]."""
+
+SIDE_PX = 24.0
+"""Least longer side of what an instruction names, at 256 pixels."""
+
+VISIBLE = 0.6
+"""Least share of what an instruction names that nothing hides and the image's edge does not cut off."""
+
+BACKGROUND = 0.2
+"""Largest share of the image without table, robot and object."""
+
+
+SIZE_PX = 256
+HOVER_M = 0.12
+"""Height of the end effector over a slot at which the gripper has to be visible [m]: grasps from above begin there."""
+_REGIONS = ("inside", "ring", "top", "base")
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectFraming:
+    """How an object that the instruction names is seen.
+
+    Attributes:
+        side_px: Longer side of its visible part's bounding box [pixel].
+        visible: Share of it that is in the image and that nothing else hides.
+    """
+
+    name: str
+    side_px: float
+    visible: float
+
+
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """What an image of the front camera shows at the start of a trial.
+
+    Attributes:
+        gripper_px: Pixels of hand and fingers.
+        background: Share of pixels that show neither table nor robot nor object.
+        asked: What the instruction names, without fixtures.
+    """
+
+    gripper_px: int
+    background: float
+    asked: tuple[ObjectFraming, ...]
+
+
+class FramingView:
+    """Measures images of one scene, without changing it."""
+
+    def __init__(self, scene: Scene, *, camera: str = "front") -> None:
+        """Copy the scene's model, and make a renderer for it."""
+        self._scene, self._camera = scene, camera
+        self._model = copy.copy(scene.model)
+        self._data = mujoco.MjData(self._model)
+        self._renderer = Renderer(self._model, width=SIZE_PX, height=SIZE_PX, quality=QUALITIES["fast"])
+        robot = scene.compiled.robot
+        parts = (robot.hand_body, *robot.finger_bodies)
+        self._gripper = [self._model.body(ROBOT_PREFIX + name).id for name in parts]
+        names = self._renderer.body_names
+        self._background = [NO_BODY, 0, names.index("pedestal")]
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+    def start(self, jitter: ViewJitter | None = None) -> Framing:
+        """Return what the start of the trial shows, with the jitter of the trial or another one."""
+        masks = self._masks(self._scene.data.qpos, jitter)
+        asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
+        background = float(np.isin(masks, self._background).mean())
+        return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
+
+    def of(self, name: str) -> ObjectFraming:
+        """Return how an object is seen at the start of the trial."""
+        return self._object(name, self._masks(self._scene.data.qpos, None))
+
+    def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
+        """Return the pixels of the gripper with the end effector over a slot, pointing down."""
+        place, arm = self._scene.task.slot(slot), ArmIK(self._scene.compiled.robot)
+        target = Pose((place.x, place.y, HOVER_M), arm.forward(arm.home).quaternion)
+        qpos = self._scene.data.qpos.copy()
+        qpos[self._scene.arm_addresses] = arm.reach(arm.home, target).q
+        return int(np.isin(self._masks(qpos, jitter), self._gripper).sum())
+
+    def _masks(self, qpos: np.ndarray, jitter: ViewJitter | None) -> np.ndarray:
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        ViewPlacement(self._model, jitter or self._scene.view_jitter).apply(self._data)
+        return self._draw()
+
+    def _draw(self, size: int = SIZE_PX) -> np.ndarray:
+        masks = self._renderer.render(self._data, self._camera, rgb=False, masks=True, width=size, height=size).masks
+        if masks is None:
+            raise AssertionError("masks were asked for")
+        return masks
+
+    def _object(self, name: str, masks: np.ndarray) -> ObjectFraming:
+        number = [p.spec.name for p in self._scene.placements].index(name)
+        body = int(self._scene.compiled.bodies[number])
+        rows, columns = np.nonzero(masks == body)
+        if not len(rows):
+            return ObjectFraming(name, 0.0, 0.0)
+        side = float(max(np.ptp(rows), np.ptp(columns)) + 1)
+        return ObjectFraming(name, side, len(rows) / max(self._whole(body), 1))
+
+    def _whole(self, body: int) -> int:
+        """Return the pixels of a body of which nothing is hidden, those outside the image included.
+
+        Everything else is left out of an image of twice the width and height around the same middle.
+        """
+        model, camera = self._model, self._model.camera(self._camera).id
+        rgba, materials, angle = model.geom_rgba.copy(), model.geom_matid.copy(), float(model.cam_fovy[camera])
+        others = model.geom_bodyid != body
+        model.geom_matid[others] = -1
+        model.geom_rgba[others, 3] = 0.0
+        model.cam_fovy[camera] = math.degrees(2.0 * math.atan(2.0 * math.tan(0.5 * math.radians(angle))))
+        try:
+            return int((self._draw(2 * SIZE_PX) == body).sum())
+        finally:
+            model.geom_rgba[:], model.geom_matid[:], model.cam_fovy[camera] = rgba, materials, angle
+
+
+def asked_objects(condition: Condition) -> tuple[str, ...]:
+    """Return the scene names of the objects that the steps of an instruction name, in their order."""
+    names: dict[str, None] = {}
+    for step in condition.instruction.subgoals:
+        found = [o.name for o in condition.objects if step.reference.kind in (None, o.kind)]
+        slot = step.reference.slot
+        if slot is not None:
+            found = [name for name in found if condition.layout.get(name) == slot]
+        items = [name for name in found if condition.object(name).role in ("item", "distractor")]
+        names.update(dict.fromkeys(items))
+    return tuple(names)
+
+
+def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
+    """Yield the corners of the jitter of a camera: each of its shifts and turns at either end."""
+    for signs in itertools.product((-1.0, 1.0), repeat=6):
+        x, y, z, rx, ry, rz = signs
+        shift, turn = CAMERA_SHIFT_M, CAMERA_TURN_RAD
+        offset = CameraOffset((shift * x, shift * y, shift * z), (turn * rx, turn * ry, turn * rz))
+        yield ViewJitter({camera: offset})
+
+
+def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
+    """Return how far slots and target regions stay from the image's edge at all jitters [m], negative outside.
+
+    A slot counts with every place that its jitter allows; a target region with its corners, wherever the jitter of its
+    slot puts the target, and a drawer drawn out. Distances are those at the depth of the point.
+    """
+    points = np.array([*_slot_corners(scene), *_target_corners(scene)])
+    data, least = copy.copy(scene.data), math.inf
+    for jitter in extreme_jitters(camera):
+        ViewPlacement(scene.model, jitter).apply(data)
+        view = camera_matrices(scene.model, data, camera, width=SIZE_PX, height=SIZE_PX)
+        pixels, depths = view.project(points)
+        edge = np.minimum(pixels + 0.5, SIZE_PX - 0.5 - pixels).min(axis=1)
+        least = min(least, float((edge * depths / view.K[0, 0]).min()))
+    return least
+
+
+def _slot_corners(scene: Scene) -> Iterator[Vector]:
+    for slot in scene.task.slots:
+        for sx, sy in itertools.product((-slot.jitter_m, slot.jitter_m), repeat=2):
+            yield (slot.x + sx, slot.y + sy, 0.0)
+
+
+def _target_corners(scene: Scene) -> Iterator[Vector]:
+    placed = {p.spec.name: p for p in scene.placements}
+    for step in scene.condition.instruction.subgoals:
+        if step.region in MOUNTS:  # to shut a drawer is asked of the drawer, whose own region is another step's target
+            continue
+        target = placed[step.target]
+        pose = target.pose
+        if target.spec.mount is not None and target.shut is not None:
+            pose = target.shut @ Pose((rail_of(target.asset).travel_m, 0.0, 0.0))
+        regions = {r.name: r for r in target.asset.regions}
+        name = next((n for n in (step.region, *_REGIONS) if n in regions), None)
+        if name is None:
+            continue
+        half_x, half_y, _ = regions[name].half_size
+        slot = scene.task.slot(_slot_below(scene.condition, step.target))
+        position, yaw = slot_pose(scene.task, scene.seed, slot.name)
+        in_slot = Pose(position, from_yaw(yaw)).inverse() @ pose @ regions[name].pose
+        for dx, dy, turn in itertools.product((-1.0, 1.0), repeat=3):
+            at = (slot.x + slot.jitter_m * dx, slot.y + slot.jitter_m * dy, 0.0)
+            there = Pose(at, from_yaw(slot.yaw + slot.yaw_jitter * turn)) @ in_slot
+            for sx, sy in itertools.product((-half_x, half_x), (-half_y, half_y)):
+                yield there.apply((sx, sy, 0.0))
+
+
+def _slot_below(condition: Condition, name: str) -> str:
+    """Return the slot in which an object stands, or what it is mounted in or pre-placed on."""
+    while name not in condition.layout:
+        mount = condition.object(name).mount
+        name = condition.preplaced[name].target if mount is None else mount.target
+    return condition.layout[name]

@@ -1,0 +1,172 @@
+"""The OpenGL context of this process: which back end it comes from, who may use it, and how pixels are read.
+
+A process holds one context, made on first use and shared by all renderers of that process. Rendering belongs to the
+thread that made the first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a
+context is refused.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import functools
+import importlib
+import os
+import threading
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, cast
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import InvalidInputError, MissingDependencyError
+from betterbench.sim.graphics import INSTALL_HINT, gl_backend, no_window, require_drawing
+
+CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are set, or run: {INSTALL_HINT}"
+"""What to do where OpenGL does not work and no variable is known to be the cause."""
+
+
+_SPAWN = (
+    "Start workers with the 'spawn' method; for Gymnasium's vector environments: gymnasium.make_vec(..., "
+    "vectorization_mode='async', vector_kwargs={'context': 'spawn'})"
+)
+
+
+class _GLContext(Protocol):
+    """What the classes of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw`` have in common."""
+
+    def make_current(self) -> None: ...
+
+    def free(self) -> None: ...
+
+
+class Closable(Protocol):
+    """Holds buffers in the context until it is closed."""
+
+    def close(self) -> None:
+        """Free the buffers."""
+
+
+def renderer_fingerprint() -> dict[str, str]:
+    """Return what decides about pixels besides the scene: images of two machines are equal if this is.
+
+    It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
+    MissingDependencyError if no off-screen OpenGL works here.
+    """
+    make_current()
+    gl = importlib.import_module("OpenGL.GL")
+    names = {"vendor": gl.GL_VENDOR, "renderer": gl.GL_RENDERER, "version": gl.GL_VERSION}
+    strings = {key: cast("bytes", gl.glGetString(name)).decode("utf-8", "replace") for key, name in names.items()}
+    return {"backend": gl_backend() or "", **strings, "mujoco": mujoco.__version__}
+
+
+@dataclass(slots=True)
+class _ProcessContext:
+    """The OpenGL context of this process, and who may use it."""
+
+    gl: _GLContext | None = None
+    pid: int = 0
+    thread: int = 0
+    handle: int | None = None
+    query: Callable[[], int | None] | None = None
+    from_top: bool = False
+
+
+CONTEXT = _ProcessContext()
+"""The context of this process."""
+RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
+"""What holds buffers in the context and has to be closed before the context is freed at exit."""
+
+
+def make_current() -> None:
+    """Make this process's OpenGL context current, creating it on first use."""
+    known = CONTEXT.query
+    if known is not None and CONTEXT.thread == threading.get_ident() and CONTEXT.pid == os.getpid():
+        # Asking EGL which context is current takes 1 us, making one current 50 us: 1 % of an image of the fast preset.
+        if known() != CONTEXT.handle and CONTEXT.gl is not None:
+            CONTEXT.gl.make_current()
+        return
+    if CONTEXT.gl is None:
+        CONTEXT.gl = _create_context()
+        CONTEXT.from_top = read_from_top(wanted=True)
+        CONTEXT.pid, CONTEXT.thread = os.getpid(), threading.get_ident()
+        atexit.register(_free_all)
+    if os.getpid() != CONTEXT.pid:
+        raise InvalidInputError("worker process", "it was forked from a process that had rendered", _SPAWN)
+    if threading.get_ident() != CONTEXT.thread:
+        raise InvalidInputError(
+            "renderer", "it is used by another thread than the first renderer of this process", "Render in one thread"
+        )
+    CONTEXT.gl.make_current()
+    if gl_backend() == "egl":
+        CONTEXT.query = _egl_current_context()
+        CONTEXT.handle = CONTEXT.query()
+
+
+@functools.cache
+def _egl_current_context() -> Callable[[], int | None]:
+    """Return EGL's own function; PyOpenGL's wrapper of it is slower than what it saves."""
+    function = ctypes.CDLL("libEGL.so.1").eglGetCurrentContext
+    function.restype = ctypes.c_void_p
+    function.argtypes = ()
+    current: Callable[[], int | None] = function
+    return current
+
+
+def _create_context() -> _GLContext:
+    """Create an OpenGL context with the chosen back end, or raise a MissingDependencyError."""
+    backend = require_drawing()
+    # Threads of Mesa's software renderer gain nothing at these sizes and take cores from other workers.
+    os.environ.setdefault("LP_NUM_THREADS", "0")
+    # A context's size is that of a window, which nothing is drawn into.
+    try:
+        context = cast("_GLContext", importlib.import_module(f"mujoco.{backend}").GLContext(16, 16))
+        context.make_current()
+        if backend == "glfw" and not importlib.import_module("glfw").get_current_context():
+            raise no_window()
+    except _context_errors() as error:
+        raise MissingDependencyError(f"The OpenGL back end {backend!r} does not work here ({error}). {CURE}") from error
+    return context
+
+
+_PACK_INVERT_MESA = 0x8758
+"""Setting of the OpenGL extension MESA_pack_invert: pixels are read with the top row first."""
+
+
+def read_from_top(*, wanted: bool) -> bool:
+    """Choose whether pixels are read with the top row first, which saves turning each image, and tell what is so.
+
+    Mesa can do that; with another OpenGL rows are always read from the bottom, and images are turned afterward.
+    """
+    gl = importlib.import_module("OpenGL.GL")
+    names = {gl.glGetStringi(gl.GL_EXTENSIONS, i) for i in range(int(gl.glGetIntegerv(gl.GL_NUM_EXTENSIONS)))}
+    if b"GL_MESA_pack_invert" not in names:
+        return False
+    gl.glPixelStorei(_PACK_INVERT_MESA, int(wanted))
+    return wanted
+
+
+def as_upright(pixels: np.ndarray) -> np.ndarray:
+    """Return pixels as they were read, top row first."""
+    return pixels if CONTEXT.from_top else pixels[::-1]
+
+
+def _context_errors() -> tuple[type[Exception], ...]:
+    """Return what the creation of a context raises where libraries or devices are missing."""
+    known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
+    try:
+        return (*known, importlib.import_module("OpenGL.error").Error)
+    except (ImportError, AttributeError):
+        return known
+
+
+def _free_all() -> None:
+    """Free renderers and context before the interpreter takes OpenGL away from them."""
+    for renderer in list(RENDERERS):
+        renderer.close()
+    if CONTEXT.gl is not None and CONTEXT.pid == os.getpid():
+        CONTEXT.gl.free()
+        CONTEXT.gl = CONTEXT.handle = CONTEXT.query = None
+        CONTEXT.from_top = False

@@ -1,0 +1,76 @@
+"""Which instance of a scene each body of a model is, and the boxes of its objects."""
+
+from __future__ import annotations
+
+import re
+
+import mujoco
+import numpy as np
+
+from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
+from betterbench.sim.robots import robot
+
+ROBOT_PREFIX = "robot/"
+"""What the names of the robot's parts begin with in the model of a scene."""
+
+_OBJECT = re.compile(r"object(\d+)_")
+_VISIBLE_GROUPS = 3
+_MESH = int(mujoco.mjtGeom.mjGEOM_MESH)
+
+
+def object_bodies(model: mujoco.MjModel) -> np.ndarray:
+    """Return the (n,) body numbers of a model's objects, in the order of the scene that it was compiled for."""
+    found = {}
+    for body in range(model.nbody):
+        match = _OBJECT.match(model.body(body).name)
+        if match:
+            found[int(match[1])] = body
+    return np.array([found[i] for i in sorted(found)], dtype=np.int64)
+
+
+def instances_of_bodies(model: mujoco.MjModel, *, robot_name: str = "panda") -> np.ndarray:
+    """Return the (nbody,) uint16 instance id of each body; all links of the arm are one instance."""
+    description = robot(robot_name)
+    instances = np.full(model.nbody, 1 + STAGE.index("other"), dtype=np.uint16)
+    for body in range(model.nbody):
+        name = "floor" if body == 0 else model.body(body).name
+        if name.startswith(ROBOT_PREFIX):
+            name = description.contact_name(name.removeprefix(ROBOT_PREFIX)) or "arm"
+        if name in STAGE:
+            instances[body] = 1 + STAGE.index(name)
+    bodies = object_bodies(model)
+    instances[bodies] = FIRST_OBJECT + np.arange(len(bodies))
+    return instances
+
+
+def visible_boxes(model: mujoco.MjModel, bodies: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 3) float64: center and half extents of the visible shape of some bodies, in their frames [m].
+
+    The boxes are tight for meshes and boxes; round shapes count with their own bounding boxes.
+    """
+    boxes = np.zeros((len(bodies), 2, 3))
+    for i, body in enumerate(bodies):
+        points = [
+            _points(model, int(geom))
+            for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_group < _VISIBLE_GROUPS))
+        ]
+        if points:
+            corners = np.concatenate(points)
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            boxes[i] = 0.5 * (low + high), 0.5 * (high - low)
+    return boxes
+
+
+def _points(model: mujoco.MjModel, geom: int) -> np.ndarray:
+    """Return (n, 3) points of a geom's body frame [m] whose bounding box holds the geom."""
+    if int(model.geom_type[geom]) == _MESH:
+        mesh = int(model.geom_dataid[geom])
+        start = int(model.mesh_vertadr[mesh])
+        local = model.mesh_vert[start : start + int(model.mesh_vertnum[mesh])].astype(np.float64)
+    else:
+        center, half = model.geom_aabb[geom].reshape(2, 3)
+        signs = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(-1, 3)
+        local = center + signs * half
+    rotation = np.empty(9)
+    mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+    return np.asarray(local @ rotation.reshape(3, 3).T + model.geom_pos[geom])

@@ -1,0 +1,308 @@
+"""The scene: a compiled model, its state, and the only two ways to change it, reset and step."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from betterbench.errors import PremiseError
+from betterbench.geometry import Pose, distance, unit_quaternion
+from betterbench.interface.actions import ActionSpace
+from betterbench.interface.state import ObjectInfo, SceneInfo, SlotInfo, WorldState
+from betterbench.sim.robots import ArmController
+from betterbench.sim.robots.control import ControllerState
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.robots.readers import number_reader, row_reader, speed_reader
+from betterbench.sim.scenes.appearance import room_of, start_joints_of, view_jitter_of
+from betterbench.sim.scenes.builder import LABELS, CompiledScene, Placement, compile_scene, place_objects
+from betterbench.sim.scenes.cameras import ViewPlacement
+from betterbench.sim.scenes.contacts import ContactReader
+from betterbench.sim.scenes.instances import ROBOT_PREFIX
+from betterbench.sim.scenes.stage import QUALITIES, Quality
+from betterbench.sim.scenes.stored import scene_files
+from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
+
+TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneSnapshot:
+    """The whole state of a scene at one moment, from which it goes on bit for bit as it did the first time.
+
+    Beside positions and velocities the engine goes on from its warm start and from who is asleep, so all of its data
+    are kept.
+    """
+
+    data: mujoco.MjData
+    controller: ControllerState
+    contacts: Mapping[str, Any]
+    step: int
+    gripper_command: float
+
+
+class Scene:
+    """One trial's world; everything else in the project is a frozen value.
+
+    The initial state is computed, never simulated: every object is put into the pose in which its asset rests alone, so
+    that no object's start depends on another one.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        condition: Condition,
+        *,
+        seed: int,
+        action_space: ActionSpace,
+        quality: Quality = QUALITIES["standard"],
+        robot_name: str = "panda",
+        control_rate_hz: float = CONTROL_RATE_HZ,
+        looks: Looks = "seen",
+    ) -> None:
+        """Build and compile the scene, then reset it; a control step is a whole number of physics steps of 2 ms."""
+        self.task, self.condition, self.seed, self.quality = task, condition, seed, quality
+        self.action_space, self.looks = action_space, looks
+        self.placements = place_objects(task, condition, seed, shown=looks)
+        self.room = room_of(task.id, seed, shown=looks)
+        self.view_jitter = view_jitter_of(task.id, seed)
+        self.compiled: CompiledScene = compile_scene(self.placements, quality, robot_name=robot_name, room=self.room)
+        self.model = self.compiled.model
+        self._data = mujoco.MjData(self.model)
+        self._views = ViewPlacement(self.model, self.view_jitter)
+        self._views_are_placed = False
+        self.physics_steps = max(1, round(1.0 / (TIMESTEP_S * control_rate_hz)))
+        self.control_rate_hz = 1.0 / (TIMESTEP_S * self.physics_steps)
+        self.controller = ArmController(self.model, self.compiled.robot, action_space, prefix=ROBOT_PREFIX)
+        self._find_addresses()
+        self._home_qpos = self._initial_qpos()
+        self._step = 0
+        self._gripper_command = -1.0
+        self.info = self._describe()
+        self.reset(check_premise=False)
+
+    def _find_addresses(self) -> None:
+        c, r = self.compiled, self.compiled.robot
+        self._arm_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.arm_joints])
+        self._arm_dofs = np.array([self.model.joint(ROBOT_PREFIX + j).dofadr[0] for j in r.arm_joints])
+        self._finger_qpos = np.array([self.model.joint(ROBOT_PREFIX + j).qposadr[0] for j in r.finger_joints])
+        self._tcp = self.model.site(ROBOT_PREFIX + r.tcp_site).id
+        self._names = tuple(p.spec.name for p in self.placements)
+        self._labels = (*self._names, *LABELS)
+        self._contacts = ContactReader(c, self._names)
+        self._find_memory()
+
+    def _find_memory(self) -> None:
+        """Prepare to read what a state holds; the engine keeps its arrays in place."""
+        data, bodies = self._data, self.compiled.bodies.tolist()
+        self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
+        self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)
+        c = self.compiled
+        moving = list(zip(c.dof_addresses.tolist(), c.slides.tolist(), strict=True))
+        free, slides = ([d if slid == kind else -1 for d, slid in moving] for kind in (False, True))
+        self._speeds = speed_reader(data.qvel, free, slides)
+        self._joint_positions = number_reader(data.qpos, self._arm_qpos.tolist())
+        self._joint_velocities = number_reader(data.qvel, self._arm_dofs.tolist())
+        self._tool_position = number_reader(data.site_xpos[self._tcp], range(3))
+        self._tool_matrix, self._quaternion = data.site_xmat[self._tcp], np.empty(4)
+        self._tool_quaternion = number_reader(self._quaternion, range(4))
+        self._tool: Pose | None = None
+
+    def _initial_qpos(self) -> np.ndarray:
+        c = self.compiled
+        qpos: np.ndarray = self.model.qpos0.copy()
+        qpos[self._arm_qpos] = start_joints_of(self.task.id, self.seed, c.robot)
+        qpos[self._finger_qpos] = 0.5 * c.robot.gripper_opening_m
+        for i, placement in enumerate(self.placements):
+            address = c.qpos_addresses[i]
+            if placement.shut is not None:
+                qpos[address] = distance(placement.pose.position, placement.shut.position)
+            elif address >= 0:
+                qpos[address : address + 3] = placement.pose.position
+                qpos[address + 3 : address + 7] = placement.pose.quaternion
+        return qpos
+
+    def _describe(self) -> SceneInfo:
+        trained = training_distribution_of(self.task)
+        slots = tuple(
+            SlotInfo(
+                s.name,
+                (s.x, s.y, 0.0),
+                s.yaw,
+                trained.standing_kinds.get(s.name, ()),
+                tuple(sorted(k for k, slots in trained.kind_slots.items() if s.name in slots)),
+            )
+            for s in self.task.slots
+        )
+        objects = tuple(_object_info(p, self.condition.layout.get(p.spec.name)) for p in self.placements)
+        self._data.qpos[:] = self._home_qpos
+        mujoco.mj_kinematics(self.model, self._data)
+        x, y, z = self._data.site_xpos[self._tcp].tolist()
+        return SceneInfo(objects, slots, (x, y, z), self.compiled.robot.gripper_opening_m)
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene."""
+        return self.compiled.content_hash
+
+    @property
+    def step_limit(self) -> int:
+        """Control steps after which an episode ends."""
+        return self.task.step_limit(self.condition)
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """The engine's data with the poses of bodies, cameras and lights up to date; ask anew after each step."""
+        self._tool = None  # whoever has the data may move the arm
+        if not self._views_are_placed:  # a step without images does not pay for it
+            self._views.apply(self._data)
+            self._views_are_placed = True
+        return self._data
+
+    def simulator_state(self) -> dict[str, np.ndarray]:
+        """Return views of what the physics goes on from: qpos (nq,), qvel (nv,), ctrl (nu,) and act (na,)."""
+        return self._simulator_state
+
+    def body_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return a copy of the positions (nbody, 3) [m] and quaternions (nbody, 4) of all bodies of the model."""
+        return self._data.xpos.copy(), self._data.xquat.copy()
+
+    @property
+    def arm_addresses(self) -> np.ndarray:
+        """(7,) indices of the arm joints into qpos."""
+        return self._arm_qpos
+
+    @property
+    def finger_addresses(self) -> np.ndarray:
+        """(2,) indices of the finger joints into qpos."""
+        return self._finger_qpos
+
+    @property
+    def body_names(self) -> tuple[str, ...]:
+        """Names that contacts use: objects first, then the parts of the robot and the stage."""
+        return self._labels
+
+    def files(self) -> dict[str, bytes]:
+        """Return the compiled model as files, to be stored once per distinct scene."""
+        return scene_files(self.model, self.compiled.content_hash)
+
+    def reset(self, *, check_premise: bool = True) -> WorldState:
+        """Put everything back to the start of the trial and return the state.
+
+        With ``check_premise``, raises a PremiseError if the scene does not show what its instruction presupposes.
+        """
+        mujoco.mj_resetData(self.model, self._data)
+        self._data.qpos[:] = self._home_qpos
+        self.controller.reset(self._data)
+        self._contacts.start_step()
+        mujoco.mj_forward(self.model, self._data)
+        self._views_are_placed, self._tool = False, None
+        self._step = 0
+        self._gripper_command = -1.0
+        state = self.state()
+        if check_premise:
+            problems = broken_premises(self.condition, state)
+            if problems:
+                text = "; ".join(problems)
+                msg = (
+                    f"{self.condition.id} seed {self.seed}: the scene does not show what the instruction presupposes "
+                    f"({text}). A changed asset or physics library (MuJoCo {mujoco.__version__}) can do this; "
+                    "the run stops instead of lowering a score."
+                )
+                raise PremiseError(msg)
+        return state
+
+    def snapshot(self) -> SceneSnapshot:
+        """Return the whole state as it is now, to come back to."""
+        return SceneSnapshot(
+            copy.copy(self._data),
+            self.controller.state(),
+            self._contacts.snapshot(),
+            self._step,
+            self._gripper_command,
+        )
+
+    def restore(self, snapshot: SceneSnapshot) -> WorldState:
+        """Come back to a moment of this scene, which may be done again and again, and return the state."""
+        mujoco.mj_copyData(self._data, self.model, snapshot.data)
+        self.controller.restore(snapshot.controller)
+        self._contacts.restore(snapshot.contacts)
+        self._step, self._gripper_command = snapshot.step, snapshot.gripper_command
+        self._views_are_placed, self._tool = False, None
+        return self.state()
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Execute one action for one control step and return it as it was applied, after clipping.
+
+        Raises InvalidActionError if the action is not finite or has the wrong shape.
+        """
+        applied = self.controller.apply(self._data, action, measured=self._tool_pose())
+        if self.condition.expected is Expected.SUCCEED:
+            mujoco.mj_step(self.model, self._data, nstep=self.physics_steps)
+        else:
+            self._step_and_watch()
+        mujoco.mj_kinematics(self.model, self._data)
+        self._views_are_placed, self._tool = False, None
+        self._gripper_command = applied.item(-1)
+        self._step += 1
+        return applied
+
+    def _step_and_watch(self) -> None:
+        """Take one physics step after the other: where something may not be touched, no graze is missed."""
+        self._contacts.start_step()
+        for _ in range(self.physics_steps):
+            mujoco.mj_step(self.model, self._data)
+            self._contacts.see_step(self._data)
+
+    def state(self) -> WorldState:
+        """Return everything that is true now."""
+        data = self._data
+        linear_speeds, angular_speeds = self._speeds()
+        positions = self._positions()
+        contacts, held = self._contacts.read(data, positions)
+        return WorldState(
+            info=self.info,
+            step=self._step,
+            time_s=self._step * TIMESTEP_S * self.physics_steps,
+            positions=positions,
+            quaternions=self._quaternions(),
+            linear_speeds=linear_speeds,
+            angular_speeds=angular_speeds,
+            ee_pose=self._tool_pose(),
+            commanded_pose=self.controller.commanded_pose,
+            finger_width_m=self.controller.measured_width_m(data),
+            gripper_command=self._gripper_command,
+            joint_positions=self._joint_positions(),
+            joint_velocities=self._joint_velocities(),
+            contacts=contacts,
+            held=held,
+        )
+
+    def _tool_pose(self) -> Pose:
+        """Return the measured pose of the tool center point; positions are up to date after a reset and a step."""
+        if self._tool is None:
+            mujoco.mju_mat2Quat(self._quaternion, self._tool_matrix)
+            self._tool = Pose(self._tool_position(), unit_quaternion(self._tool_quaternion()))
+        return self._tool
+
+
+def _object_info(placement: Placement, slot: str | None) -> ObjectInfo:
+    spec, asset = placement.spec, placement.asset
+    return ObjectInfo(
+        name=spec.name,
+        kind=spec.kind,
+        asset=asset.identity,
+        category=asset.category,
+        color=asset.color,
+        shape=asset.shape,
+        role=spec.role,
+        fixed=spec.fixed,
+        mass_kg=asset.mass_kg,
+        size_m=asset.size_m,
+        regions=asset.regions,
+        slot=slot,
+    )

@@ -1,0 +1,332 @@
+"""What a view shows of a state, and what is true about it: images, body masks, camera pose and boxes in the image.
+
+One class draws all of it, for scenes that live and for recorded states alike, so that both give the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from betterbench.interface.state import ViewJitter
+from betterbench.interface.state.seen import Box
+from betterbench.interface.state.world import GRIPPER_BODIES
+from betterbench.records.modalities.labels import STAGE
+from betterbench.records.modalities.spec import PlacedCamera, ViewSpec
+from betterbench.sim.scenes.cameras import CameraMatrices, camera_matrices, camera_number, focal_length_px
+from betterbench.sim.scenes.instances import instances_of_bodies, object_bodies, visible_boxes
+from betterbench.sim.scenes.rendering import Renderer
+from betterbench.sim.scenes.stage import Quality
+from betterbench.sim.scenes.stored import StoredState
+
+_NEAR_M = 0.01
+_SUNK_M = 0.002
+"""How deep an object may sink into the table and still lie above it [m]."""
+_LAST_FURNITURE = 1 + STAGE.index("pedestal")
+_CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
+_NO_BOX = (-1, -1, -1, -1)
+
+GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
+"""Instance ids of what belongs to the gripper."""
+
+
+def sight_type(
+    view: ViewSpec, modalities: Collection[str], *, bodies: int, objects: int, gripper: bool = False
+) -> np.dtype[np.void]:
+    """Return the type of one sight, the same bytes in every process.
+
+    Fields: ``rgb`` (height, width, 3), ``depth`` (height, width) [m], ``bodies`` (height, width) body number plus one,
+    0 for the sky; ``camera`` (7,) position [m] and quaternion (w, x, y, z) ``T_world_camera``; ``poses`` (bodies, 7)
+    ``T_world_body``; ``visible_box`` and ``full_box`` (objects, 4), boxes
+    (:data:`betterbench.interface.state.seen.Box`) of what is seen of an object and of what would be seen if nothing was
+    in front of it, -1 without any pixel; ``visible_pixels`` and ``full_pixels`` (objects,) the numbers of pixels;
+    ``gripper_pixels`` (2,) those of the gripper, visible and full, only with ``gripper``. Images that no modality needs
+    are left out.
+    """
+    shape = view.height, view.width
+    images = {"rgb": ("u1", (*shape, 3)), "depth": ("<f4", shape), "bodies": ("<u2", shape)}
+    needed = {"rgb": {"rgb"}, "depth": {"depth", "flow"}, "bodies": {"instances", "semantics", "boxes", "flow"}}
+    fields = [(name, *kind) for name, kind in images.items() if needed[name] & set(modalities)]
+    boxes = [
+        ("visible_box", "<i2", (objects, 4)),
+        ("full_box", "<i2", (objects, 4)),
+        ("visible_pixels", "<i4", (objects,)),
+        ("full_pixels", "<i4", (objects,)),
+    ]
+    rest = [("camera", "<f8", (7,)), ("poses", "<f8", (bodies, 7)), *(boxes if "boxes" in modalities else ())]
+    rest += [("gripper_pixels", "<i4", (2,))] if gripper else []
+    return np.dtype([*fields, *rest])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelFacts:
+    """What sights of a model have in common.
+
+    Attributes:
+        instances: (bodies,) instance id of each body.
+        object_bodies: (objects,) body number of each object.
+        boxes: (objects, 2, 3) center and half extents of each object's visible shape in its own frame [m].
+        focal_px: Focal length of each view [pixel].
+    """
+
+    instances: np.ndarray
+    object_bodies: np.ndarray
+    boxes: np.ndarray
+    focal_px: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """A view that has been drawn: its number, the camera of the model that stands for it, and what the image shows."""
+
+    number: int
+    camera: str
+    matrices: CameraMatrices
+    masks: np.ndarray
+    depth: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """A part of an image that holds an object, the object's lowest height [m], and its farthest depth [m]."""
+
+    rect: Box
+    low_m: float
+    far_m: float
+
+
+class Sights:
+    """Draws the same views of one model, state after state."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        quality: Quality,
+        views: Sequence[ViewSpec],
+        modalities: Collection[str],
+        *,
+        gripper: bool = False,
+    ) -> None:
+        """Upload the model; raises what :class:`~betterbench.sim.scenes.rendering.Renderer` raises.
+
+        With ``gripper`` the pixels of the gripper are counted too.
+        """
+        self.model, self.views = model, tuple(views)
+        self._bodies = object_bodies(model)
+        self._boxes = visible_boxes(model, self._bodies)
+        self._corners = self._boxes[:, None, 0] + _CORNERS * self._boxes[:, None, 1]
+        sizes = {"bodies": int(model.nbody), "objects": len(self._bodies)}
+        self.types = [sight_type(view, modalities, **sizes, gripper=gripper) for view in self.views]
+        self._with_boxes = "boxes" in modalities
+        self._outlines: list[dict[int, tuple[bytes, tuple[int, Box]]]] = [{} for _ in self.views]
+        instances = instances_of_bodies(model)
+        self._gripper = np.flatnonzero(np.isin(instances, GRIPPER_INSTANCES)).tolist() if gripper else []
+        self._solid = np.concatenate([[False], np.ones(model.nbody, bool)])  # by body number plus one, as in masks
+        self._movable = np.concatenate([[False], instances > _LAST_FURNITURE])
+        self._slot = int(np.argmin(model.cam_bodyid))  # a camera of the world
+        self._renderer = Renderer(
+            model, width=max(v.width for v in self.views), height=max(v.height for v in self.views), quality=quality
+        )
+
+    def facts(self) -> ModelFacts:
+        """Return what all sights have in common; raises UnknownNameError if the model lacks a camera."""
+        focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
+        return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
+
+    def draw(self, data: mujoco.MjData) -> Iterator[np.ndarray]:
+        """Yield the sight of each view, a scalar of its type in :attr:`types`, in the order of the views.
+
+        Poses of bodies, cameras and lights have to be up to date; raises what ``Renderer.render`` raises.
+        """
+        for number, view in enumerate(self.views):
+            yield self._sight(data, number, view)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+    def _fovy_deg(self, view: ViewSpec) -> float:
+        if view.placed is not None:
+            return view.placed.fovy_deg
+        return float(self.model.cam_fovy[camera_number(self.model, view.camera)])
+
+    @contextmanager
+    def _camera_of(self, data: mujoco.MjData, view: ViewSpec) -> Iterator[str]:
+        """Give the camera of the model to draw a view with; one of your own takes the place of another meanwhile."""
+        placed, slot = view.placed, self._slot
+        if placed is None:
+            yield view.camera
+            return
+        kept = data.cam_xpos[slot].copy(), data.cam_xmat[slot].copy(), float(self.model.cam_fovy[slot])
+        try:
+            data.cam_xpos[slot], data.cam_xmat[slot] = placed.position, _looking(placed).ravel()
+            self.model.cam_fovy[slot] = placed.fovy_deg
+            yield self.model.camera(slot).name
+        finally:
+            data.cam_xpos[slot], data.cam_xmat[slot], self.model.cam_fovy[slot] = kept
+
+    def _sight(self, data: mujoco.MjData, number: int, view: ViewSpec) -> np.ndarray:
+        sight = np.zeros((), self.types[number])
+        names, size = sight.dtype.names or (), {"width": view.width, "height": view.height}
+        with self._camera_of(data, view) as camera:
+            matrices = camera_matrices(self.model, data, camera, **size)
+            depth = self._with_boxes or "depth" in names
+            wanted = {"rgb": "rgb" in names, "depth": depth, "masks": "bodies" in names}
+            (images,) = self._renderer.render_views(data, [(camera, view.width, view.height)], **wanted)
+            if self._with_boxes and images.masks is not None and images.depth is not None:
+                self._add_boxes(sight, data, _Drawn(number, camera, matrices, images.masks, images.depth))
+            if self._gripper and images.masks is not None:
+                alone = self._renderer.draw_alone(data, camera, self._gripper, **size)
+                sight["gripper_pixels"] = [np.isin(mask, self._gripper).sum() for mask in (images.masks, alone)]
+        for name, image in (("rgb", images.rgb), ("depth", images.depth)):
+            if image is not None and name in names:
+                sight[name] = image
+        if images.masks is not None:
+            np.add(images.masks, 1, out=sight["bodies"], casting="unsafe")
+        pose = matrices.T_world_camera
+        sight["camera"] = (*pose.position, *pose.quaternion)
+        sight["poses"][:, :3], sight["poses"][:, 3:] = data.xpos, data.xquat
+        return sight
+
+    def _add_boxes(self, sight: np.ndarray, data: mujoco.MjData, drawn: _Drawn) -> None:
+        parts = self._parts(data, drawn.matrices)
+        behind: list[tuple[int, Box]] = []
+        for i, (body, part) in enumerate(zip(self._bodies.tolist(), parts, strict=True)):
+            outline = (0, _NO_BOX) if part is None else _outline(drawn.masks, body, part.rect)
+            sight["visible_pixels"][i], sight["visible_box"][i] = outline
+            if part is not None and self._may_be_hidden(drawn, body, part):
+                behind.append((i, part.rect))
+            else:
+                sight["full_pixels"][i], sight["full_box"][i] = outline
+        for i, outline in self._full_outlines(data, drawn, behind):
+            sight["full_pixels"][i], sight["full_box"][i] = outline
+
+    def _parts(self, data: mujoco.MjData, matrices: CameraMatrices) -> list[_Part | None]:
+        """Return for each object a part of the image that holds all of it, or None if the image shows none of it."""
+        rotations = data.xmat.take(self._bodies, 0).reshape(-1, 1, 3, 3)
+        points = np.matmul(rotations, self._corners[..., None])[..., 0] + data.xpos.take(self._bodies, 0)[:, None]
+        pixels, depth = matrices.project(points.reshape(-1, 3))
+        pixels, depth = pixels.reshape(-1, 8, 2), depth.reshape(-1, 8)
+        low_m, near_m, far_m = (a.tolist() for a in (points[:, :, 2].min(1), depth.min(1), depth.max(1)))
+        first, last = (np.floor(pixels.min(axis=1)) - 1).tolist(), (np.ceil(pixels.max(axis=1)) + 2).tolist()
+        parts: list[_Part | None] = []
+        for i in range(len(low_m)):
+            rect = 0, 0, matrices.width, matrices.height
+            if far_m[i] <= _NEAR_M:
+                parts.append(None)
+                continue
+            if near_m[i] > _NEAR_M:
+                (left, top), (right, bottom) = first[i], last[i]
+                rect = max(int(left), 0), max(int(top), 0), min(int(right), rect[2]), min(int(bottom), rect[3])
+            shown = rect[0] < rect[2] and rect[1] < rect[3]
+            parts.append(_Part(rect, low_m[i], far_m[i]) if shown else None)
+        return parts
+
+    def _may_be_hidden(self, drawn: _Drawn, body: int, part: _Part) -> bool:
+        """Tell whether the image shows, within the part of an object, something else that may be in front of it.
+
+        Neither table nor floor is in front of what lies above the table for a camera above it.
+        """
+        left, top, right, bottom = part.rect
+        masks, depth = drawn.masks[top:bottom, left:right], drawn.depth[top:bottom, left:right]
+        above = part.low_m > -_SUNK_M and drawn.matrices.T_world_camera.position[2] > 0.0
+        hides = self._movable if above else self._solid
+        return bool((hides.take(masks + 1) & (masks != body) & (depth < part.far_m)).any())
+
+    def _full_outlines(
+        self, data: mujoco.MjData, drawn: _Drawn, wanted: Sequence[tuple[int, Box]]
+    ) -> list[tuple[int, tuple[int, Box]]]:
+        """Return pixels and box of the outline of some objects with nothing in front of them, by their numbers.
+
+        Objects whose parts of the image do not touch are drawn together; one that has not moved before a camera that
+        has not moved is not drawn again.
+        """
+        matrices, known = drawn.matrices, self._outlines[drawn.number]
+        where = np.array([*matrices.T_world_camera.position, *matrices.T_world_camera.quaternion]).tobytes()
+        found: list[tuple[int, tuple[int, Box]]] = []
+        passes: list[list[tuple[int, Box]]] = []
+        keys: dict[int, bytes] = {}
+        for i, rect in wanted:
+            body = int(self._bodies[i])
+            keys[i] = where + data.xpos[body].tobytes() + data.xquat[body].tobytes()
+            if i in known and known[i][0] == keys[i]:
+                found.append((i, known[i][1]))
+                continue
+            for together in passes:
+                if all(_apart(rect, other) for _, other in together):
+                    together.append((i, rect))
+                    break
+            else:
+                passes.append([(i, rect)])
+        for together in passes:
+            bodies = [int(self._bodies[i]) for i, _ in together]
+            size = {"width": matrices.width, "height": matrices.height}
+            mask = self._renderer.draw_alone(data, drawn.camera, bodies, **size)
+            for (i, rect), body in zip(together, bodies, strict=True):
+                outline = _outline(mask, body, rect)
+                known[i] = keys[i], outline
+                found.append((i, outline))
+        return found
+
+
+class StoredSights:
+    """Draws recorded states of a stored scene."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        quality: Quality,
+        views: Sequence[ViewSpec],
+        modalities: Collection[str],
+        *,
+        gripper: bool = False,
+    ) -> None:
+        """Prepare; raises what :class:`Sights` raises."""
+        self._sights = Sights(model, quality, views, modalities, gripper=gripper)
+        self._state = StoredState(model)
+
+    def facts(self) -> ModelFacts:
+        """Return what :meth:`Sights.facts` returns."""
+        return self._sights.facts()
+
+    def draw(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[np.ndarray]:
+        """Yield what :meth:`Sights.draw` yields of a recorded state, (nq,), with the record's jitter.
+
+        Raises RecordError if the record belongs to another model.
+        """
+        self._state.take(qpos, jitter)
+        return self._sights.draw(self._state.data)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._sights.close()
+
+
+def _apart(a: Box, b: Box) -> bool:
+    return a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+
+
+def _outline(masks: np.ndarray, body: int, rect: Box) -> tuple[int, Box]:
+    """Return the number of pixels of a body in a part of a mask, and the tight box around them."""
+    left, top, right, bottom = rect
+    hit = masks[top:bottom, left:right] == body
+    rows = np.flatnonzero(hit.any(axis=1))
+    if not len(rows):
+        return 0, _NO_BOX
+    columns = np.flatnonzero(hit.any(axis=0))
+    box = left + int(columns[0]), top + int(rows[0]), left + int(columns[-1]) + 1, top + int(rows[-1]) + 1
+    return int(np.count_nonzero(hit)), box
+
+
+def _looking(camera: PlacedCamera) -> np.ndarray:
+    """Return the (3, 3) rotation of a camera in MuJoCo's convention: x right, y up, z toward the viewer."""
+    back = np.subtract(camera.position, camera.target)
+    back = back / np.linalg.norm(back)
+    up = np.array([1.0, 0.0, 0.0] if abs(back[2]) > 0.999 else [0.0, 0.0, 1.0])
+    right = np.cross(up, back)
+    right = right / np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back], axis=1)

@@ -1,0 +1,309 @@
+"""The base scene: the empty world that every task shares, and the quality presets that images of it are made with.
+
+World frame: meters, z up, x away from the robot base, y left. The robot flange and the table top are both at ``z =
+0``; the robot stands on the table at the origin, over a pedestal, and the floor is at ``z = -0.75``.
+
+Cameras of the base scene:
+
+===================  =========================  ==========================================================
+name                 position [m]               purpose
+===================  =========================  ==========================================================
+``front``            (1.45, 0, 0.95)            default view toward the robot; the workspace fills it
+``front_official``   (1.6, 0, 0.9)              the wider view of the official preset
+``left_shoulder``    (-0.3, 0.9, 0.9)           over the robot's left shoulder
+``right_shoulder``   (-0.3, -0.9, 0.9)          over the robot's right shoulder
+``wrist``            on the gripper             added by :func:`add_wrist_camera`
+===================  =========================  ==========================================================
+
+The physical part of the base scene (bodies, collision shapes, solver options) is always the same. A room changes colors
+and light only and a quality changes only what the renderer does, so a policy meets the same physics under all of them.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from betterbench.errors import InvalidInputError, UnknownNameError
+from betterbench.geometry import Vector
+from betterbench.sim.robots.physics import PHYSICS
+from betterbench.sim.scenes.rooms import ROOMS, Light, Room
+from betterbench.sim.scenes.surfaces import SURFACES
+
+FLOOR_HEIGHT_M = -0.75
+"""Height of the floor below the table top [m]: a desk is 0.72 to 0.76 m high (ISO 9241-5 working heights)."""
+
+TABLE_X_M = (-0.20, 0.95)
+"""Extent of the table top along x [m]."""
+
+TABLE_Y_M = (-0.6, 0.6)
+"""Extent of the table top along y [m]."""
+
+TABLE_THICKNESS_M = 0.04
+"""Thickness of the table top [m]."""
+
+CAMERAS = ("front", "front_official", "left_shoulder", "right_shoulder")
+"""Cameras of the base scene; ``wrist`` comes with the robot."""
+
+WRIST_CAMERA = "wrist"
+"""Name of the camera on the gripper."""
+
+KEY_LIGHT = "key"
+"""Name of the light that may cast the one shadow."""
+
+_PEDESTAL_X_M = (-0.23, 0.13)
+_PEDESTAL_HALF_WIDTH_M = 0.16
+
+_TEXTURE_SIZE = 512
+_MAX_SAMPLES = 16
+_MAX_SHADOW_MAP = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """How images are made; part of every record, because pixels differ between qualities.
+
+    Depth and masks do not depend on the quality: they are always sampled at pixel centers.
+
+    Attributes:
+        shadow_map_size: Side of the shadow map [texel]; 0 without shadows.
+        samples: Samples per pixel of the multisampled buffer; 0 for none.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid", strict=True)
+
+    name: str
+    shadows: bool
+    shadow_map_size: int
+    samples: int
+
+    def __post_init__(self) -> None:
+        """Refuse values that OpenGL cannot take."""
+        if not 0 <= self.samples <= _MAX_SAMPLES or self.samples == 1:
+            raise InvalidInputError(
+                "quality.samples", f"{self.samples} samples per pixel", f"Use 0 or 2 to {_MAX_SAMPLES}"
+            )
+        if self.shadows and not 1 <= self.shadow_map_size <= _MAX_SHADOW_MAP:
+            raise InvalidInputError(
+                "quality.shadow_map_size", f"{self.shadow_map_size} texels", f"Use 1 to {_MAX_SHADOW_MAP}"
+            )
+        if not self.shadows and self.shadow_map_size != 0:
+            raise InvalidInputError("quality.shadow_map_size", "set, but shadows are off", "Use 0 without shadows")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Quality:
+        """Return the quality of a JSON form; a missing, unknown or wrong field raises an InvalidInputError."""
+        try:
+            return _QUALITY.validate_json(json.dumps(dict(value)))
+        except ValidationError as error:
+            problem = error.errors()[0]
+            field = ".".join(("quality", *map(str, problem["loc"])))
+            raise InvalidInputError(field, problem["msg"], f"Give {', '.join(cls.__slots__)}") from None
+
+
+_QUALITY = TypeAdapter(Quality)
+
+FAST = Quality("fast", shadows=False, shadow_map_size=0, samples=0)
+"""No shadows, no multisampling: for large sweeps on machines without a graphics card."""
+
+STANDARD = Quality("standard", shadows=True, shadow_map_size=512, samples=4)
+"""One shadow (4 mm texels, about a pixel of the front view) and four samples per pixel: for reported scores."""
+
+HIGH = Quality("high", shadows=True, shadow_map_size=2048, samples=8)
+"""Fine shadow edges and eight samples per pixel: for figures and videos."""
+
+QUALITIES: Mapping[str, Quality] = {quality.name: quality for quality in (FAST, STANDARD, HIGH)}
+"""The presets by name."""
+
+
+def require_cameras(names: Iterable[str]) -> None:
+    """Raise UnknownNameError if scenes have no camera of one of these names."""
+    known = (*CAMERAS, WRIST_CAMERA)
+    unknown = next((name for name in names if name not in known), None)
+    if unknown is not None:
+        raise UnknownNameError("camera", unknown, known)
+
+
+def quality_preset(name: str) -> Quality:
+    """Return the preset "fast", "standard" or "high"; another name raises an UnknownNameError."""
+    try:
+        return QUALITIES[name]
+    except KeyError:
+        raise UnknownNameError("quality", name, QUALITIES) from None
+
+
+def stage_spec(quality: Quality, *, room: Room = ROOMS[0]) -> mujoco.MjSpec:
+    """Return a new description of the empty world: options, table, pedestal, floor, lights and fixed cameras.
+
+    The caller attaches the robot, adds objects and compiles. Calls with equal arguments describe the same model and
+    share nothing. The quality is written into the visual settings, so that other viewers show it as the renderer does.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "betterbench"
+    PHYSICS.set_scene(spec)
+    _set_visuals(spec, quality, room.light)
+    _add_materials(spec, room)
+    _add_furniture(spec)
+    _add_lights(spec, room.light)
+    _add_cameras(spec)
+    return spec
+
+
+def add_wrist_camera(hand_body: mujoco.MjsBody) -> mujoco.MjsCamera:
+    """Add the ``wrist`` camera to the body of the Franka hand, like a depth camera screwed to the flange.
+
+    In the frame of the hand z points out between the fingers (finger tips at about 0.11 m), y is the direction in which
+    the fingers open, and x points away from the robot when the hand points down. The camera looks past the fingers at
+    what is about to be grasped; the image's up direction is the hand's +x, so that with the hand pointing down, up is
+    away from the robot and left is the robot's left.
+    """
+    position, target = (0.068, 0.0, 0.020), (0.035, 0.0, 0.16)
+    return _add_camera(hand_body, WRIST_CAMERA, position, target, up=(1.0, 0.0, 0.0), fovy_deg=70.0)
+
+
+def _set_visuals(spec: mujoco.MjSpec, quality: Quality, light: Light) -> None:
+    """Fix everything that MuJoCo would otherwise derive from the content of the scene, and write the quality down."""
+    # With a fixed extent, clipping planes and shadow bounds stay the same whatever stands on the table.
+    spec.stat.extent = 1.0
+    spec.stat.center = [0.5, 0.0, 0.0]
+    visual = spec.visual
+    visual.map.znear = 0.01
+    visual.map.zfar = 20.0
+    # The key light's shadow map spans +-1.1 m about the point it is aimed at: the table and the arm above it. At
+    # 0.8 m the corner of the table lies at the edge of the map and is speckled with false shadow.
+    visual.map.shadowclip = 1.1
+    visual.quality.shadowsize = quality.shadow_map_size
+    visual.quality.offsamples = quality.samples
+    # Flat surfaces under directional light are evenly lit: cutting them into quads only costs time (a tenth of
+    # an image).
+    visual.quality.numquads = 1
+    visual.global_.offwidth = 448
+    visual.global_.offheight = 448
+    visual.headlight.active = 1
+    visual.headlight.ambient = list(light.ambient)
+    visual.headlight.diffuse = [0.08, 0.08, 0.08]
+    visual.headlight.specular = [0.0, 0.0, 0.0]
+
+
+def _add_materials(spec: mujoco.MjSpec, room: Room) -> None:
+    """Add the sky, the textures and the materials."""
+    texture2d, rgb_role = mujoco.mjtTexture.mjTEXTURE_2D, int(mujoco.mjtTextureRole.mjTEXROLE_RGB)
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[min(1.0, 1.12 * c) for c in room.wall],
+        rgb2=[0.86 * c for c in room.wall],
+        width=64,
+        height=384,
+    )
+    pixels = SURFACES[room.surface](np.asarray(room.table), _TEXTURE_SIZE)
+    texture = spec.add_texture(name="table_top", type=texture2d, width=_TEXTURE_SIZE, height=_TEXTURE_SIZE, nchannel=3)
+    texture.data = pixels.tobytes()
+    top = spec.add_material(name="table_top", specular=0.08, shininess=0.2, rgba=[1.0, 1.0, 1.0, 1.0])
+    textures = list(top.textures)
+    textures[rgb_role] = "table_top"
+    top.textures = textures
+    for name, color, specular in (
+        ("floor", room.floor, 0.0),
+        ("metal", (0.30, 0.31, 0.33), 0.3),
+        ("pedestal", (0.36, 0.37, 0.39), 0.15),
+    ):
+        spec.add_material(name=name, rgba=[*color, 1.0], specular=specular, shininess=0.3)
+
+
+def _add_furniture(spec: mujoco.MjSpec) -> None:
+    """Add floor, pedestal and table, all of them static."""
+    # The larger friction of two surfaces counts; these are low, so that every object brings its own.
+    friction = [0.5, 0.005, 0.0001]
+
+    def add_box(body: mujoco.MjsBody, name: str, center: Vector, half_size: Vector, material: str) -> None:
+        box = mujoco.mjtGeom.mjGEOM_BOX
+        body.add_geom(name=name, type=box, pos=center, size=half_size, material=material, friction=friction)
+
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0.0, 0.0, FLOOR_HEIGHT_M],
+        size=[6.0, 6.0, 0.5],
+        material="floor",
+        friction=friction,
+    )
+    x_low, x_high = _PEDESTAL_X_M
+    half_height = -0.5 * (FLOOR_HEIGHT_M + TABLE_THICKNESS_M)
+    center, half_size = (
+        (0.5 * (x_low + x_high), 0.0, FLOOR_HEIGHT_M + half_height),
+        (0.5 * (x_high - x_low), _PEDESTAL_HALF_WIDTH_M),
+    )
+    add_box(spec.worldbody.add_body(name="pedestal"), "pedestal", center, (*half_size, half_height), "pedestal")
+
+    (x_low, x_high), (y_low, y_high) = TABLE_X_M, TABLE_Y_M
+    x, y, half_x, half_y = (
+        0.5 * (x_low + x_high),
+        0.5 * (y_low + y_high),
+        0.5 * (x_high - x_low),
+        0.5 * (y_high - y_low),
+    )
+    table = spec.worldbody.add_body(name="table")
+    half_thickness = 0.5 * TABLE_THICKNESS_M
+    add_box(table, "table", (x, y, -half_thickness), (half_x, half_y, half_thickness), "table_top")
+    leg, inset = 0.025, 0.05
+    half_leg = 0.5 * (-FLOOR_HEIGHT_M - TABLE_THICKNESS_M)
+    for number, (side_x, side_y) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
+        foot = (x + side_x * (half_x - inset), y + side_y * (half_y - inset), FLOOR_HEIGHT_M + half_leg)
+        add_box(table, f"table_leg_{number}", foot, (leg, leg, half_leg), "metal")
+
+
+def _add_lights(spec: mujoco.MjSpec, light: Light) -> None:
+    """Add a key light that may cast the one shadow, and a fill light from the other side."""
+    aim = np.array([0.45, 0.0, 0.1])
+    for name, direction, diffuse, specular in (
+        (KEY_LIGHT, light.key_direction, list(light.key), 0.3),
+        ("fill", (-light.key_direction[0], -2.0 * light.key_direction[1], -0.8), [light.fill] * 3, 0.0),
+    ):
+        along = np.array(direction) / np.linalg.norm(direction)
+        spec.worldbody.add_light(
+            name=name,
+            type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+            pos=(aim - 1.6 * along).tolist(),
+            dir=along.tolist(),
+            castshadow=name == KEY_LIGHT,
+            ambient=[0.0] * 3,
+            diffuse=diffuse,
+            specular=[specular] * 3,
+        )
+
+
+def _add_cameras(spec: mujoco.MjSpec) -> None:
+    """Add the four fixed cameras."""
+    world = spec.worldbody
+    _add_camera(world, "front", (1.45, 0.0, 0.95), (0.49, 0.0, 0.095), fovy_deg=27.5)
+    # Positions and lens of the paper's own release; it looks at the table's center from all three.
+    _add_camera(world, "front_official", (1.6, 0.0, 0.9), (0.45, 0.0, 0.05), fovy_deg=47.0)
+    _add_camera(world, "left_shoulder", (-0.3, 0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+    _add_camera(world, "right_shoulder", (-0.3, -0.9, 0.9), (0.45, 0.0, 0.0), fovy_deg=47.0)
+
+
+def _add_camera(
+    body: mujoco.MjsBody, name: str, position: Vector, target: Vector, *, up: Vector = (0.0, 0.0, 1.0), fovy_deg: float
+) -> mujoco.MjsCamera:
+    """Add a fixed camera at a position [m] that looks at a target [m]; ``up`` points upward in the image."""
+    backward = np.asarray(position) - np.asarray(target)
+    backward = backward / np.linalg.norm(backward)
+    right = np.cross(np.asarray(up), backward)
+    right = right / np.linalg.norm(right)
+    upward = np.cross(backward, right)
+    camera = body.add_camera(name=name, pos=list(position), fovy=fovy_deg)
+    camera.alt.type = mujoco.mjtOrientation.mjORIENTATION_XYAXES
+    camera.alt.xyaxes = [*right.tolist(), *upward.tolist()]
+    return camera

@@ -1,0 +1,51 @@
+"""Foreign worlds: simulators that live in environments of their own and answer over a local socket.
+
+Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from betterbench.sim.worlds.calvin import ChainScene, ChainSettings, ChainTask, calvin_command
+    from betterbench.sim.worlds.libero_plus_scene import PlusSettings, VariantTask, plus_command, world_command
+    from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses
+    from betterbench.sim.worlds.registry import WORLDS, ForeignWorld, world_named
+    from betterbench.sim.worlds.scene import ForeignScene, ForeignTracker, WorldSettings, WorldTask
+
+__all__ = [
+    "WORLDS",
+    "ChainScene",
+    "ChainSettings",
+    "ChainTask",
+    "ForeignScene",
+    "ForeignTracker",
+    "ForeignWorld",
+    "PlusSettings",
+    "VariantTask",
+    "WorldError",
+    "WorldProcess",
+    "WorldProcesses",
+    "WorldSettings",
+    "WorldTask",
+    "calvin_command",
+    "plus_command",
+    "world_command",
+    "world_named",
+]
+
+_MODULES = {
+    "calvin": ("ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
+    "libero_plus_scene": ("PlusSettings", "VariantTask", "plus_command", "world_command"),
+    "process": ("WorldError", "WorldProcess", "WorldProcesses"),
+    "registry": ("WORLDS", "ForeignWorld", "world_named"),
+    "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> object:
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,0 +1,45 @@
+"""The environment of a foreign simulator's process, which is made here: a user's variables are for other programs.
+
+robosuite 1.4.0 takes ``CUDA_VISIBLE_DEVICES`` for the number of an EGL device, and asserts that
+``MUJOCO_EGL_DEVICE_ID`` is among it (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so that both
+together cannot be right under SLURM. Python's own variables would change what its interpreter imports and computes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+from betterbench.sim.graphics import gl_backend, next_device_variables
+
+_LEFT_OUT = (
+    *("CUDA_", "NVIDIA_VISIBLE_DEVICES", "GPU_DEVICE_ORDINAL", "HIP_VISIBLE_DEVICES", "ROCR_VISIBLE_DEVICES"),
+    *("MUJOCO_", "PYOPENGL_", "EGL_VISIBLE_DEVICES", "EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"),
+    *("PYTHON", "VIRTUAL_ENV", "CONDA_", "LIBERO_", "ROBOSUITE_", "NUMBA_", "HYDRA_"),
+)
+"""Beginnings of the names of variables that a simulator does not get."""
+
+_OWN = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
+_NO_HOME = "/nonexistent"
+
+
+def python_environment(given: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment without what would lead another Python to the packages of this one, or of its user."""
+    names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
+    return {name: value for name, value in given.items() if not name.startswith(names)}
+
+
+def simulator_environment() -> dict[str, str]:
+    """Return the environment of the next simulator's process.
+
+    Several EGL devices are given in turn; one that ``MUJOCO_EGL_DEVICE_ID`` names is that of all.
+
+    Raises:
+        GraphicsError: If that variable names none.
+    """
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(_LEFT_OUT)}
+    # robosuite draws with EGL or OSMesa alone, whatever our own renderer uses.
+    backend = "osmesa" if gl_backend() == "osmesa" else "egl"
+    devices = next_device_variables() if backend == "egl" else {}
+    # A library asks for the home directory when it is imported, and a user without a name has none.
+    return {"HOME": _NO_HOME, **kept, **_OWN, "MUJOCO_GL": backend, **devices}

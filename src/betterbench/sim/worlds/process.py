@@ -1,0 +1,240 @@
+"""The process of a foreign simulator, as a worker sees it: whatever it does costs at most its own trial."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import subprocess
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from typing import IO, Any, Self
+
+import numpy as np
+
+from betterbench.errors import BetterError, last_line, one_line
+from betterbench.installation import package_command
+from betterbench.sim.worlds.environment import simulator_environment
+from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
+
+START_LIMIT_S = 300.0
+"""Longest wait for a process to load, build an environment and settle [s]; LIBERO takes 10 s, under load a minute."""
+
+PREMISES_LIMIT_S = 1800.0
+"""Longest wait for all initial states of a task to settle [s]; LIBERO's 50 take half a minute."""
+
+STEP_LIMIT_S = 120.0
+"""Longest wait for one control step [s]; LIBERO's takes 0.15 to 0.5 s without a graphics card."""
+
+_END_S = 5.0
+_LONGEST_TEXT = 10_000
+"""Most characters of a name, a sentence or a version."""
+_SAID_BYTES = 4000
+"""How much of what a simulator printed last is looked at."""
+_MISSING = re.compile(r"No module named '?([\w.]+)")
+
+
+class WorldError(BetterError):
+    """The process of a foreign simulator has ended, hangs, or answers nonsense; its trial broke and is run again."""
+
+
+@contextlib.contextmanager
+def as_agreed(what: str) -> Iterator[None]:
+    """Let an answer that is made of something else than agreed end in a WorldError: "the simulator WHAT ..."."""
+    try:
+        yield
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as problem:
+        found = one_line(f"{type(problem).__name__}: {problem}", most=200)
+        raise WorldError(f"the simulator {what} that cannot be read ({found})") from problem
+
+
+def sent_text(value: object) -> str:
+    """Return a text that a simulator sent; TypeError if it is none, ValueError if it is too long."""
+    if not isinstance(value, str):
+        raise TypeError(f"it is a {type(value).__name__} and no text")
+    if len(value) > _LONGEST_TEXT:
+        raise ValueError(f"a text of {len(value)} characters")
+    return value
+
+
+def sent_texts(value: Mapping[str, object]) -> dict[str, str]:
+    """Return texts by name, such as versions, that a simulator sent, as :func:`sent_text` does."""
+    return {sent_text(name): sent_text(found) for name, found in value.items()}
+
+
+class WorldProcess:
+    """A process of a foreign simulator. A context manager, which ends it."""
+
+    def __init__(self, command: Sequence[str], *, start_limit_s: float = START_LIMIT_S) -> None:
+        """Start the process; WorldError if that is not possible.
+
+        GraphicsError if ``MUJOCO_EGL_DEVICE_ID`` names no device (:mod:`betterbench.sim.worlds.environment`).
+        """
+        environment = simulator_environment()
+        self._start_limit_s, self._python, self._asked = start_limit_s, command[0], 0
+        self._said: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the process
+        self._link, theirs = socket.socketpair()
+        try:
+            # In a session of its own, so that Ctrl-C reaches the run alone; it ends when its socket is closed.
+            self._process = subprocess.Popen(  # noqa: S603 - the command of an installed world
+                [*command, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=self._said,
+                stderr=self._said,
+                pass_fds=(theirs.fileno(),),
+                env=environment,
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._link.close()
+            self._said.close()
+            raise WorldError(f"the simulator cannot be started: {error}") from error
+        finally:
+            theirs.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the process has ended, by itself or from outside."""
+        return self._process.poll() is not None
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return the tasks of a suite; WorldError if the simulator fails."""
+        return self._ask({"do": "suite", "suite": name}, {}, self._start_limit_s)[0]
+
+    def premises(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Settle all initial states of a task; WorldError if the simulator fails."""
+        return self._ask({"do": "premises", **request}, {}, PREMISES_LIMIT_S)
+
+    def start(self, request: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Begin an episode; WorldError if the simulator fails."""
+        return self._ask({"do": "start", **request}, {}, self._start_limit_s)
+
+    def step(self, action: np.ndarray, *, look: bool) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Take one control step; WorldError if the simulator fails."""
+        return self._ask({"do": "step", "look": look}, {"action": action}, STEP_LIMIT_S)
+
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> np.ndarray:
+        """Return images (n, size, size, 3) of a task's scene at n states; WorldError if the simulator fails."""
+        images = self._ask({"do": "draw", **request}, {"qpos": qpos}, self._start_limit_s)[1].get("images")
+        size = int(request["size"])
+        if images is None or images.shape != (len(qpos), size, size, 3) or images.dtype != np.uint8:
+            raise WorldError("the simulator did not draw the images that it was asked for")
+        return images
+
+    def close(self) -> None:
+        """End the process; harmless when it has ended."""
+        self._link.close()
+        try:
+            self._process.wait(_END_S if self._process.poll() is None else 0.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._said.close()
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self.close()
+
+    def _ask(
+        self, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray], limit_s: float
+    ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        self._asked += 1
+        try:
+            self._link.settimeout(limit_s)
+            send_frame(self._link, request, arrays, number=self._asked)
+            document, answer = receive_frame(self._link, number=self._asked)
+        except FrameError as error:
+            raise WorldError(
+                self._with_cure(f"the simulator gave no answer to {request['do']!r}: {error}{self._last_words()}")
+            ) from None
+        if "problem" in document:
+            raise WorldError(self._with_cure(f"the simulator failed: {one_line(document['problem'], most=400)}"))
+        return document, answer
+
+    def _with_cure(self, message: str) -> str:
+        """Return a message with what to do about a module that the simulator's environment lacks."""
+        missing = _MISSING.search(message)
+        if missing is None:
+            return message
+        name = missing[1].partition(".")[0]
+        return (
+            f"{message}. The environment of the simulator has no module {name}: if its lock does not name it, add the "
+            f"package that holds it (`{package_command(name, python=str(self._python))}`)"
+        )
+
+    def _last_words(self) -> str:
+        """Return how the process ended, and the last line that it said; an empty text if it runs."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            status = self._process.wait(0.5)
+            self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))
+            said = last_line(self._said.read(_SAID_BYTES).decode(errors="backslashreplace"))
+            return f"; its process ended with status {status}{f' and said {said}' if said else ''}"
+        return ""
+
+
+class WorldProcesses:
+    """The processes of one worker: one for every trial under way, kept for the next trial of the same task.
+
+    Under the key None a process runs one trial and ends. The next one is started at the same time, so that it has
+    loaded when its trial begins.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        """Prepare; a process is started when a trial needs one."""
+        self._command = tuple(command)
+        self._idle: list[tuple[object, WorldProcess]] = []
+        self._next: WorldProcess | None = None
+
+    def take(self, key: object) -> WorldProcess:
+        """Return an idle process, one that ran the same ``key`` if there is one, or a new one.
+
+        Raises:
+            WorldError: If a process cannot be started.
+        """
+        if key is None:
+            return self._take_fresh()
+        if not self._idle:
+            return WorldProcess(self._command)
+        best = next((i for i, (known, _) in enumerate(self._idle) if known == key), 0)
+        return self._idle.pop(best)[1]
+
+    def give_back(self, key: object, process: WorldProcess) -> None:
+        """Keep a process whose trial has ended well, or end it if its ``key`` is None."""
+        if key is None:
+            process.kill()
+        else:
+            self._idle.append((key, process))
+
+    def close(self) -> None:
+        """End all idle processes."""
+        while self._idle:
+            self._idle.pop()[1].close()
+        self._drop_next()
+
+    def _take_fresh(self) -> WorldProcess:
+        """Return a process that has run no trial, and start the next one."""
+        if self._next is not None and self._next.has_ended:
+            self._drop_next()
+        process = WorldProcess(self._command) if self._next is None else self._next
+        self._next = None
+        with contextlib.suppress(WorldError):  # the trial that needs it tries again, and reports why it fails
+            self._next = WorldProcess(self._command)
+        return process
+
+    def _drop_next(self) -> None:
+        process, self._next = self._next, None
+        if process is not None:
+            process.kill()

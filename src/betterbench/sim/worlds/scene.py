@@ -1,0 +1,651 @@
+"""A trial in a foreign world, with the interface that an episode wants of a scene of ours."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import PremiseError
+from betterbench.geometry import Pose, Quaternion, Vector, normalize, to_axis_angle, unit_quaternion
+from betterbench.interface.actions import LIBERO_ABSOLUTE, ActionSpace
+from betterbench.interface.state import GRIPPER_BODIES, Contact, ObjectInfo, Region, SceneInfo, SlotInfo, WorldState
+from betterbench.json_form import open_form, read_form
+from betterbench.sim.worlds.process import WorldError, WorldProcess, WorldProcesses, as_agreed
+from betterbench.sim.worlds.rows import RowForm
+from betterbench.tasks import Expected, Truth
+from betterbench.tasks.worlds.libero import CONTROL_RATE_HZ, IMAGE_SIDE, OURS, FieldProtocol, suite_named
+from betterbench.tasks.worlds.libero_training import TrainedTask
+
+PANDA_OPENING_M = 0.08
+"""Largest distance of the finger pads of robosuite's Panda gripper [m]."""
+
+_STORED = ("objects", "places", "relations", "goal", "premises", "arena", "base")
+_NUMBERS: Mapping[str, int | None] = {
+    **dict.fromkeys(("qpos", "qvel", "act", "ctrl", "joints", "joint_speeds")),
+    "ee_position": 3,
+    "ee_rotation": 9,
+    "goal_position": 3,
+    "goal_rotation": 9,
+    "fingers": 2,
+    "native_position": 3,
+    "native_quaternion": 4,
+    "native_gripper": 2,
+    "controller_position": 3,
+    "controller_rotation": 9,
+}
+"""What a row holds, and how many numbers each of it has where that is the same for all tasks."""
+_PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
+"""What a row holds of each object."""
+_KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
+"""What is sent at each step beside images, each (n,), and the kinds of numbers that it may be made of."""
+_ARRAYS = frozenset(_KINDS)
+_IMAGES = frozenset({"image_front", "image_wrist"})
+_SHOWN = _ARRAYS | _IMAGES
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _StartRegion:
+    name: str
+    position: Vector
+    half_size: Vector
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _StartObject:
+    name: str
+    kind: str
+    fixed: bool
+    mass: Annotated[float, Field(ge=0.0)]
+    size: Vector
+    regions: tuple[_StartRegion, ...]
+    start: str | None
+    of_interest: bool
+
+
+@open_form
+@dataclass(frozen=True, slots=True)
+class _EpisodeStart:
+    """What a simulator says at the start of an episode; ``row`` is read by :class:`RowForm`."""
+
+    objects: tuple[_StartObject, ...]
+    relations: tuple[str, ...]
+    goal: tuple[str, ...]
+    premises: tuple[str, ...]
+    pairs: tuple[tuple[str, str], ...]
+    places: tuple[tuple[str, Vector], ...]
+    arena: str
+    base: Vector
+    bddl: str
+    engine: dict[str, str]
+    done: bool
+
+
+_EPISODE_START = TypeAdapter(_EpisodeStart)
+
+
+@dataclass(frozen=True, slots=True)
+class WorldTask:
+    """One task of a suite, as its world describes it.
+
+    Attributes:
+        suite: Name of the suite ("libero_spatial_swap").
+        number: Its place in the suite.
+        name: What the world calls it.
+        instruction: What the policy is told.
+        bddl_sha256: Fingerprint of the file that defines it.
+    """
+
+    suite: str
+    number: int
+    name: str
+    instruction: str
+    bddl_sha256: str
+
+    @property
+    def id(self) -> str:
+        """Name of the task in plans and records: that of the base suite, so that twins share it."""
+        return task_id(self.suite, self.number)
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition: what the suite changes, or "base"."""
+        return suite_named(self.suite).change or "base"
+
+    def asked(self) -> dict[str, Any]:
+        """Return by what its world knows its scene."""
+        return {"suite": self.suite, "task": self.number}
+
+
+def task_id(suite: str, number: int) -> str:
+    """Return the name of a task in plans and records ("libero_spatial-05")."""
+    return f"{suite_named(suite).base}-{number:02d}"
+
+
+@dataclass(frozen=True, slots=True)
+class WorldSettings:
+    """What a worker needs to run trials in a foreign world; small and picklable.
+
+    Attributes:
+        world: Its name.
+        command: The command of its process.
+        tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
+        versions: Versions of the packages of its environment.
+        regime: What the tasks of the base suite teach.
+        refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
+    """
+
+    world: str
+    command: tuple[str, ...]
+    protocol: FieldProtocol
+    tasks: Mapping[str, WorldTask]
+    versions: Mapping[str, str]
+    regime: tuple[TrainedTask, ...] = ()
+    refuse_broken: bool = True
+
+    @property
+    def simulator(self) -> str:
+        """Name of what simulates it; records of different simulators are not compared."""
+        return self.world
+
+    @property
+    def control_rate_hz(self) -> float:
+        """Control steps per second."""
+        return CONTROL_RATE_HZ
+
+    def step_limit(self, task: WorldTask) -> int:
+        """Return the most control steps of an episode of a task."""
+        return self.protocol.steps[suite_named(task.suite).base]
+
+    def open_scene(
+        self,
+        processes: WorldProcesses,
+        *,
+        task: str,
+        condition: str,
+        seed: int,
+        action_space: ActionSpace,
+        images: bool,
+        depth: bool = False,
+    ) -> ForeignScene:
+        """Return the scene of a trial, which is set up by its reset; ``depth`` images are drawn beside ``images``."""
+        scene = self._scene_class()(
+            self, processes, task=task, condition=condition, seed=seed, action_space=action_space, images=images
+        )
+        scene.draws_depth = depth
+        return scene
+
+    def _scene_class(self) -> type[ForeignScene]:
+        return ForeignScene
+
+    def conventions(self) -> dict[str, str]:
+        """Return the conventions of the world in words."""
+        return {
+            "controller": (
+                "robosuite OSC_POSE: deltas are added to the measured pose, absolute poses are its goals; actions pass "
+                "unchanged"
+            ),
+            "images": "LIBERO's, turned by 180 degrees as its clients do: upright and mirrored; RGB, uint8",
+            "quaternions": "w x y z, w >= 0",
+            "poses": "LIBERO's world frame [m]",
+            "units": "m, kg, s, rad",
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form, which does not say where the world is installed."""
+        return {
+            "name": self.world,
+            "protocol": self.protocol.to_json(),
+            "tasks": {name: asdict(task) for name, task in self.tasks.items()},
+            "versions": dict(self.versions),
+            "regime": [task.to_json() for task in self.regime],
+            "broken_premises": "refuse" if self.refuse_broken else "run",
+            "our_difference": OURS,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Instruction:
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Instructed:
+    """A condition of a foreign world, as far as an episode asks for it."""
+
+    id: str
+    name: str
+    instruction: _Instruction
+    expected: Expected = Expected.SUCCEED
+
+    @classmethod
+    def of(cls, whole: str, name: str, sentence: str) -> Instructed:
+        """Return the condition ``whole`` ("libero_spatial-05/base") with a sentence."""
+        return cls(whole, name, _Instruction(sentence))
+
+
+class ForeignScene:
+    """One initial state of one task of a foreign world."""
+
+    def __init__(
+        self,
+        settings: WorldSettings,
+        processes: WorldProcesses,
+        *,
+        task: str,
+        condition: str,
+        seed: int,
+        action_space: ActionSpace,
+        images: bool,
+    ) -> None:
+        """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
+
+        ``instructed_anew`` is set by a step after which the policy is told another sentence.
+        """
+        self.settings, self.seed, self.action_space = settings, seed, action_space
+        self.task = settings.tasks[f"{task}/{condition}"]
+        self.condition = Instructed.of(f"{task}/{condition}", condition, self.task.instruction)
+        self.control_rate_hz = settings.control_rate_hz
+        self.step_limit = settings.step_limit(self.task)
+        self.instructed_anew = self.draws_depth = False
+        self.broken_premises: tuple[str, ...] = ()
+        self._processes, self._images, self._draws_next = processes, images, images
+        self._process: WorldProcess | None = None
+        self._fixed: dict[str, Any] = {}
+        self._goal: list[int] = []
+        self._document: dict[str, Any] = {}
+        self._arrays: dict[str, np.ndarray] = {}
+        self._row, self._numbers = RowForm([]), list[float]()
+        self._pairs: tuple[tuple[str, str], ...] = ()
+        self._step = 0
+        self._gripper_command = -1.0
+        self._info = SceneInfo((), (), (0.0, 0.0, 0.0), PANDA_OPENING_M)
+
+    @property
+    def info(self) -> SceneInfo:
+        """What stays the same in the episode; known after the reset."""
+        return self._info
+
+    @property
+    def whole_instruction(self) -> str:
+        """Everything that the policy is told in the episode."""
+        return self.condition.instruction.text
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode cannot succeed any more and ends before its step limit."""
+        return False
+
+    @property
+    def _process_key(self) -> object:
+        """What a process is kept for: the next trial of the same scene; None if it runs one trial alone."""
+        return tuple(self.task.asked().values())
+
+    @property
+    def relation_names(self) -> tuple[str, ...]:
+        """The relations of the task's file: those of its start, then those of its goal."""
+        return tuple(self._fixed["relations"])
+
+    @property
+    def subgoal_names(self) -> tuple[str, ...]:
+        """The relations of the goal."""
+        return tuple(self._fixed["goal"])
+
+    @property
+    def engine(self) -> dict[str, str]:
+        """Fingerprint of everything that can change the numbers."""
+        return {"simulator": self.settings.simulator, **self._fixed["engine"], "scene_file": self.task.bddl_sha256}
+
+    @property
+    def content_hash(self) -> str:
+        """Name of the stored scene."""
+        return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
+
+    def files(self) -> dict[str, bytes]:
+        """Return what is stored of a scene: the task's file, and where its things stood after settling.
+
+        The models themselves belong to the world's packages and are not passed on.
+        """
+        known = {name: self._fixed[name] for name in _STORED}
+        form = {**known, "suite": self.task.suite, "task": self.task.name, "engine": self.engine}
+        return {
+            "task.bddl": self._fixed["bddl"].encode(),
+            "scene.json": json.dumps(form, indent=1, sort_keys=True).encode(),
+        }
+
+    def reset(self) -> WorldState:
+        """Go to the initial state, settle, and check that the scene shows what the sentence presupposes.
+
+        Raises:
+            PremiseError: If it does not, and broken scenes are refused.
+            WorldError: If the simulator fails.
+        """
+        protocol = self.settings.protocol
+        answer = self._take_process().start(
+            {
+                **self.task.asked(),
+                "state": self.seed,
+                "seed": protocol.seed,
+                "settle": protocol.settling_steps,
+                "absolute": self.action_space.name == LIBERO_ABSOLUTE.name,
+                "images": self._images,
+                "size": IMAGE_SIDE,
+            }
+        )
+        with as_agreed("began an episode"):
+            self._begin(answer)
+        if self.broken_premises and self.settings.refuse_broken:
+            raise PremiseError(
+                f"{self.condition.id}, initial state {self.seed}: {', '.join(self.broken_premises)} does not hold "
+                f"after settling, and the sentence is {self.task.instruction!r}. An update of the engine breaks "
+                f"scenes: this is MuJoCo {self.engine.get('mujoco', 'of an unknown version')}. Run `better worlds "
+                f"install {self.settings.world}` for the one that is pinned, or give --broken-premises run to go on by "
+                "the book."
+            )
+        return self.state()
+
+    def draw_next(self, *, wanted: bool) -> None:
+        """Say whether the policy is shown images after the next step: LIBERO draws them in the middle of it."""
+        self._draws_next = self._images and wanted
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Apply an action for one control step, and return it as it was applied.
+
+        Raises:
+            InvalidActionError: If it is malformed.
+            WorldError: If the simulator fails.
+        """
+        applied = self.action_space.clip(action)
+        if self._process is None:
+            raise WorldError("the episode has not begun")
+        self._take(self._process.step(applied, look=self._draws_next))
+        self._step += 1
+        if applied[-1]:
+            self._gripper_command = float(applied[-1])
+        return applied
+
+    def state(self) -> WorldState:
+        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        with as_agreed("sent a state"):
+            return self._state()
+
+    def _state(self) -> WorldState:
+        arrays, pairs = self._arrays, self._pairs
+        # A number below 0 would count from the end.
+        touching = [pairs[number] for number in arrays["touching"].tolist() if number >= 0]
+        forces = arrays["forces"].tolist()
+        if not math.isfinite(sum(forces)):
+            require_finite({"forces": arrays["forces"]})
+        contacts = tuple([Contact(a, b, force) for (a, b), force in zip(touching, forces, strict=True)])
+        v = self._get("velocities")
+        turning, moving = zip(v[0::6], v[1::6], v[2::6], strict=True), zip(v[3::6], v[4::6], v[5::6], strict=True)
+        p, q = self._get("positions"), self._get("quaternions")
+        quaternions = zip(q[0::4], q[1::4], q[2::4], q[3::4], strict=True)
+        left, right = self._get("fingers")
+        return WorldState(
+            info=self._info,
+            step=self._step,
+            time_s=self._step / self.control_rate_hz,
+            positions=tuple(zip(p[0::3], p[1::3], p[2::3], strict=True)),
+            quaternions=tuple(map(unit_quaternion, quaternions)),
+            linear_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in moving]),
+            angular_speeds=tuple([math.sqrt(x * x + y * y + z * z) for x, y, z in turning]),
+            ee_pose=Pose(vector_of(self._get("ee_position")), _from_matrix(self._get("ee_rotation"))),
+            commanded_pose=Pose(vector_of(self._get("goal_position")), _from_matrix(self._get("goal_rotation"))),
+            finger_width_m=abs(left) + abs(right),
+            gripper_command=self._gripper_command,
+            joint_positions=tuple(self._get("joints")),
+            joint_velocities=tuple(self._get("joint_speeds")),
+            contacts=contacts,
+            held=held_object(contacts, self._info),
+        )
+
+    def simulator_state(self) -> dict[str, np.ndarray]:
+        """Return the arrays of the simulator: ``qpos``, ``qvel``, ``act`` and ``ctrl``."""
+        row, places = self._arrays["row"], self._row.places
+        return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
+
+    def truth(self) -> Truth:
+        """Return what holds now; success is what the world itself calls so."""
+        holds = self._arrays["holds"].tolist()
+        subgoals = tuple([holds[i] for i in self._goal])
+        return Truth(
+            relations=tuple(holds),
+            subgoals=subgoals,
+            in_order=True,
+            goal=all(subgoals),
+            forbidden=False,
+            success=bool(self._document["done"]),
+        )
+
+    def images(self) -> dict[str, np.ndarray]:
+        """Return the images of this step as LIBERO's clients show them, turned by 180 degrees, by camera."""
+        return {name.removeprefix("image_"): a for name, a in self._arrays.items() if name.startswith("image_")}
+
+    def depth(self) -> dict[str, np.ndarray]:
+        """Return the depth images of this step by camera, (height, width) float32 [m]; empty unless they are drawn."""
+        return {name.removeprefix("depth_"): a for name, a in self._arrays.items() if name.startswith("depth_")}
+
+    def native(self) -> dict[str, np.ndarray]:
+        """Return the numbers that LIBERO's own clients make of an observation, by the names of our state parts."""
+        row, places = self._arrays["row"], self._row.places
+        quaternion = row[places["native_quaternion"]]
+        turned = row[places["controller_rotation"]].reshape(3, 3)
+        x, y, z = to_axis_angle(_from_matrix(turned.reshape(9).tolist()))
+        return {
+            "ee_position": row[places["native_position"]],
+            "ee_axis_angle": quat2axisangle(quaternion),
+            "ee_axis_angle_short": quat2axisangle(-quaternion if quaternion[3] < 0.0 else quaternion),
+            "gripper_fingers": row[places["native_gripper"]],
+            "controller_position": row[places["controller_position"]],
+            "controller_axis_angle": np.array([x, y, z]),
+            "controller_rotation_6d": np.concatenate([turned[:, 0], turned[:, 1]]),
+        }
+
+    def _take_process(self) -> WorldProcess:
+        """Return the process for a new episode; that of an episode which its policy's end cut off is given back."""
+        self.close(well=True)
+        self._process = self._processes.take(self._process_key)
+        return self._process
+
+    def close(self, *, well: bool) -> None:
+        """Give the process back if the trial ended ``well``, or end it."""
+        process, self._process = self._process, None
+        if process is None:
+            return
+        if well:
+            self._processes.give_back(self._process_key, process)
+        else:
+            process.kill()
+
+    def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
+        """Keep an answer; WorldError if it holds something that is no number or has another size than it should."""
+        document, arrays = answer
+        due = _SHOWN if self._draws_next else _ARRAYS
+        if not arrays.keys() >= due:
+            raise WorldError(f"the simulator did not send {', '.join(sorted(due - arrays.keys()))}")
+        if not isinstance(document.get("done"), bool):
+            raise WorldError(f"the simulator sent {str(document.get('done'))[:40]!r} for whether the task is done")
+        for name, kinds in _KINDS.items():
+            if arrays[name].ndim != 1 or (arrays[name].dtype.kind not in kinds and arrays[name].size):
+                found = f"{arrays[name].dtype} {arrays[name].shape}"
+                raise WorldError(f"the simulator sent {name} that cannot be read: {found}")
+        row = arrays["row"]
+        if row.shape != (self._row.size,) or row.dtype.char != "d":
+            raise WorldError(f"the simulator sent a row of {row.size} numbers, and {self._row.size} are due")
+        if arrays["holds"].shape != (len(self._fixed["relations"]),):
+            raise WorldError(f"the simulator sent {arrays['holds'].size} truths of {len(self._fixed['relations'])}")
+        for name in _IMAGES if self._draws_next else ():
+            require_image(name, arrays[name], (IMAGE_SIDE, IMAGE_SIDE, 3))
+        numbers = row.tolist()
+        # A sum is finite only if all its terms are, and takes a third of the time of asking each.
+        if not math.isfinite(sum(numbers)) and (wrong := self._row.not_finite(row)):
+            raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+        self._document, self._arrays, self._numbers = document, arrays, numbers
+
+    def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
+        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold.
+
+        What is malformed otherwise raises what :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
+        WorldError.
+        """
+        where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
+        start = read_form(_EPISODE_START, answer[0], where=where, cure=cure, raises=WorldError)
+        self._row = RowForm(answer[0].get("row"))
+        self._pairs = start.pairs
+        objects = len(start.objects)
+        due = {**_NUMBERS, **{name: width * objects for name, width in _PER_OBJECT.items()}}
+        for name, count in due.items():
+            shape = self._row.shapes.get(name)
+            if shape is None or (count is not None and math.prod(shape) != count):
+                raise WorldError(f"the simulator's rows hold {name} of the shape {shape}")
+        self._fixed = answer[0]
+        self._take(answer)
+        self._goal = [self.relation_names.index(name) for name in self.subgoal_names]
+        self._step, self._gripper_command = 0, -1.0
+        self._info = self._describe()
+        holds = dict(zip(self.relation_names, self._arrays["holds"].tolist(), strict=True))
+        self.broken_premises = tuple(name for name in self._fixed["premises"] if not holds[name])
+
+    def _get(self, name: str) -> list[float]:
+        """Return the numbers of one array of the row."""
+        return self._numbers[self._row.places[name]]
+
+    def _describe(self) -> SceneInfo:
+        goal = " ".join(self._fixed["goal"])
+        objects = tuple(
+            ObjectInfo(
+                name=o["name"],
+                kind=o["kind"].replace("_", " "),
+                asset=o["kind"],
+                category=o["kind"],
+                color="",
+                shape="",
+                role=_role(o, goal),
+                fixed=bool(o["fixed"]),
+                mass_kg=float(o["mass"]),
+                size_m=vector_of(o["size"]),
+                regions=tuple(
+                    Region(str(r["name"]), vector_of(r["position"]), vector_of(r["half_size"])) for r in o["regions"]
+                ),
+                slot=o["start"],
+            )
+            for o in self._fixed["objects"]
+        )
+        slots = tuple(SlotInfo(str(name), vector_of(place), 0.0) for name, place in self._fixed["places"])
+        return SceneInfo(objects, slots, vector_of(self._get("ee_position")), PANDA_OPENING_M)
+
+
+class ForeignTracker:
+    """Follows the goal of an episode in a foreign world, as :class:`betterbench.tasks.GoalTracker` does in ours."""
+
+    def __init__(self, scene: ForeignScene) -> None:
+        """Prepare for an episode that has been reset."""
+        self._scene = scene
+
+    @property
+    def relation_names(self) -> tuple[str, ...]:
+        """Names of the relation columns."""
+        return self._scene.relation_names
+
+    @property
+    def subgoal_names(self) -> tuple[str, ...]:
+        """Names of the subgoals."""
+        return self._scene.subgoal_names
+
+    @property
+    def undecided_states(self) -> int:
+        """0: what holds is asked of the world itself, while it is in the state in question."""
+        return 0
+
+    def update(self, state: WorldState) -> Truth:
+        """Return what holds in the state that the world is in."""
+        del state
+        return self._scene.truth()
+
+
+def quat2axisangle(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation vector (3,) [rad] of a quaternion (x, y, z, w), without choosing the shorter way round.
+
+    It is the function of that name of robosuite and openpi's ``examples/libero/main.py``, to the bit: for w < 0 the
+    vector is longer than half a turn, as it was in training.
+    """
+    w = min(max(float(quaternion[3]), -1.0), 1.0)
+    den = np.sqrt(1.0 - w * w)
+    if math.isclose(den, 0.0):
+        return np.zeros(3)
+    rotation: np.ndarray = (quaternion[:3] * 2.0 * math.acos(w)) / den
+    return rotation
+
+
+def _role(thing: Mapping[str, Any], goal: str) -> str:
+    if thing["fixed"]:
+        return "fixture"
+    if not thing["of_interest"]:
+        return "distractor"
+    return "item" if f"({thing['name']}" in goal else "container"
+
+
+def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
+    """Return the object that both fingers touch and that nothing else supports."""
+    left = _touching(contacts, "left_finger")
+    between = left & _touching(contacts, "right_finger") if left else left
+    if between:
+        for thing in info.objects:
+            if thing.name in between and not thing.fixed and _touching(contacts, thing.name) <= GRIPPER_BODIES:
+                return thing.name
+    return None
+
+
+def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
+    """Return what something touches."""
+    return {b if a == name else a for a, b, _ in contacts if name in (a, b)}
+
+
+def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise WorldError if an array that a simulator sent holds what is no number."""
+    floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
+    if floats and not np.isfinite(np.concatenate(floats)).all():
+        wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]
+        raise WorldError(f"the simulator sent {', '.join(wrong)} with a number that is not finite")
+
+
+def require_image(name: str, image: np.ndarray, shape: tuple[int, ...]) -> None:
+    """Raise WorldError if an image or a depth image that a simulator sent has another shape or type than agreed."""
+    agreed = np.float32 if name.startswith("depth_") else np.uint8
+    if image.shape != shape or image.dtype != agreed:
+        raise WorldError(
+            f"the simulator sent {name} as {image.dtype} {image.shape}; {np.dtype(agreed)} {shape} is agreed"
+        )
+
+
+def vector_of(values: np.ndarray | Sequence[float]) -> Vector:
+    """Return three numbers as a vector of floats."""
+    x, y, z = map(float, values)
+    return (x, y, z)
+
+
+def _from_matrix(numbers: Sequence[float]) -> Quaternion:
+    """Return the quaternion (w, x, y, z) of a rotation matrix given row by row, by its largest part (Shepperd 1978)."""
+    m = (numbers[0:3], numbers[3:6], numbers[6:9])
+    trace = m[0][0] + m[1][1] + m[2][2]
+    squares = [trace, m[0][0], m[1][1], m[2][2]]
+    largest = squares.index(max(squares))
+    if largest == 0:
+        return normalize((1.0 + trace, m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]))
+    i = largest - 1
+    j, k = (i + 1) % 3, (i + 2) % 3
+    found = [0.0] * 4
+    found[0] = m[k][j] - m[j][k]
+    found[1 + i] = 1.0 + m[i][i] - m[j][j] - m[k][k]
+    found[1 + j] = m[j][i] + m[i][j]
+    found[1 + k] = m[k][i] + m[i][k]
+    return normalize(found)

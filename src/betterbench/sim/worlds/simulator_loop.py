@@ -1,0 +1,83 @@
+"""What the process of a foreign simulator does: it answers requests until the run has gone.
+
+Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import socket
+import sys
+import traceback
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from betterbench.sim.worlds.frames import FrameError, receive_frame, send_frame
+
+FrameContent = tuple[dict[str, Any], dict[str, np.ndarray]]
+"""A JSON document and arrays by name."""
+
+_LONGEST_PROBLEM = 2000
+
+
+class Simulator(Protocol):
+    """A foreign simulator with one environment."""
+
+    def suite(self, name: str) -> dict[str, Any]:
+        """Return the tasks of a suite: "tasks", a list of "name", "instruction" and "states"; and "versions"."""
+
+    def premises(self, request: Mapping[str, Any]) -> FrameContent:
+        """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
+
+    def start(self, request: Mapping[str, Any]) -> FrameContent:
+        """Begin an episode and settle; return what stays the same in it, and its first row."""
+
+    def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
+        """Take one control step, and return the row after it; with images if ``look``."""
+
+    def draw(self, request: Mapping[str, Any], qpos: np.ndarray) -> FrameContent:
+        """Return "images" (n, size, size, 3) of the front camera at n states of a task's scene."""
+
+
+def answer_requests(simulator: Simulator, descriptor: int) -> None:
+    """Answer the requests that come over a socket, until it is closed.
+
+    What the simulator prints goes to standard error: only frames go over the socket.
+    """
+    sys.stdout.flush()
+    os.dup2(2, 1)
+    link = socket.socket(fileno=descriptor)
+    with link, contextlib.suppress(FrameError):
+        for number in itertools.count(1):
+            request, arrays = receive_frame(link, number=number)
+            try:
+                document, answer = _answered(simulator, request, arrays)
+            except Exception as problem:  # noqa: BLE001 - whatever a simulator raises costs its trial alone
+                traceback.print_exc()
+                document, answer = {"problem": _told(problem)[:_LONGEST_PROBLEM]}, {}
+            send_frame(link, document, answer, number=number)
+
+
+def _told(problem: BaseException) -> str:
+    """Return an error in one line: its first cause, and how it showed where libraries wrap it."""
+    first = problem
+    while first.__cause__ is not None:
+        first = first.__cause__
+    told = [" ".join(f"{type(error).__name__}: {error}".split()) for error in (first, problem)]
+    return told[0] if first is problem else f"{told[0]} (it showed as {told[1]})"
+
+
+def _answered(simulator: Simulator, request: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> FrameContent:
+    if request["do"] == "suite":
+        return simulator.suite(request["suite"]), {}
+    if request["do"] == "premises":
+        return simulator.premises(request)
+    if request["do"] == "draw":
+        return simulator.draw(request, np.array(arrays["qpos"]))
+    if request["do"] == "start":
+        return simulator.start(request)
+    return simulator.step(np.array(arrays["action"]), look=bool(request["look"]))

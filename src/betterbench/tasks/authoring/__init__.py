@@ -1,0 +1,231 @@
+"""What a task file is written with: typed values for objects, slots, instructions, conditions and operations."""
+
+from collections.abc import Iterable, Mapping
+
+from betterbench.tasks.authoring.operations import (
+    add,
+    chain,
+    draw_out,
+    instruct,
+    move,
+    preplace,
+    remove,
+    repeat,
+    replace,
+    swap,
+)
+from betterbench.tasks.authoring.registry import task
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.authoring.templates import (
+    CONSTRAINED_POSITIONING,
+    CONTAINER_LOADING,
+    LOGICAL_ASSEMBLY,
+    LOOSE_PACKING,
+    PATTERNED_ARRANGEMENT,
+    PRECISION_INSERTION,
+    RECURSIVE_STACKING,
+)
+from betterbench.tasks.authoring.variation import Variation
+from betterbench.tasks.axes import Expected, Support
+from betterbench.tasks.condition import Condition, ObjectSpec, Role, Slot, TargetRegion
+from betterbench.tasks.relations.beside import BESIDE, CLOSE_TO, SIDES
+from betterbench.tasks.relations.closed import CLOSED
+from betterbench.tasks.relations.in_hole import IN_HOLE
+from betterbench.tasks.relations.inside import INSIDE
+from betterbench.tasks.relations.layer import LAYER
+from betterbench.tasks.relations.on_plate import ON_PLATE
+from betterbench.tasks.relations.on_ring import ON_RING
+from betterbench.tasks.relations.relation import Relation
+from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
+
+SlotLayout = Mapping[ObjectSpec, Slot]
+"""Which object starts in which slot."""
+
+
+def item(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
+    """Return an object that instructions may ask for.
+
+    Args:
+        name: Name in the scene; it carries no meaning.
+        kind: What instructions call it; the name with spaces if not given.
+        category: Category of its asset; the kind with underscores if not given.
+        color: Color of its asset, or None to let the generator choose.
+    """
+    return _object("item", name, kind, category, color)
+
+
+def distractor(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
+    """Return an object that no instruction asks for; arguments as for :func:`item`."""
+    return _object("distractor", name, kind, category, color)
+
+
+def container(name: str, kind: str = "", category: str = "") -> ObjectSpec:
+    """Return what things are put into or onto, and which stands loose on the table."""
+    return _object("container", name, kind, category)
+
+
+def fixture(name: str, kind: str = "", category: str = "", *, fixed: bool = False) -> ObjectSpec:
+    """Return what things are arranged around or put into; a fixed one cannot be moved."""
+    return _object("fixture", name, kind, category, fixed=fixed)
+
+
+def drawer(name: str, category: str, cabinet: ObjectSpec) -> ObjectSpec:
+    """Return a drawer that slides in the mount of its own name of a cabinet."""
+    return _object("drawer", name, category.replace("_", " "), category, mount=TargetRegion(cabinet.name, name))
+
+
+def _object(
+    role: Role,
+    name: str,
+    kind: str,
+    category: str,
+    color: str | None = None,
+    *,
+    fixed: bool = False,
+    mount: TargetRegion | None = None,
+) -> ObjectSpec:
+    kind = kind or name.replace("_", " ")
+    return ObjectSpec(name, kind, category or kind.replace(" ", "_"), color, role, fixed, mount)
+
+
+def subgoal(
+    name: str,
+    relation: Relation,
+    thing: ObjectSpec | Reference,
+    target: ObjectSpec,
+    region: str = "",
+    *,
+    word: str,
+    count: int = 1,
+) -> Subgoal:
+    """Return one step of an instruction; for ``name``, ``word`` and ``count`` see :class:`Subgoal`.
+
+    The ``thing`` is an object, of whose kind any will do, or a reference by slot; it has to be related to the target,
+    or to a region of it where it offers several.
+    """
+    reference = thing if isinstance(thing, Reference) else Reference(kind=thing.kind)
+    return Subgoal(name, relation.name, reference, target.name, word, count, region)
+
+
+def packed(verb: str, target: ObjectSpec, *things: ObjectSpec) -> tuple[Subgoal, ...]:
+    """Return the steps to put things into a container; of two of one kind the second asks for a second one."""
+    if not isinstance(verb, str):
+        raise TypeError(f"packed(verb, target, *things): the first argument is a verb as text, not {verb!r}")
+    kinds = [thing.kind for thing in things]
+    steps = []
+    for i, thing in enumerate(things):
+        count = kinds[: i + 1].count(thing.kind)
+        name = f"{verb}_{thing.kind.replace(' ', '_')}" + (f"_{count}" if count > 1 else "")
+        steps.append(subgoal(name, INSIDE, thing, target, word=thing.kind.split()[-1], count=count))
+    return tuple(steps)
+
+
+def ordered(text: str, *steps: Subgoal) -> Instruction:
+    """Return an instruction whose order is part of the goal."""
+    return Instruction(text, steps, ordered=True)
+
+
+def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = False) -> Instruction:
+    """Return the instruction to put things to sides of an anchor, in any order.
+
+    Args:
+        anchor: What the sides are of.
+        *steps: Which thing goes to which side.
+        close: Whether the instruction says "next to": for a plate, at which only what lies close to it counts.
+    """
+    at = f"the {anchor.kind}"
+    parts = [
+        f"the {thing.kind} {CLOSE_TO[side].format(at) if close else f'{SIDES[side]} {at}'}" for thing, side in steps
+    ]
+    goals = (subgoal(f"{t.name}_{side}", BESIDE, t, anchor, side, word=t.kind) for t, side in steps)
+    return Instruction(f"Put {', '.join(parts[:-1])} and {parts[-1]}.", tuple(goals))
+
+
+def condition(
+    layout: SlotLayout,
+    instruction: Instruction,
+    *mounted: ObjectSpec,
+    preplaced: Mapping[ObjectSpec, ObjectSpec] | None = None,
+    opened: Mapping[ObjectSpec, float] | None = None,
+) -> Condition:
+    """Return a training condition; the registry gives it its task and its name.
+
+    Args:
+        layout: Which object starts in which slot.
+        instruction: What is asked for.
+        *mounted: Drawers, which start in their mounts.
+        preplaced: Objects of the layout that already rest at a target instead of in their slot.
+        opened: Drawers that stand open at the start, with the distance by which they are drawn out [m].
+    """
+    if not isinstance(instruction, Instruction):
+        raise TypeError(
+            "an instruction is made of a text and its steps: ordered(text, *steps) or Instruction(text, steps)"
+        )
+    resting = preplaced or {}
+    return Condition(
+        task="",
+        name="",
+        objects=(*layout, *mounted),
+        layout={o.name: slot.name for o, slot in layout.items() if o not in resting},
+        instruction=instruction,
+        preplaced={o.name: TargetRegion(target.name) for o, target in resting.items()},
+        opened={o.name: distance for o, distance in (opened or {}).items()},
+    )
+
+
+def conditions(layouts: Iterable[SlotLayout], instructions: Iterable[Instruction]) -> tuple[Condition, ...]:
+    """Return the training conditions of every layout with every instruction."""
+    asked = tuple(instructions)
+    return tuple(condition(layout, instruction) for layout in layouts for instruction in asked)
+
+
+__all__ = [
+    "BESIDE",
+    "CLOSED",
+    "CONSTRAINED_POSITIONING",
+    "CONTAINER_LOADING",
+    "INSIDE",
+    "IN_HOLE",
+    "LAYER",
+    "LOGICAL_ASSEMBLY",
+    "LOOSE_PACKING",
+    "ON_PLATE",
+    "ON_RING",
+    "PATTERNED_ARRANGEMENT",
+    "PRECISION_INSERTION",
+    "RECURSIVE_STACKING",
+    "Condition",
+    "Expected",
+    "Instruction",
+    "ObjectSpec",
+    "Reference",
+    "Relation",
+    "Slot",
+    "SlotLayout",
+    "Subgoal",
+    "Support",
+    "Task",
+    "Variation",
+    "add",
+    "arranged",
+    "chain",
+    "condition",
+    "conditions",
+    "container",
+    "distractor",
+    "draw_out",
+    "drawer",
+    "fixture",
+    "instruct",
+    "item",
+    "move",
+    "ordered",
+    "packed",
+    "preplace",
+    "remove",
+    "repeat",
+    "replace",
+    "subgoal",
+    "swap",
+    "task",
+]

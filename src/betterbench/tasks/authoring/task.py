@@ -1,0 +1,58 @@
+"""The task: fixtures and slots, the training regime with its confounds, and the variations."""
+
+from dataclasses import dataclass
+
+from betterbench.errors import find_named
+from betterbench.tasks.authoring.template import Template
+from betterbench.tasks.authoring.variation import Variation
+from betterbench.tasks.condition import Condition, Slot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A base task.
+
+    Attributes:
+        version: Version of its behavior: a changed goal, tolerance or instruction moves it.
+        template: The constraint template it fills in.
+        training: The training regime; the registry names its conditions train1, train2, ... in this order.
+        id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
+        description: What is to be done; the registry sets it to the first line of that function's docstring.
+    """
+
+    version: int
+    title: str
+    template: Template
+    slots: tuple[Slot, ...]
+    training: tuple[Condition, ...]
+    variations: tuple[Variation, ...]
+    id: str = ""
+    description: str = ""
+
+    def slot(self, name: str) -> Slot:
+        """Return a slot by name.
+
+        Raises:
+            UnknownNameError: If the task has no such slot.
+        """
+        return find_named(f"slot of {self.id}", name, self.slots)
+
+    def train(self, name: str) -> Condition:
+        """Return a training condition by name.
+
+        Raises:
+            UnknownNameError: If the regime has no such condition.
+        """
+        return find_named(f"training condition of {self.id}", name, self.training)
+
+    def variation(self, name: str) -> Variation:
+        """Return a variation by name.
+
+        Raises:
+            UnknownNameError: If the task has no such variation.
+        """
+        return find_named(f"variation of {self.id}", name, self.variations)
+
+    def step_limit(self, condition: Condition) -> int:
+        """Return the number of control steps after which an episode of the condition ends."""
+        return self.template.step_limit(condition)

@@ -1,0 +1,108 @@
+"""What a task's training regime teaches: which word went with which place, and which step came first.
+
+These are the confounds that the variations break. They are computed from the training conditions and never written down
+by hand, so they cannot disagree with them.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.condition import Condition
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingDistribution:
+    """The regularities of a training regime.
+
+    Attributes:
+        word_slots: Word of an instruction to the slots its object was picked from.
+        kind_slots: Kind of object to the slots it was picked from.
+        standing_kinds: Slot to the kinds of object that stood there at the start.
+        first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
+        kind_targets: Kind of object to the places it was brought to, as kind of the target, relation and place.
+        sequences: Per training condition the kinds in the order in which they were handled.
+        initial_items: Largest number of movable things on the table at the start of a demonstration.
+    """
+
+    word_slots: dict[str, tuple[str, ...]]
+    kind_slots: dict[str, tuple[str, ...]]
+    standing_kinds: dict[str, tuple[str, ...]]
+    first_kinds: tuple[tuple[str, int], ...]
+    kind_targets: dict[str, tuple[tuple[str, str, str], ...]]
+    sequences: tuple[tuple[str, ...], ...]
+    initial_items: int
+
+    @property
+    def habit(self) -> str | None:
+        """Kind with which strictly most demonstrations begin, or None if there is no such kind."""
+        ranked = self.first_kinds
+        if not ranked or (len(ranked) > 1 and ranked[0][1] == ranked[1][1]):
+            return None
+        return ranked[0][0]
+
+    @property
+    def favorite_slot(self) -> str:
+        """Slot that was picked from for most words of instructions; the first by name of several."""
+        counts = Counter(slot for slots in self.word_slots.values() for slot in slots)
+        return min(counts, key=lambda slot: (-counts[slot], slot))
+
+    @property
+    def longest(self) -> int:
+        """Largest number of subgoals of a demonstration."""
+        return max(len(sequence) for sequence in self.sequences)
+
+    def known_kinds(self, condition: Condition) -> frozenset[str]:
+        """Return the kinds of object that some instruction means: that of a condition, or one of training."""
+        asked = {
+            condition.object(n).kind for g in condition.instruction.subgoals for n in condition.resolve(g.reference)
+        }
+        return frozenset(asked | self.kind_slots.keys())
+
+
+def training_distribution_of(task: Task) -> TrainingDistribution:
+    """Return the regularities of a task's training regime."""
+    word_slots: dict[str, set[str]] = {}
+    kind_slots: dict[str, set[str]] = {}
+    standing: dict[str, set[str]] = {}
+    places: dict[str, set[tuple[str, str, str]]] = {}
+    first: Counter[str] = Counter()
+    sequences: list[tuple[str, ...]] = []
+    items = 0
+    for condition in task.training:
+        items = max(items, len(on_table(condition)))
+        for name, slot in condition.layout.items():
+            standing.setdefault(slot, set()).add(condition.object(name).kind)
+        kinds: list[str] = []
+        for goal in condition.instruction.subgoals:
+            names = condition.resolve(goal.reference)
+            slots = {condition.layout[n] for n in names if n in condition.layout}
+            word_slots.setdefault(goal.word, set()).update(slots)
+            kind = condition.object(names[0]).kind
+            kind_slots.setdefault(kind, set()).update(slots)
+            places.setdefault(kind, set()).add((condition.object(goal.target).kind, goal.relation, goal.region))
+            kinds.append(kind)
+        first[kinds[0]] += 1
+        sequences.append(tuple(kinds))
+    return TrainingDistribution(
+        {w: tuple(sorted(s)) for w, s in word_slots.items()},
+        {k: tuple(sorted(s)) for k, s in kind_slots.items()},
+        {s: tuple(sorted(k)) for s, k in standing.items()},
+        tuple(sorted(first.items(), key=lambda item: (-item[1], item[0]))),
+        {k: tuple(sorted(p)) for k, p in places.items()},
+        tuple(sequences),
+        items,
+    )
+
+
+def pairing(condition: Condition) -> tuple[str, frozenset[tuple[str, str]]]:
+    """Return the instruction of a condition and its initial scene: which kind is where, which drawers are open."""
+    places = {(condition.object(n).kind, slot) for n, slot in condition.layout.items()}
+    places |= {(condition.object(n).kind, f"at {p.target} {p.region}") for n, p in condition.preplaced.items()}
+    places |= {(condition.object(n).kind, f"open {distance}") for n, distance in condition.opened.items()}
+    return condition.instruction.text, frozenset(places)
+
+
+def on_table(condition: Condition) -> tuple[str, ...]:
+    """Return the names of the movable objects that stand in slots at the start of a condition."""
+    return tuple(o.name for o in condition.objects if o.role in ("item", "distractor") and o.name in condition.layout)

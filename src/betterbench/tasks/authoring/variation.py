@@ -1,0 +1,39 @@
+"""Variations as data: a training condition, the operations that turn it, and what a failure would mean."""
+
+from dataclasses import dataclass
+
+from betterbench.tasks.authoring.operations import Operation
+from betterbench.tasks.axes import Axis, Expected, Support
+
+
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """A training condition turned into a test condition.
+
+    Attributes:
+        name: Letter of the axis and running number ("L3").
+        interventions: Operations, applied in order.
+        title: A few words for tables: what is different.
+        hypothesis: What a success shows.
+        base: Name of the training condition it is derived from; the same seed of it is the counterfactual twin.
+        support: Whether all poses lie inside the training regime.
+    """
+
+    name: str
+    interventions: tuple[Operation, ...]
+    title: str
+    hypothesis: str
+    base: str = "train1"
+    expected: Expected = Expected.SUCCEED
+    support: Support = Support.SEEN
+    mid_task_look: bool = False
+    premise_broken: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that the name begins with the letter of an axis."""
+        Axis.of(self.name)
+
+    @property
+    def axis(self) -> Axis:
+        """Axis of the intervention, as the name says."""
+        return Axis.of(self.name)

@@ -1,0 +1,54 @@
+"""Dinner plates, diverse-confounded: the red plate always stands in a back slot and the blue one in a front slot.
+
+The position of the white plate is crossed with these, as in the balanced regime.
+"""
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.interventions.balanced.dinner_plates import ON_THE_STACK, balanced_dinner_plates
+from betterbench.tasks.suite.dinner_plates import (
+    BLUE,
+    BLUE_ON_RED,
+    BLUE_ON_WHITE,
+    LEFT_BACK,
+    LEFT_FRONT,
+    RED,
+    RED_ON_WHITE,
+    RIGHT_BACK,
+    RIGHT_FRONT,
+    STAND_MIDDLE,
+    STAND_RIGHT,
+    WHITE,
+)
+
+CROSSED = (
+    "tied: the red plate always stands in one of the back slots, and the blue plate in one of the front slots",
+    "red and blue plates stand in each of their two slots, with the white plate at either position",
+    "the word white goes with the white plate as the target and with the red one",
+    "three plates at the start, or the two that are asked for",
+)
+PLACES = {RED.name: (LEFT_BACK.name, RIGHT_BACK.name), BLUE.name: (LEFT_FRONT.name, RIGHT_FRONT.name)}
+
+
+def diverse_dinner_plates() -> list[Condition]:
+    """Return the balanced conditions that keep the tie, then others, so that each instruction occurs equally often."""
+    found = [c for c in balanced_dinner_plates() if _is_tied(c)]
+    apart = {RED: LEFT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_RIGHT}
+    right = {RED: RIGHT_BACK, BLUE: RIGHT_FRONT, WHITE: STAND_MIDDLE}
+    found += [a.condition(layout, asked) for layout in (apart, right) for asked in (RED_ON_WHITE, BLUE_ON_WHITE)]
+    found += [a.condition(apart, asked, preplaced={RED: WHITE}) for asked in (BLUE_ON_RED, ON_THE_STACK)]
+    for plate, slot, white, asked in (
+        (RED, LEFT_BACK, STAND_RIGHT, RED_ON_WHITE),
+        (BLUE, LEFT_FRONT, STAND_RIGHT, BLUE_ON_WHITE),
+        (RED, LEFT_BACK, STAND_MIDDLE, RED_ON_WHITE),
+        (RED, RIGHT_BACK, STAND_MIDDLE, RED_ON_WHITE),
+        (BLUE, LEFT_FRONT, STAND_MIDDLE, BLUE_ON_WHITE),
+        (BLUE, RIGHT_FRONT, STAND_MIDDLE, BLUE_ON_WHITE),
+    ):
+        found.append(a.condition({plate: slot, WHITE: white}, asked))
+    return found
+
+
+def _is_tied(condition: Condition) -> bool:
+    """Tell whether each plate that stands on the table stands where it does in training."""
+    return all(condition.layout.get(plate, slots[0]) in slots for plate, slots in PLACES.items())

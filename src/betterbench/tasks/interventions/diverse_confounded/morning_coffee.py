@@ -1,0 +1,40 @@
+"""Morning coffee, diverse-confounded: "red" always means the near mug and "blue" the far one, as in training.
+
+The conditions with "top" and "bottom", which are places, are those of the balanced regime.
+"""
+
+from betterbench.tasks import authoring as a
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.interventions.balanced.morning_coffee import BLUE_CAN, IN_FRONT, balanced_morning_coffee
+from betterbench.tasks.suite.morning_coffee import BLUE, BLUE_MUG, FAR, MACHINE, NEAR, RED, RED_CAN, RED_MUG, STAND
+
+CROSSED = (
+    "tied: “red” always means the red mug in the near slot, and “blue” the blue mug in the far slot",
+    "the mug that a position names is red or blue equally often",
+    "beside the mug that is asked for: the other mug, a red can, a blue can, both cans, or nothing",
+    "one thing, two or three at the start",
+)
+TIED = {RED.text: (RED_MUG.name, NEAR.name), BLUE.text: (BLUE_MUG.name, FAR.name)}
+
+
+def diverse_morning_coffee() -> list[Condition]:
+    """Return the balanced conditions that keep the tie, then four for each color with cans in other slots."""
+    found = [c for c in balanced_morning_coffee() if _is_tied(c)]
+    for mug, at, elsewhere, asked, same, other in (
+        (RED_MUG, NEAR, FAR, RED, RED_CAN, BLUE_CAN),
+        (BLUE_MUG, FAR, NEAR, BLUE, BLUE_CAN, RED_CAN),
+    ):
+        for beside in (
+            {other: elsewhere, same: IN_FRONT},
+            {same: elsewhere, other: IN_FRONT},
+            {same: elsewhere},
+            {other: IN_FRONT},
+        ):
+            found.append(a.condition({mug: at, **beside, MACHINE: STAND}, asked))
+    return found
+
+
+def _is_tied(condition: Condition) -> bool:
+    """Tell whether a color means the mug that it means in training; a position names no mug."""
+    mug, slot = TIED.get(condition.instruction.text, ("", ""))
+    return not mug or condition.layout[mug] == slot

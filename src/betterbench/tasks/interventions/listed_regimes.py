@@ -1,0 +1,76 @@
+"""Regimes whose conditions are listed by hand: one package per regime, and in it one file per task.
+
+The file of a task lists the conditions by the function ``balanced_TASK`` or ``diverse_TASK``, and says in ``CROSSED``
+what they cross and what stays tied. None of them is a test: no start of a variation occurs together with its
+instruction, unless training has both too.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import ModuleType
+
+from betterbench.tasks.condition import Condition
+
+
+@dataclass(frozen=True, slots=True)
+class _Listing:
+    """Where the conditions of a regime are listed.
+
+    Attributes:
+        package: Package with one module per task.
+        prefix: Beginning of the name of the function in it, and of the names of the conditions.
+    """
+
+    package: str
+    prefix: str
+
+
+LISTED: Mapping[str, _Listing] = {
+    "balanced": _Listing("betterbench.tasks.interventions.balanced", "balanced"),
+    "diverse-confounded": _Listing("betterbench.tasks.interventions.diverse_confounded", "diverse"),
+}
+
+
+@functools.cache
+def listed_conditions(regime: str, task_id: str) -> tuple[Condition, ...]:
+    """Return the conditions of a regime, named balanced1 or diverse1 and so on; none if the task has no such file."""
+    module = listing_of(regime, task_id)
+    if module is None:
+        return ()
+    prefix = LISTED[regime].prefix
+    made = getattr(module, f"{prefix}_{task_id}")()
+    return tuple(c.with_(task=task_id, name=f"{prefix}{i}") for i, c in enumerate(made, start=1))
+
+
+def every_listed_condition(task_id: str) -> tuple[Condition, ...]:
+    """Return the conditions of a task in all listed regimes."""
+    return tuple(condition for regime in LISTED for condition in listed_conditions(regime, task_id))
+
+
+def crossed_in(regime: str, task_id: str) -> tuple[str, ...]:
+    """Return what the conditions of a regime cross and what stays tied, one line each; nothing of other regimes."""
+    module = listing_of(regime, task_id)
+    lines: tuple[str, ...] = () if module is None else module.CROSSED
+    return lines
+
+
+def listed_tasks(regime: str) -> tuple[str, ...]:
+    """Return the tasks that a regime lists conditions of, sorted."""
+    package = importlib.import_module(LISTED[regime].package)
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+
+
+def listing_of(regime: str, task_id: str) -> ModuleType | None:
+    """Return the module in which a regime lists conditions of a task, or None."""
+    if regime not in LISTED:
+        return None
+    name = f"{LISTED[regime].package}.{task_id}"
+    if not task_id.isidentifier() or importlib.util.find_spec(name) is None:
+        return None
+    return importlib.import_module(name)

@@ -1,0 +1,64 @@
+"""The one place where a name becomes a condition."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+from betterbench.errors import UnknownNameError
+from betterbench.tasks import Changes, Condition, Task, Variation, get_task
+from betterbench.tasks.interventions.apply import vary
+from betterbench.tasks.interventions.balanced import with_slots_of
+from betterbench.tasks.interventions.listed_regimes import every_listed_condition
+
+NO_CHANGES = Changes()
+
+
+@dataclass(frozen=True, slots=True)
+class ResolvedCondition:
+    """A condition of a task, and where it comes from.
+
+    Attributes:
+        task: The task, with the slots of the condition.
+        condition: The condition itself.
+        variation: The variation that makes it, or None for a condition of training or of a listed regime.
+        changes: What its interventions declare to change; nothing without a variation.
+    """
+
+    task: Task
+    condition: Condition
+    variation: Variation | None = None
+    changes: Changes = NO_CHANGES
+
+    @property
+    def base(self) -> str:
+        """Name of the training condition that it is or is derived from: the condition of the twin."""
+        return self.condition.name if self.variation is None else self.variation.base
+
+    @property
+    def axis(self) -> str | None:
+        """Axis of the variation, or None."""
+        return None if self.variation is None else self.variation.axis.value
+
+
+def condition_names(task: Task) -> tuple[str, ...]:
+    """Return the names of all conditions of a task: training conditions first, then variations."""
+    return (*(c.name for c in task.training), *(v.name for v in task.variations))
+
+
+@functools.lru_cache(maxsize=1024)
+def resolve_condition(task_id: str, name: str) -> ResolvedCondition:
+    """Return a condition by the id of its task and its own name ("train1", "L3", "balanced5", "diverse5").
+
+    Raises:
+        UnknownNameError: If there is no such task, or it has no such condition.
+    """
+    task = get_task(task_id)
+    for condition in (*task.training, *every_listed_condition(task.id)):
+        if condition.name == name:
+            return ResolvedCondition(with_slots_of(task, condition), condition)
+    for variation in task.variations:
+        if variation.name == name:
+            condition, changes = vary(task, variation)
+            return ResolvedCondition(task, condition, variation, changes)
+    raise UnknownNameError(f"condition of {task.id}", name, condition_names(task))

@@ -1,0 +1,369 @@
+"""Grasp attempts: a gripper that closes within reach of an object or of an empty slot, resolved from contacts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from betterbench.tasks.judging.motion import Bools, Floats, Motion, in_reach
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+PRESS_FORCE = threshold(
+    "press_force", 10.0, "N",
+    "Force of one finger on something from which a closing gripper is at it, if it lasts for press_time; a finger that "
+    "grazes something, or pushes it aside, presses with less than the weight of what it moves.",
+)  # fmt: skip
+PRESS_TIME = threshold(
+    "press_time", 0.1, "s", "Time for which one finger presses with press_force; a graze is shorter."
+)
+LEAN_FORCE = threshold(
+    "lean_force", 2.0, "N",
+    "Force of one finger on something from which a closing gripper is at it, if it lasts for stop_time; objects of up "
+    "to 0.3 kg slide away from less.",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class GraspAttempt:
+    """One grasp attempt, before it is known what was asked for.
+
+    Attributes:
+        release: Row at which the gripper was commanded to open again, or the number of rows.
+        aim: Index of the object that the gripper was closest to; for an air grasp the one that it missed, if any.
+    """
+
+    start: int
+    end: int
+    release: int
+    object: int | None
+    aim: int | None
+    slot: str | None
+    secured: bool
+
+
+def find_grasps(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return all grasp attempts of an episode, in time.
+
+    Closing at home or far from everything, closing without travel of the fingers, and closing again on an object that
+    is in the gripper already are no attempts; closings that only chatter separates are one. Whatever was lifted between
+    the fingers was attempted, in whatever way they were told to close. What a finger presses on was attempted, whatever
+    else is near. Where nothing is touched, distances decide.
+    """
+    grasps: list[GraspAttempt] = []
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
+        before = start - 1
+        last = grasps[-1] if grasps else None
+        if motion.held[before] >= 0 or (last is not None and _still_gripped(motion, last, before)):
+            if last is not None:
+                secured = last.secured or _lifted(motion, last.object, last.start, stop)
+                grasps[-1] = replace(last, release=stop, secured=secured)
+            continue
+        grasp = _resolve(motion, closing)
+        if grasp is not None and not (last is not None and _in_place(motion, last, grasp)):
+            grasps.append(grasp)
+    return tuple(sorted((*grasps, *_lifts_besides(motion, grasps)), key=lambda grasp: grasp.start))
+
+
+def _lifts_besides(motion: Motion, grasps: list[GraspAttempt]) -> list[GraspAttempt]:
+    """Return attempts for what was lifted between the fingers without a closing that shows it."""
+    found, gap = [], motion.steps(THRESHOLDS.chatter_time)
+    for i in motion.items:
+        if motion.is_drawer(i):  # one can be moved by open fingers, too
+            continue
+        rows = np.flatnonzero((motion.held == i) | (motion.left[:, i] & motion.right[:, i]))
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > gap) + 1):
+            if part.size == 0 or part[0] == 0:
+                continue
+            start, stop = int(part[0]), int(part[-1]) + 1
+            seen = any(g.object == i and g.start <= stop and start <= g.release for g in grasps)
+            if not seen and _lifted(motion, i, start, stop):
+                slot = motion.slot_of(start - 1, i, THRESHOLDS.slot_reach)
+                found.append(GraspAttempt(start - 1, start, stop, i, i, slot, secured=True))
+    return found
+
+
+def find_closings_on_nothing(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the times at which the gripper shut fully, low over the table, far from every object and slot.
+
+    They are no grasp attempts, because they tell nothing about what was meant: something was missed by far.
+    """
+    found = []
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
+        before, travel = start - 1, _finger_travel(motion, start, stop)
+        if motion.held[before] >= 0 or travel is None or _unresolved(motion, start, travel.limit):
+            continue
+        touched = bool((motion.left | motion.right)[start : travel.limit].any())
+        shut = float(motion.width[before : travel.limit].min()) <= THRESHOLDS.closed_width
+        if touched or not shut or not _low_and_away(motion, before, travel.settled):
+            continue
+        near = motion.box_distances(before, motion.tool[travel.settled]) <= THRESHOLDS.grasp_reach
+        if (near & motion.there[before]).any():
+            continue  # beside what is at its target, as after letting go of it
+        if _resolve(motion, closing) is None:
+            found.append(GraspAttempt(before, travel.settled, stop, None, None, None, secured=False))
+    return tuple(found)
+
+
+def find_weak_closings(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the closings of an open, empty gripper whose fingers hardly traveled, low over the table.
+
+    They are no grasp attempts by themselves. Where they are at what is asked for they were tries.
+    """
+    found = []
+    for closing in _closings(motion):
+        start, stop = closing.start, closing.stop
+        before = start - 1
+        settled = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows) - 1
+        long_enough = settled - before >= motion.steps(THRESHOLDS.stop_time)
+        shut = motion.width[before] <= THRESHOLDS.closed_width
+        if motion.held[before] >= 0 or shut or not long_enough or not _low_and_away(motion, before, settled):
+            continue
+        if all(_finger_travel(motion, *part) is None for part in closing.parts):
+            found.append(GraspAttempt(before, settled, stop, None, None, None, secured=False))
+    return tuple(found)
+
+
+def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
+    """Return the times at which the fingers of an empty gripper narrowed low over the table and opened again.
+
+    A change of the width by less than ``finger_travel`` is none, and one by up to 1 mm is a tremble: the fingers are
+    still as wide, and already as narrow. They are no grasp attempts by themselves.
+    """
+    found, width = [], motion.width
+    widest = narrowest = 0
+    open_width, narrowing = 0.0, False
+    for row in range(motion.rows):
+        if not narrowing:
+            open_width = max(open_width, float(width[row]))
+            if width[row] >= open_width - _TREMBLE_M:
+                widest = row
+            elif open_width - width[row] >= THRESHOLDS.finger_travel:
+                narrowing, narrowest = True, row
+        elif width[row] < width[narrowest] - _TREMBLE_M:
+            narrowest = row
+        elif width[row] - width[narrowest] >= THRESHOLDS.finger_travel:
+            empty = not (motion.held[widest : row + 1] >= 0).any()
+            if empty and widest < narrowest and _low_and_away(motion, widest, narrowest):
+                found.append(GraspAttempt(widest, narrowest, row, None, None, None, secured=False))
+            narrowing, widest, open_width = False, row, float(width[row])
+    return tuple(found)
+
+
+_TREMBLE_M = 0.001
+
+
+def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
+    """Return the first and last row of each closing of an empty gripper that traveled while its fingers did.
+
+    They are no grasp attempts, because what was passed may not have been meant.
+    """
+    found = []
+    for start, stop in (part for closing in _closings(motion) for part in closing.parts):
+        before, travel = start - 1, _finger_travel(motion, start, stop)
+        if travel is not None and motion.held[before] < 0 and not _stays(motion, before, travel.settled):
+            found.append((before, travel.settled))
+    return tuple(found)
+
+
+class _Closing(NamedTuple):
+    """The rows of closings that only chatter separates, the last of each excluded."""
+
+    parts: tuple[tuple[int, int], ...]
+
+    @property
+    def start(self) -> int:
+        return self.parts[0][0]
+
+    @property
+    def stop(self) -> int:
+        return self.parts[-1][1]
+
+
+class _Travel(NamedTuple):
+    """Rows at which the fingers of a closing gripper have come to rest, and before which the closing is judged."""
+
+    settled: int
+    limit: int
+
+
+def _finger_travel(motion: Motion, start: int, stop: int) -> _Travel | None:
+    """Return how the fingers traveled in a closing, or None if they hardly did."""
+    before = start - 1
+    limit = min(stop, start + motion.steps(THRESHOLDS.attempt_window), motion.rows)
+    widths = motion.width[before:limit]
+    if float(widths[0] - widths.min()) < THRESHOLDS.finger_travel:
+        return None
+    return _Travel(before + int(np.flatnonzero(widths <= widths.min() + 1e-3)[0]), limit)
+
+
+def _closings(motion: Motion) -> list[_Closing]:
+    """Return the spans of rows in which the gripper is commanded to close; those that chatter separates are one."""
+    closing = motion.closing
+    edges = np.flatnonzero(closing[1:] != closing[:-1]) + 1
+    found: list[_Closing] = []
+    for k, row in enumerate(edges.tolist()):
+        if not closing[row]:
+            continue
+        stop = int(edges[k + 1]) if k + 1 < len(edges) else motion.rows
+        if found and (row - found[-1].stop) / motion.rate_hz < THRESHOLDS.chatter_time:
+            found[-1] = _Closing((*found[-1].parts, (row, stop)))
+        else:
+            found.append(_Closing(((row, stop),)))
+    return found
+
+
+def _still_gripped(motion: Motion, last: GraspAttempt, row: int) -> bool:
+    i = last.object
+    return i is not None and last.secured and bool(motion.left[row, i] and motion.right[row, i])
+
+
+def _in_place(motion: Motion, last: GraspAttempt, grasp: GraspAttempt) -> bool:
+    """Tell whether the gripper closes again on what it has just put somewhere, before it has moved away."""
+    i = grasp.object
+    if i is None or i != last.object or not last.secured or grasp.secured or not motion.there[grasp.start, i]:
+        return False
+    away = np.linalg.norm(motion.tool[last.release : grasp.start + 1] - motion.tool[grasp.start], axis=1)
+    return bool((away <= THRESHOLDS.slot_reach).all())
+
+
+def _resolve(motion: Motion, closing: _Closing) -> GraspAttempt | None:
+    """Return the attempt that a closing is, or None if it is none.
+
+    Where chatter separates its parts, the first that got hold of something tells what it was at.
+    """
+    found = [grasp for part in closing.parts if (grasp := _resolve_part(motion, part, closing.stop)) is not None]
+    return next((grasp for grasp in found if grasp.object is not None), found[0] if found else None)
+
+
+def _resolve_part(motion: Motion, part: tuple[int, int], stop: int) -> GraspAttempt | None:
+    start = part[0]
+    before, travel = start - 1, _finger_travel(motion, start, stop)
+    if travel is None:
+        return None
+    settled, limit = travel
+    touched = _touched(motion, start, limit, settled)
+    if touched is not None:
+        i, end = touched
+        slot = None
+        if i in motion.items:  # a container beside a slot is not what stands in it
+            slot = motion.slot_of(before, i, THRESHOLDS.slot_reach)
+            slot = slot or motion.slot_near(motion.tool[end], THRESHOLDS.slot_reach)
+        return GraspAttempt(before, end, stop, i, i, slot, _lifted(motion, i, before, stop))
+    if _unresolved(motion, start, limit) or _taken_back(motion, part):
+        return None
+    return _air_grasp(motion, before, settled, stop)
+
+
+def _taken_back(motion: Motion, part: tuple[int, int]) -> bool:
+    """Tell whether a closing on nothing ended so soon that the fingers were far from shut."""
+    start, stop = part
+    brief = (stop - start) / motion.rate_hz < THRESHOLDS.chatter_time
+    return brief and float(motion.width[start : stop + 1].min()) > THRESHOLDS.closed_width
+
+
+def _unresolved(motion: Motion, start: int, limit: int) -> bool:
+    """Tell whether the episode ended before the fingers could reach anything."""
+    short = limit - start < motion.steps(THRESHOLDS.stop_time)
+    return limit == motion.rows and (short or _still_closing(motion, limit))
+
+
+def _still_closing(motion: Motion, limit: int) -> bool:
+    """Tell whether the fingers were still moving when the episode ended, so that the attempt is unresolved."""
+    return limit == motion.rows and float(motion.width[limit - 2] - motion.width[limit - 1]) > THRESHOLDS.finger_travel
+
+
+def _touched(motion: Motion, start: int, limit: int, settled: int) -> tuple[int, int] | None:
+    """Return the object that the closing gripper got hold of, and the row at which it did, or None."""
+    left, right = motion.left[start:limit], motion.right[start:limit]
+    both = left & right
+    if both.any():
+        return _most(both, motion.box_distances(settled, motion.tool[settled]), start)
+    near = motion.box_distances(settled, motion.tool[settled])
+    free = np.zeros(near.shape, dtype=np.bool_)
+    free[list(motion.items)] = True
+    free &= ~motion.there[start - 1] & (near <= THRESHOLDS.grasp_reach)
+    stopped = (
+        limit - settled >= motion.steps(THRESHOLDS.stop_time)
+        and motion.width[limit - 1] > THRESHOLDS.closed_width
+        and not _still_closing(motion, limit)
+    )
+    loose = np.array([i in motion.items and not motion.is_drawer(i) for i in range(near.shape[0])])
+    # Not within reach alone: a finger that presses on something is 4 cm from the tool center point.
+    pressed: Bools = loose & ~motion.there[start - 1] & _presses(motion, start, limit)
+    one = (left | right) & ((free & (stopped | (near <= 0.0))) | pressed)
+    if one.any():
+        return _most(one, near, start)
+    if stopped and free.any():
+        nearest = int(np.argmin(np.where(free, near, np.inf)))
+        return nearest, settled
+    return None
+
+
+def _presses(motion: Motion, start: int, limit: int) -> Bools:
+    """Tell on which objects a finger presses so hard, or for so long, that the closing is at them, shape (n,)."""
+    force = motion.force[start:limit]
+    hard = (force >= PRESS_FORCE).sum(axis=0) >= motion.steps(PRESS_TIME)
+    leans = (force >= LEAN_FORCE).sum(axis=0) >= motion.steps(THRESHOLDS.stop_time)
+    found: Bools = hard | leans
+    return found
+
+
+def _most(touches: Bools, near: Floats, start: int) -> tuple[int, int]:
+    """Return the object that was touched in most rows, the nearer of equals, and the first of these rows."""
+    counts = touches.sum(axis=0)
+    order = sorted(range(len(counts)), key=lambda i: (-int(counts[i]), float(near[i])))
+    return order[0], start + int(np.argmax(touches[:, order[0]]))
+
+
+def _lifted(motion: Motion, i: int | None, start: int, stop: int) -> bool:
+    """Tell whether an object rose in the gripper, or a drawer moved along its rails."""
+    if i is None:
+        return False
+    rows = slice(start, stop)
+    gripped = (motion.held[rows] == i) | (motion.left[rows, i] & motion.right[rows, i])
+    if motion.is_drawer(i):
+        moved = np.linalg.norm(motion.positions[rows, i] - motion.positions[start, i], axis=1)
+        return bool((gripped & (moved >= THRESHOLDS.begun_lift)).any())
+    risen = motion.positions[rows, i, 2] - motion.positions[start, i, 2] >= THRESHOLDS.begun_lift
+    return bool((gripped & risen).any())
+
+
+def _air_grasp(motion: Motion, before: int, settled: int, stop: int) -> GraspAttempt | None:
+    """Return a null attempt, or None where nothing is within reach of the gripper."""
+    if not _low_and_away(motion, before, settled):
+        return None
+    tool = motion.tool[settled]
+    centers = motion.center_distances(before, tool)
+    reach = in_reach(motion.box_distances(before, tool), centers)
+    within = [
+        (float(centers[i]), i)
+        for i in motion.items
+        if not motion.there[before, i] and motion.on_table(before, i) and reach[i]
+    ]
+    aim = min(within)[1] if within else None
+    slot = None if aim is None else motion.slot_of(before, aim, THRESHOLDS.slot_reach)
+    tallest = max((motion.info.objects[i].size_m[2] for i in motion.items), default=0.0)
+    # Closing higher up, on the way, would reach nothing that fits here.
+    if slot is None and tool[2] <= tallest + THRESHOLDS.slot_reach:
+        slot = motion.emptied_slot(before, tool) if aim is None else None
+        slot = slot or motion.slot_near(tool, THRESHOLDS.slot_reach)
+    if aim is None and slot is None:
+        return None
+    return GraspAttempt(before, settled, stop, None, aim, slot, secured=False)
+
+
+def _low_and_away(motion: Motion, before: int, settled: int) -> bool:
+    """Tell whether a gripper closes where things stand, away from home, and not while it travels past."""
+    tool, home = motion.tool[settled], np.array(motion.info.home_position)
+    if tool[2] >= THRESHOLDS.attempt_height or float(np.linalg.norm(tool - home)) <= THRESHOLDS.home_radius:
+        return False
+    return _stays(motion, before, settled)
+
+
+def _stays(motion: Motion, before: int, settled: int) -> bool:
+    """Tell whether the tool hardly traveled sideways while the fingers closed."""
+    return float(np.linalg.norm((motion.tool[settled] - motion.tool[before])[:2])) <= THRESHOLDS.slot_reach

@@ -1,0 +1,289 @@
+"""What the gripper and the objects did so far, as arrays: what grasp attempts are read from, live and from records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
+from betterbench.tasks.judging.picked_slots import EMPTY_SLOT_REACH, PickedSlot
+from betterbench.tasks.thresholds import THRESHOLDS
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """An episode, or its beginning, as arrays. ``T`` rows, ``n`` objects; world frame, meters, seconds.
+
+    Attributes:
+        tool: (T, 3) tool center point.
+        width: (T,) distance of the finger pads.
+        closing: (T,) whether the gripper is commanded to close, or is kept closed.
+        positions: (T, n, 3) object positions (center of the bottom face).
+        quaternions: (T, n, 4) object rotations (w, x, y, z).
+        left: (T, n) whether the left finger touches the object.
+        right: (T, n) whether the right finger touches it.
+        held: (T,) index of the held object, or -1.
+        force: (T, n) largest normal force with which a finger presses on the object [N].
+        there: (T, n) whether the object is at some place of a target, asked for or not; shut drawers are left out.
+        picked: Slots in which training picked something.
+    """
+
+    info: SceneInfo
+    rate_hz: float
+    tool: Floats
+    width: Floats
+    closing: Bools
+    positions: Floats
+    quaternions: Floats
+    left: Bools
+    right: Bools
+    held: npt.NDArray[np.int16]
+    force: Floats
+    there: Bools
+    picked: tuple[PickedSlot, ...]
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return int(self.tool.shape[0])
+
+    @property
+    def items(self) -> tuple[int, ...]:
+        """Indices of what can be grasped: items, distractors and drawers."""
+        return graspable(self.info)
+
+    @property
+    def pick_slots(self) -> tuple[str, ...]:
+        """Names of the slots that are no stand of a container or fixture."""
+        stands = {o.slot for o in self.info.objects if o.role in ("container", "fixture")}
+        return tuple(s.name for s in self.info.slots if s.name not in stands)
+
+    def steps(self, seconds: float) -> int:
+        """Return the number of control steps in a time, at least one."""
+        return max(1, round(seconds * self.rate_hz))
+
+    def on_table(self, row: int, i: int) -> bool:
+        """Tell whether an object has not fallen off the table."""
+        return bool(self.positions[row, i, 2] > -THRESHOLDS.fallen_below)
+
+    def is_drawer(self, i: int | None) -> bool:
+        """Tell whether an object is a drawer."""
+        return i is not None and self.info.objects[i].role == "drawer"
+
+    def box_distances(self, row: int, point: Floats) -> Floats:
+        """Return the distance of a point to every object's oriented bounding box, shape (n,)."""
+        return box_distances(self.info.objects, self.positions[row], self.quaternions[row], point)
+
+    def center_distances(self, row: int, point: Floats) -> Floats:
+        """Return the horizontal distance [m] of a point to every object, shape (n,)."""
+        distances: Floats = np.linalg.norm(self.positions[row, :, :2] - point[:2], axis=1)
+        return distances
+
+    def within_reach(self, row: int, point: Floats) -> Bools:
+        """Tell which objects a gripper at a point could close on, shape (n,): near their box, or above their middle."""
+        boxes, centers = self.box_distances(row, point), self.center_distances(row, point)
+        return in_reach(boxes, centers)
+
+    def slot_of(self, row: int, i: int, reach: float) -> str | None:
+        """Return the slot in which an object stands, that of its start first: slots of two layouts may overlap."""
+        own = self.info.objects[i].slot
+        if own in self.pick_slots:
+            x, y, _ = self.info.slot(own).position
+            if math.dist(self.positions[row, i, :2], (x, y)) <= reach:
+                return own
+        return self.slot_near(self.positions[row, i], reach)
+
+    def place_of(self, slot: str) -> str:
+        """Return the place of a slot: the first slot that is so near that a motion to one leads to the other."""
+        at = {s.name: s.position[:2] for s in self.info.slots}
+        return next(other for other in at if math.dist(at[other], at[slot]) <= THRESHOLDS.same_place)
+
+    def slot_near(self, point: Floats, reach: float) -> str | None:
+        """Return the nearest pick slot within a horizontal distance of a point, or None."""
+        best: tuple[float, str] | None = None
+        for name in self.pick_slots:
+            x, y, _ = self.info.slot(name).position
+            gap = float(np.hypot(point[0] - x, point[1] - y))
+            if gap <= reach and (best is None or (gap, name) < best):
+                best = (gap, name)
+        return None if best is None else best[1]
+
+    def picked_slot(self, name: str | None) -> PickedSlot | None:
+        """Return a slot in which training picked something by its name, or None."""
+        return next((slot for slot in self.picked if slot.name == name), None)
+
+    def emptied_slot(self, row: int, point: Floats) -> str | None:
+        """Return the empty slot to which a closing on nothing at a point belongs, or None.
+
+        It is the slot of training that is nearest to the point, measured from where demonstrations close, within
+        :data:`EMPTY_SLOT_REACH`. Nothing stands in it, and no object is nearer to the point.
+        """
+        near = []
+        for slot in self.picked:
+            beyond = slot.beyond(point.tolist())
+            if beyond <= EMPTY_SLOT_REACH and not self._stands_in(row, slot):
+                near.append((beyond, math.dist(point[:2].tolist(), slot.middle), slot.name))
+        if not near:
+            return None
+        beyond, _, name = min(near)
+        gaps = self.box_distances(row, point)
+        return None if any(gaps[i] < beyond and self.on_table(row, i) for i in range(len(gaps))) else name
+
+    def _stands_in(self, row: int, slot: PickedSlot) -> bool:
+        """Tell whether something that can be taken stands in a slot."""
+        gaps = np.linalg.norm(self.positions[row, :, :2] - np.array(slot.middle), axis=1)
+        return any(
+            gaps[i] <= THRESHOLDS.slot_reach and not self.there[row, i] and self.on_table(row, i) for i in self.items
+        )
+
+
+def graspable(info: SceneInfo) -> tuple[int, ...]:
+    """Return the indices of what can be grasped: items, distractors and drawers that are not fixed."""
+    roles = ("item", "distractor", "drawer")
+    return tuple(i for i, o in enumerate(info.objects) if o.role in roles and not o.fixed)
+
+
+def box_distances(objects: Sequence[ObjectInfo], positions: Floats, quaternions: Floats, point: Floats) -> Floats:
+    """Return the distance [m] of a point to every object's oriented bounding box, shape (n,).
+
+    Args:
+        objects: The n objects.
+        positions: (n, 3) centers of their bottom faces [m], world frame like everything here.
+        quaternions: (n, 4) their rotations (w, x, y, z).
+        point: (3,) the point [m].
+    """
+    size = np.array([o.size_m for o in objects]).reshape(-1, 3)
+    offset = point - positions
+    axis = -quaternions[:, 1:]
+    twice = 2.0 * _cross(axis, offset)
+    local = offset + quaternions[:, :1] * twice + _cross(axis, twice)
+    local[:, 2] -= 0.5 * size[:, 2]
+    outside: Floats = np.linalg.norm(np.maximum(np.abs(local) - 0.5 * size, 0.0), axis=1)
+    return outside
+
+
+def in_reach(boxes: Floats, centers: Floats) -> Bools:
+    """Tell for which objects a closing gripper is an attempt, from its distances [m] to their boxes and centers."""
+    near: Bools = (boxes <= THRESHOLDS.grasp_reach) | (np.maximum(centers, boxes) <= THRESHOLDS.slot_reach)
+    return near
+
+
+def closing_of(command: Floats, width: Floats, touching: Bools, *, rate_hz: float) -> Bools:
+    """Return whether the gripper is commanded to close, or is kept closed by a command of zero; shapes (T,).
+
+    What most commands of a quarter second say counts, so that neither flicker nor a closing in pulses hides anything.
+    Fingers that are kept half open for longer and touch nothing have not closed: they were brought to the width of
+    something.
+
+    Args:
+        command: Command of the gripper, above 0 to close, below to open.
+        width: Distance of the finger pads [m].
+        touching: Whether a finger touches an object.
+        rate_hz: Control rate.
+    """
+    rows = max(1, round(THRESHOLDS.chatter_time * rate_hz))
+    told = _most_told(_told(command), 2 * (rows // 2) + 1)
+    kept = told & (command == 0.0) & ~touching & (width > THRESHOLDS.closed_width)
+    closing: Bools = told & ~_lasting(kept, rows)
+    for start, stop in _runs(closing):
+        if stop < len(told) and told[stop]:
+            closing[start:stop] = False
+    return closing
+
+
+def _told(command: Floats) -> Bools:
+    """Return whether the last command that was not zero was to close."""
+    last = np.maximum.accumulate(np.where(command != 0.0, np.arange(command.shape[0]), -1))
+    told: Bools = np.where(last >= 0, command[last] > 0.0, False)
+    return told
+
+
+def _most_told(told: Bools, window: int) -> Bools:
+    """Return what a clear majority of the commands around each row says, else what was said before.
+
+    A majority is clear if it has more than half of the rows more than the other side: four of five. A change is dated
+    to where its commands begin, so clean commands are returned as they are.
+    """
+    if not (told[1:] != told[:-1]).any():
+        return told
+    half = window // 2
+    padded = np.pad(np.where(told, 1, -1), half, mode="edge")
+    sums = np.convolve(padded, np.ones(window, dtype=np.int64), mode="valid")
+    steady, state = told.copy(), bool(told[0])
+    for row, total in enumerate(sums.tolist()):
+        if 2 * abs(total) > window and (total > 0) is not state:
+            state, begun = total > 0, row
+            while begun > 0 and told[begun - 1] == state and steady[begun - 1] != state:
+                begun -= 1
+            steady[begun:row] = state
+        steady[row] = state
+    return steady
+
+
+def _runs(flags: Bools) -> list[tuple[int, int]]:
+    """Return the first row of each run of true flags, and the row after its last."""
+    starts, stops = (np.flatnonzero(np.diff(flags, prepend=False, append=False))[k::2].tolist() for k in (0, 1))
+    return list(zip(starts, stops, strict=True))
+
+
+def _lasting(flags: Bools, least: int) -> Bools:
+    """Return the flags without the runs of fewer than ``least`` rows that something follows."""
+    lasting = flags.copy()
+    for start, stop in _runs(flags):
+        if stop - start < least and stop < len(flags):
+            lasting[start:stop] = False
+    return lasting
+
+
+class MotionBuilder:
+    """Collects what a :class:`Motion` holds, state by state."""
+
+    def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
+        self._info, self._rate_hz, self._picked = info, rate_hz, picked
+        self._states: list[WorldState] = []
+        self._there: list[list[bool]] = []
+
+    def append(self, state: WorldState, there: list[bool]) -> None:
+        """Append the next state and, per object, whether it is at some place of a target."""
+        self._states.append(state)
+        self._there.append(there)
+
+    def motion(self) -> Motion:
+        """Return everything so far."""
+        states, n = self._states, len(self._info.objects)
+        number = {o.name: i for i, o in enumerate(self._info.objects)}
+        left, right = (np.zeros((len(states), n), dtype=np.bool_) for _ in range(2))
+        fingers = {"left_finger": left, "right_finger": right}
+        pressing: Floats = np.zeros((len(states), n))
+        for row, state in enumerate(states):
+            for a, b, force in state.contacts:
+                for finger, thing in ((a, b), (b, a)):
+                    if finger in fingers and thing in number:
+                        fingers[finger][row, number[thing]] = True
+                        pressing[row, number[thing]] = max(pressing[row, number[thing]], force)
+        held = [-1 if s.held is None else number[s.held] for s in states]
+        width, command = (np.array([getattr(s, f) for s in states]) for f in ("finger_width_m", "gripper_command"))
+        touching: Bools = np.any(left | right, axis=1)
+        return Motion(
+            info=self._info, rate_hz=self._rate_hz, tool=np.array([s.ee_pose.position for s in states]), width=width,
+            closing=closing_of(command, width, touching, rate_hz=self._rate_hz),
+            positions=np.array([s.positions for s in states]).reshape(len(states), n, 3),
+            quaternions=np.array([s.quaternions for s in states]).reshape(len(states), n, 4), left=left, right=right,
+            held=np.array(held, dtype=np.int16), force=pressing,
+            there=np.array(self._there, dtype=np.bool_).reshape(len(states), n), picked=self._picked,
+        )  # fmt: skip
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the cross products of two lists of vectors, shape (n, 3); numpy's own is slow on short lists."""
+    x = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    y = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    z = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.stack((x, y, z), axis=1)

@@ -1,0 +1,130 @@
+"""Where demonstrations close the gripper in the slots of a task: what a closing on nothing is compared with.
+
+The expert does not close at the middle of every slot: it takes a mug by its handle, cutlery by its grip and a plate by
+its rim, 3 to 8 cm beside the middle. The points come from the grasps that the assets are annotated with, as the expert
+prefers them (``tools/closing_points.py`` writes the file), turned with the slot. They need no measuring, so they are
+known of the tasks of a user's file too, as far as their objects are from the library.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Literal, NamedTuple
+
+from pydantic import TypeAdapter
+
+from betterbench.errors import UnknownNameError
+from betterbench.interface.state import SceneInfo
+from betterbench.json_form import open_seal, read_form, strict_form
+from betterbench.tasks.authoring.registry import get_task
+from betterbench.tasks.authoring.task import Task
+from betterbench.tasks.thresholds import threshold
+
+EMPTY_SLOT_REACH = threshold(
+    "empty_slot_reach", 0.08, "m",
+    "Distance beyond the spread of where demonstrations close in a slot up to which a closing on nothing belongs to "
+    "the slot, if nothing stands there and nothing else is nearer; with a spread of 2 cm that is 10 cm. Learned "
+    "policies close 4 to 10 cm from the middle of a slot that they find empty: nothing corrects the last of them.",
+)  # fmt: skip
+
+PACKAGED = "closing_points.json"
+FORM: Literal["betterbench closing points"] = "betterbench closing points"
+
+
+class ClosingPoint(NamedTuple):
+    """Where the preferred grasp of a category closes, in the object's frame: x and y, and how far looks vary [mm]."""
+
+    x_mm: float
+    y_mm: float
+    spread_mm: float
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class ClosingPoints:
+    """The file: the closing points of the preferred grasps by category of asset."""
+
+    categories: Mapping[str, tuple[ClosingPoint, ...]]
+    form: Literal["betterbench closing points"] = FORM
+
+
+@dataclass(frozen=True, slots=True)
+class PickedSlot:
+    """A slot in which training picked something, in one scene.
+
+    Attributes:
+        middle: Middle of the slot, x and y [m], world frame.
+        closings: Where demonstrations close the gripper there, the middle of the slot first: x and y, world frame, and
+            how far the jitter of the slot and the looks of the objects move it [m].
+    """
+
+    name: str
+    middle: tuple[float, float]
+    closings: tuple[tuple[float, float, float], ...]
+
+    def beyond(self, point: Sequence[float]) -> float:
+        """Return how far a point is outside of where demonstrations close [m], seen from above; 0 within."""
+        return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
+
+
+_FILE = TypeAdapter(ClosingPoints)
+_WHERE = "packaged closing points"
+_CURE = "Write them again with tools/closing_points.py"
+
+
+@functools.lru_cache(maxsize=1)
+def closing_points() -> Mapping[str, tuple[ClosingPoint, ...]]:
+    """Return the closing points of the library by category.
+
+    Raises:
+        InvalidInputError: If the packaged file is damaged.
+    """
+    text = resources.files("betterbench.tasks").joinpath("data", PACKAGED).read_text(encoding="utf-8")
+    form = open_seal(text, where=_WHERE, cure=_CURE, since=("version", 1))
+    form.pop("version", None)
+    return read_form(_FILE, form, where=_WHERE, cure=_CURE).categories
+
+
+def picked_slots(task: str, info: SceneInfo) -> tuple[PickedSlot, ...]:
+    """Return the slots in which training picked something that a gripper takes from a slot, in the order of the scene.
+
+    Args:
+        task: Id of the task; of one that is not known here nothing was picked.
+        info: The scene, which says where its slots are.
+    """
+    try:
+        known = get_task(task)
+    except UnknownNameError:
+        return ()
+    picked = _picked_categories(known)
+    found = []
+    for slot in info.slots:
+        if slot.name not in picked:
+            continue
+        jitter = known.slot(slot.name)
+        corner = math.sqrt(2.0) * jitter.jitter_m
+        x, y, _ = slot.position
+        cos, sin = math.cos(slot.yaw), math.sin(slot.yaw)
+        closings = [(x, y, corner)]
+        for category in sorted(picked[slot.name]):
+            for point in closing_points().get(category, ()):
+                px, py, looks = (0.001 * value for value in point)
+                spread = corner + jitter.yaw_jitter * math.hypot(px, py) + looks
+                closings.append((x + cos * px - sin * py, y + sin * px + cos * py, spread))
+        found.append(PickedSlot(slot.name, (x, y), tuple(closings)))
+    return tuple(found)
+
+
+def _picked_categories(task: Task) -> dict[str, set[str]]:
+    """Return the categories of what the training regime picks, by the slot that it stands in."""
+    picked: dict[str, set[str]] = {}
+    for condition in task.training:
+        for goal in condition.instruction.subgoals:
+            for name in condition.resolve(goal.reference):
+                if name in condition.layout:
+                    picked.setdefault(condition.layout[name], set()).add(condition.object(name).category)
+    return picked

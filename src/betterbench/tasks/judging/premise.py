@@ -1,0 +1,56 @@
+"""The premise: what an instruction presupposes must be what the scene shows when an episode begins."""
+
+from betterbench.geometry import horizontal_distance
+from betterbench.interface.state import WorldState
+from betterbench.tasks.axes import Expected
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.relations import RELATIONS, relation, upright
+from betterbench.tasks.relations.closed import GAP, opening_m
+
+SLOT_TOLERANCE_M = 0.04
+"""Distance from its slot beyond which an object no longer stands in it: the jitter (15 mm a side) and a margin for
+settling."""
+
+
+def broken_premises(condition: Condition, state: WorldState) -> tuple[str, ...]:
+    """Return what the scene at reset does not show although the instruction presupposes it, one sentence each."""
+    problems: list[str] = []
+    info = state.info
+    for name, slot in condition.layout.items():
+        if horizontal_distance(state.pose(name).position, info.slot(slot).position) > SLOT_TOLERANCE_M:
+            problems.append(f"{name} does not stand in its slot {slot!r}")
+    for o in info.objects:
+        if not o.fixed and not upright(state, o.name):
+            problems.append(f"{o.name} does not stand upright")
+    for name, place in condition.preplaced.items():
+        if not any(
+            kind.regions(info.object(place.target)) and kind.holds(state, name, place.target, place.region)
+            for kind in RELATIONS.values()
+        ):
+            where = " ".join(part for part in (place.target, place.region) if part)
+            problems.append(f"{name} is not at {where} although it was placed there")
+    problems += _drawers_not_as_asked(condition, state)
+    if condition.premise_broken:
+        return tuple(problems)
+    done = 0
+    for goal in condition.instruction.subgoals:
+        names = condition.resolve(goal.reference)
+        if len(names) < goal.count:
+            problems.append(f"the instruction names {goal.word!r}, but the scene holds {len(names)} of {goal.count}")
+            continue
+        there = sum(relation(goal.relation).holds(state, name, goal.target, goal.region) for name in names)
+        done += there >= goal.count
+    if condition.expected is Expected.STAY_STILL and done < len(condition.instruction.subgoals):
+        problems.append("nothing should be left to do, but a subgoal is open")
+    if condition.expected is Expected.SUCCEED and done == len(condition.instruction.subgoals):
+        problems.append("the goal is already reached")
+    return tuple(problems)
+
+
+def _drawers_not_as_asked(condition: Condition, state: WorldState) -> list[str]:
+    problems = []
+    for spec in condition.objects:
+        opening = condition.opened.get(spec.name, 0.0)
+        if spec.mount is not None and abs(opening_m(state, spec) - opening) > GAP:
+            problems.append(f"{spec.name} is not drawn out by {opening:.3f} m")
+    return problems

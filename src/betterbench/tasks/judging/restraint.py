@@ -1,0 +1,219 @@
+"""Restraint: what must not be attempted where staying still is right, or where what is asked for is absent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from betterbench.geometry import Vector, distance
+from betterbench.interface.state import GRIPPER_BODIES, SceneInfo, WorldState
+from betterbench.tasks.axes import Expected
+from betterbench.tasks.judging.attempts import GraspAttempt, find_closings_in_motion, find_grasps
+from betterbench.tasks.judging.motion import Bools, Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
+from betterbench.tasks.judging.picked_slots import PickedSlot
+from betterbench.tasks.thresholds import THRESHOLDS, threshold
+
+HOVER_TIME = threshold(
+    "hover_time",
+    0.5,
+    "s",
+    "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
+    "interfered with it; at the speed of a transport it would be past in that time.",
+)
+
+MOVED = threshold(
+    "moved",
+    0.005,
+    "m",
+    "Distance from its place at the start from which something that nothing was to touch was moved, whether or not a "
+    "touch is on record; objects at rest move by less than a hundredth of that.",
+)
+
+
+def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:
+    """Return the indices of what is to be left alone where refusing is right: what could be grasped and is not asked.
+
+    Drawers and targets may be touched: what is asked for and is there may be put away.
+    """
+    return tuple(i for i in graspable(info) if i not in asked and info.objects[i].role != "drawer")
+
+
+def forbidden_object(grasp: GraspAttempt, info: SceneInfo, forbidden: tuple[int, ...]) -> int | None:
+    """Return the thing to be left alone that a grasp attempt was at, that it missed, or at whose slot it closed."""
+    at = grasp.object if grasp.object is not None else grasp.aim
+    if at is not None:
+        return at if at in forbidden else None
+    return next((i for i in forbidden if grasp.slot is not None and info.objects[i].slot == grasp.slot), None)
+
+
+def hovered_over(
+    info: SceneInfo, tool: Floats, positions: Floats, quaternions: Floats, forbidden: tuple[int, ...]
+) -> int | None:
+    """Return the nearest thing to be left alone that a gripper could close on, or None.
+
+    Args:
+        info: The scene.
+        tool: (3,) tool center point [m], world frame.
+        positions: (n, 3) object positions [m].
+        quaternions: (n, 4) object rotations.
+        forbidden: Indices of what is to be left alone.
+    """
+    boxes = box_distances(info.objects, positions, quaternions, tool)
+    near = in_reach(boxes, np.linalg.norm(positions[:, :2] - tool[:2], axis=1))
+    return min((i for i in forbidden if near[i]), key=lambda i: (float(boxes[i]), i), default=None)
+
+
+def first_hover(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
+    """Return the first and last row of the first stay of an open, empty gripper near something to be left alone.
+
+    Returns:
+        The two rows and the index of the object, or None if it never stayed.
+    """
+    since = None
+    for row in range(motion.rows):
+        found = None
+        if not motion.closing[row] and motion.held[row] < 0:
+            found = hovered_over(
+                motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden
+            )
+        if found is None:
+            since = None
+            continue
+        since = row if since is None else since
+        if row - since >= motion.steps(HOVER_TIME):
+            return since, row, found
+    return None
+
+
+def first_closing_in_motion(motion: Motion, forbidden: tuple[int, ...]) -> tuple[int, int, int] | None:
+    """Return the first closing in motion whose fingers passed within reach of something to be left alone.
+
+    Where anything may be taken a closing in motion tells nothing about what was meant; here nothing may be closed on.
+
+    Returns:
+        Its first and last row and the index of the object, or None if there is none.
+    """
+    for first, last in find_closings_in_motion(motion):
+        for row in range(first, last + 1):
+            passed = hovered_over(
+                motion.info, motion.tool[row], motion.positions[row], motion.quaternions[row], forbidden
+            )
+            if passed is not None:
+                return first, last, passed
+    return None
+
+
+def moved_from_start(motion: Motion) -> Bools:
+    """Return which loose things are away from their places at the start, shape (rows, n)."""
+    away: Bools = np.linalg.norm(motion.positions - motion.positions[0], axis=2) > MOVED
+    away[:, [o.fixed for o in motion.info.objects]] = False
+    return away
+
+
+_ROWS_BETWEEN = 5
+"""Control steps between two looks at the whole motion while the gripper stays near something."""
+
+
+class Restraint:
+    """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
+
+    def __init__(
+        self,
+        expected: Expected,
+        info: SceneInfo,
+        *,
+        asked: frozenset[int],
+        rate_hz: float,
+        step_limit: int,
+        picked: tuple[PickedSlot, ...] = (),
+    ) -> None:
+        """Prepare.
+
+        Args:
+            expected: What a right policy does.
+            info: The scene.
+            asked: Indices of what may be taken where refusing is right.
+            rate_hz: Control rate.
+            step_limit: Control steps after which the episode ends.
+            picked: Slots in which training picked something; a closing on nothing there is an attempt.
+        """
+        self._limit, self._rate_hz = step_limit, rate_hz
+        self._still = still = expected is Expected.STAY_STILL
+        self._forbidden = graspable(info) if still else off_limits(info, asked)
+        self._names = frozenset(o.name for o in info.objects) if still else frozenset(self._named(info))
+        self._parts = GRIPPER_BODIES | {"arm"} if still else GRIPPER_BODIES
+        sizes = (info.objects[i].size_m for i in self._forbidden)
+        self._reach = tuple(math.dist(size, (0.0, 0.0, 0.0)) + THRESHOLDS.slot_reach for size in sizes)
+        self._motion = MotionBuilder(info, rate_hz=rate_hz, picked=picked)
+        self._closing, self._changed, self._row, self._near = False, 0, -1, 0
+        self._broken = False
+        self._loose = tuple(i for i, o in enumerate(info.objects) if not o.fixed)
+        self._start: tuple[Vector, ...] = ()
+
+    def _named(self, info: SceneInfo) -> list[str]:
+        return [info.objects[i].name for i in self._forbidden]
+
+    def breaks(self, state: WorldState, there: list[bool]) -> bool:
+        """Tell whether the next state shows a touch, a move, an attempt or a stay at something to be left alone.
+
+        Args:
+            state: The next state.
+            there: Per object whether it is at some place of a target.
+        """
+        self._row += 1
+        self._start = self._start or state.positions
+        self._motion.append(state, there)
+        was, command = self._closing, state.gripper_command
+        self._closing = command > 0.0 if command != 0.0 else was
+        if was is not self._closing:
+            self._changed = self._row
+        self._near = self._near + 1 if self._is_near(state) else 0
+        self._broken = self._broken or self._touched(state) or self._moved(state)
+        if not self._broken and self._has_to_look(state):
+            self._broken = self._stayed_or_attempted()
+        return self._broken
+
+    def _touched(self, state: WorldState) -> bool:
+        return any(
+            (a in self._parts and b in self._names) or (b in self._parts and a in self._names)
+            for a, b, _ in state.contacts
+        )
+
+    def _moved(self, state: WorldState) -> bool:
+        """Tell whether something that nothing was to touch is away from its place at the start."""
+        if not self._still or state.positions == self._start:
+            return False
+        return any(distance(state.positions[i], self._start[i]) > MOVED for i in self._loose)
+
+    def _is_near(self, state: WorldState) -> bool:
+        """Tell whether an empty gripper is where it could be within reach of something to be left alone."""
+        place = state.ee_pose.position
+        return state.held is None and any(
+            distance(place, state.positions[i]) <= reach for i, reach in zip(self._forbidden, self._reach, strict=True)
+        )
+
+    def _has_to_look(self, state: WorldState) -> bool:
+        """Tell whether it is time to look at the whole motion so far, which takes longer than a control step may.
+
+        That is at the last step; when a closing is over, chatter included, or the time in which an attempt is resolved
+        has passed; and now and then while the gripper stays near something.
+        """
+        span = THRESHOLDS.attempt_window if self._closing else THRESHOLDS.chatter_time
+        resolved = self._changed > 0 and self._row - self._changed == math.ceil(round(span * self._rate_hz, 6))
+        stay = max(1, round(HOVER_TIME * self._rate_hz))
+        return resolved or state.step >= self._limit or (self._near > stay and (self._near - stay) % _ROWS_BETWEEN == 1)
+
+    def _stayed_or_attempted(self) -> bool:
+        """Tell whether there was an attempt at something to be left alone, or a stay near it, as the diagnosis does."""
+        motion = self._motion.motion()
+        grasps = find_grasps(motion)
+        if self._still:
+            attempted = bool(grasps)
+        else:
+            attempted = any(forbidden_object(grasp, motion.info, self._forbidden) is not None for grasp in grasps)
+        return (
+            attempted
+            or first_closing_in_motion(motion, self._forbidden) is not None
+            or first_hover(motion, self._forbidden) is not None
+        )

@@ -1,0 +1,208 @@
+"""The targets of a condition: what is asked for there, what is there, and what is there besides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from betterbench.interface.state import SceneInfo, WorldState
+from betterbench.tasks.condition import Condition
+from betterbench.tasks.relations import Relation, is_at, relation
+
+Places = tuple[tuple[str | None, ...], ...]
+"""Per watched target and subject the region at which the subject is, the regions where some overlap, or None."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A subgoal as it is seen in a scene, by the names of the scene.
+
+    Attributes:
+        candidates: Objects that it can mean.
+        count: How many of them must be there.
+    """
+
+    relation: str
+    target: str
+    region: str
+    candidates: tuple[str, ...]
+    count: int
+
+
+def asked_by(condition: Condition) -> tuple[Asked, ...]:
+    """Return what a condition asks for, by its own names, which are those of its scene."""
+    goals = condition.instruction.subgoals
+    return tuple(Asked(g.relation, g.target, g.region, condition.resolve(g.reference), g.count) for g in goals)
+
+
+@dataclass(frozen=True, slots=True)
+class Watch:
+    """One target that is watched: which of the subjects are at which of its regions, all by name."""
+
+    relation: Relation
+    target: str
+    subjects: tuple[str, ...]
+    places: tuple[str, ...]
+
+
+class Due(NamedTuple):
+    """What a subgoal needs: enough of its candidates at a region of a watched target.
+
+    Attributes:
+        watch: Number of the watched target.
+        candidates: Numbers, among the subjects, of the objects that it can mean.
+        least: How many of them must be there.
+    """
+
+    watch: int
+    region: str
+    candidates: tuple[int, ...]
+    least: int
+
+
+class Intruder(NamedTuple):
+    """Something at a target that was not asked for there, or one more of its kind than was."""
+
+    object: str
+    target: str
+    region: str
+
+
+class Targets:
+    """All targets that are watched: those that are asked for, and the others of their kind in the scene."""
+
+    def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
+        """Prepare; ``placing`` is the relation for which things count that are there besides."""
+        self.watches = _watches(asked, info)
+        self.due = tuple(self._due(a) for a in asked)
+        self._placing = placing
+        self._allowed = self._what_is_allowed()
+
+    def places(self, state: WorldState) -> Places:
+        """Return where every subject is, strictly."""
+        return tuple([tuple([w.relation.where(state, name, w.target) for name in w.subjects]) for w in self.watches])
+
+    def places_after(self, state: WorldState, before: Places, changed: AbstractSet[str]) -> Places:
+        """Return where every subject is, strictly, after some changes: ``before`` itself if it still holds.
+
+        Args:
+            state: The state.
+            before: Where every subject was in a state before it.
+            changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
+        """
+        after = tuple(
+            [
+                places
+                if watch.relation.pairwise and watch.target not in changed and changed.isdisjoint(watch.subjects)
+                else self._places_of(watch, state, places, changed)
+                for watch, places in zip(self.watches, before, strict=True)
+            ]
+        )
+        return before if after == before else after
+
+    def _places_of(
+        self, watch: Watch, state: WorldState, before: tuple[str | None, ...], changed: AbstractSet[str]
+    ) -> tuple[str | None, ...]:
+        """Return where every subject of one target is, after some changes."""
+        if not watch.relation.pairwise or watch.target in changed:
+            return tuple([watch.relation.where(state, name, watch.target) for name in watch.subjects])
+        return tuple(
+            [
+                watch.relation.where(state, name, watch.target) if name in changed else place
+                for name, place in zip(watch.subjects, before, strict=True)
+            ]
+        )
+
+    def in_any_posture(self, state: WorldState, strictly: Places) -> Places:
+        """Return where every subject is in any posture; ``strictly`` are the places that are known already.
+
+        Where a relation is wide, what merely stands at that side has not been brought there.
+        """
+        return tuple(
+            tuple(
+                w.relation.loosely(state, name, w.target)
+                if w.relation.loosely and (place is None or w.relation.wide)
+                else place
+                for name, place in zip(w.subjects, places, strict=True)
+            )
+            for w, places in zip(self.watches, strictly, strict=True)
+        )
+
+    def intruder(self, state: WorldState, strictly: Places, at_start: Places) -> Intruder | None:
+        """Return the first thing at a target, in any posture, that neither was asked for there nor began there.
+
+        Args:
+            state: The state.
+            strictly: Where every subject is, strictly.
+            at_start: Where every subject was at the start, in any posture.
+        """
+        served = self._served(strictly)
+        for w, places in enumerate(self.in_any_posture(state, strictly)):
+            watch = self.watches[w]
+            if watch.relation.name != self._placing:
+                continue  # a drawer that was shut on the way is nothing too much
+            there: dict[str, list[int]] = {}
+            for s, place in enumerate(places):
+                if place is not None:
+                    there.setdefault(place, []).append(s)
+            for place, subjects in there.items():
+                allowed = self._allowed.get((w, place), ())
+                for s in subjects:
+                    if watch.subjects[s] in served:
+                        continue  # what lies right on one plate of a stack is on the lower ones too
+                    if at_start[w][s] != place and not any(s in group for group, _ in allowed):
+                        return Intruder(watch.subjects[s], watch.target, place)
+                for group, count in allowed:
+                    of_group = [s for s in subjects if s in group]
+                    if len(of_group) > count:
+                        return Intruder(watch.subjects[of_group[-1]], watch.target, place)
+        return None
+
+    def left_over(self, strictly: Places) -> tuple[str, ...]:
+        """Return what is left over of a kind of which enough is where it is asked for: the other one of two burgers."""
+        served, found = self._served(strictly), dict[str, None]()
+        for d in self.due:
+            subjects, places = self.watches[d.watch].subjects, strictly[d.watch]
+            if sum(is_at(places[s], d.region) for s in d.candidates) >= d.least:
+                found.update((subjects[s], None) for s in d.candidates if subjects[s] not in served)
+        return tuple(found)
+
+    def _served(self, strictly: Places) -> frozenset[str]:
+        """Return what is at a region where it is asked for."""
+        at = ((d, s) for d in self.due for s in d.candidates if is_at(strictly[d.watch][s], d.region))
+        return frozenset(self.watches[d.watch].subjects[s] for d, s in at)
+
+    def _due(self, asked: Asked) -> Due:
+        watch = next(
+            w for w, it in enumerate(self.watches) if (it.relation.name, it.target) == (asked.relation, asked.target)
+        )
+        subjects = self.watches[watch].subjects
+        return Due(
+            watch, asked.region, tuple(subjects.index(n) for n in asked.candidates if n in subjects), asked.count
+        )
+
+    def _what_is_allowed(self) -> dict[tuple[int, str], tuple[tuple[tuple[int, ...], int], ...]]:
+        """Return, per region of a watched target, which subjects may be there and how many of them."""
+        most: dict[tuple[int, str], dict[tuple[int, ...], int]] = {}
+        for due in self.due:
+            counts = most.setdefault((due.watch, due.region), {})
+            counts[due.candidates] = max(counts.get(due.candidates, 0), due.least)
+        return {where: tuple(counts.items()) for where, counts in most.items()}
+
+
+def _watches(asked: Sequence[Asked], info: SceneInfo) -> tuple[Watch, ...]:
+    """Return the targets that are asked for, then the others of their kind: the wrong drawer is watched too."""
+    targets = dict.fromkeys((a.relation, a.target) for a in asked)
+    for name, target in tuple(targets):
+        like = info.object(target)
+        for o in info.objects:
+            if o.role == like.role and relation(name).regions(o):
+                targets.setdefault((name, o.name))
+    watches = []
+    for name, target in targets:
+        kind = relation(name)
+        subjects = tuple(o.name for o in info.objects if o.role in kind.roles and not o.fixed and o.name != target)
+        watches.append(Watch(kind, target, subjects, kind.regions(info.object(target))))
+    return tuple(watches)

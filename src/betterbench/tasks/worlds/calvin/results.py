@@ -1,0 +1,179 @@
+"""What chains came to: five success rates, the average length, rates per subtask, and tests between two runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from betterbench.errors import InvalidInputError
+from betterbench.statistics import Difference, PairedTable, Rate, holm, mcnemar_p, paired_bootstrap, wilson_interval
+from betterbench.tasks.worlds.calvin.sequences import CHAIN_LENGTH, calvin_chains
+
+_SEED = 0
+
+
+@dataclass(frozen=True, slots=True)
+class SubtaskResult:
+    """One subtask of a chain that was begun; ``steps`` are the control steps that it took."""
+
+    name: str
+    success: bool
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class ChainResult:
+    """One chain: its number among the 1,000 and its subtasks up to the first that was not done.
+
+    A chain without subtasks was not played: its length is 0, and it counts for no subtask.
+    """
+
+    number: int
+    played: tuple[SubtaskResult, ...]
+
+    @property
+    def length(self) -> int:
+        """How many subtasks were done in a row, 0 to 5."""
+        return sum(subtask.success for subtask in self.played)
+
+
+@dataclass(frozen=True, slots=True)
+class MeanLength:
+    """The average length with its 95 % interval, both between 0 and 5."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChainSummary:
+    """Numbers of one run.
+
+    Attributes:
+        chains: Number of chains.
+        in_a_row: Rates of chains with at least 1, 2, 3, 4 and 5 subtasks done.
+        length: The average length.
+        subtasks: Rate of each subtask that was begun, by name: how often it was done when a chain reached it. A policy
+            reaches the later ones only after success, so these are no rates over the same trials for two policies.
+    """
+
+    chains: int
+    in_a_row: tuple[Rate, ...]
+    length: MeanLength
+    subtasks: dict[str, Rate]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {
+            "chains": self.chains,
+            "in_a_row": [rate.to_json() for rate in self.in_a_row],
+            "length": asdict(self.length),
+            "subtasks": {name: rate.to_json() for name, rate in self.subtasks.items()},
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class ChainContrast:
+    """Two runs on the same chains.
+
+    Attributes:
+        chains: Chains that both played.
+        p_values: Exact McNemar tests of the five rates, corrected by Holm's method for being five.
+        difference: Average length of the first minus that of the second, as a part of 5, by the paired bootstrap.
+    """
+
+    chains: int
+    p_values: tuple[float, ...]
+    difference: Difference
+
+
+def summarize(results: Sequence[ChainResult]) -> ChainSummary:
+    """Return the numbers of a run.
+
+    Raises:
+        InvalidInputError: If there is no chain, one stands twice, or a subtask is not that of its chain.
+    """
+    _check(results)
+    n = len(results)
+    lengths = [result.length for result in results]
+    begun: dict[str, list[bool]] = {}
+    for result in results:
+        for subtask in result.played:
+            begun.setdefault(subtask.name, []).append(subtask.success)
+    return ChainSummary(
+        n,
+        tuple(Rate(sum(length >= k for length in lengths), n) for k in range(1, CHAIN_LENGTH + 1)),
+        _mean_length(results),
+        {name: Rate(sum(begun[name]), len(begun[name])) for name in sorted(begun)},
+    )
+
+
+def contrast(first: Sequence[ChainResult], second: Sequence[ChainResult]) -> ChainContrast:
+    """Compare two runs on the chains that both have played.
+
+    Raises:
+        InvalidInputError: If they share none, or one of them is not what :func:`summarize` takes.
+    """
+    _check(first)
+    _check(second)
+    other = {result.number: result for result in second}
+    pairs = [(result, other[result.number]) for result in first if result.number in other]
+    if not pairs:
+        raise InvalidInputError("chains", "the two runs share none", "Play the same chains with both")
+    tables = [
+        PairedTable.from_outcomes((a.length >= k, b.length >= k) for a, b in pairs) for k in range(1, CHAIN_LENGTH + 1)
+    ]
+    return ChainContrast(len(pairs), tuple(holm([mcnemar_p(table) for table in tables])), _difference(pairs))
+
+
+def _check(results: Sequence[ChainResult]) -> None:
+    if not results:
+        raise InvalidInputError("chains", "there is none", "Play at least one")
+    every = calvin_chains()
+    seen: set[int] = set()
+    for result in results:
+        where = f"chain {result.number}"
+        if not 0 <= result.number < len(every) or result.number in seen:
+            problem = "stands twice" if result.number in seen else f"is none of {len(every)}"
+            raise InvalidInputError(where, problem, "Give each chain once, by its number from 0")
+        seen.add(result.number)
+        if not result.played:
+            continue
+        names = tuple(subtask.name for subtask in result.played)
+        if names != every[result.number].names[: len(names)]:
+            raise InvalidInputError(
+                where, f"has not the subtasks {', '.join(every[result.number].names)}", "Play these"
+            )
+        ended = len(names) == CHAIN_LENGTH or not result.played[-1].success
+        if not ended or not all(subtask.success for subtask in result.played[:-1]):
+            raise InvalidInputError(
+                where, "does not end with its first failure", "Play on until one fails, or all are done"
+            )
+
+
+def _mean_length(results: Sequence[ChainResult]) -> MeanLength:
+    """Return the average length; where all chains are equally long, the ends are those of Wilson for n of n."""
+    empty = [ChainResult(result.number, ()) for result in results]
+    found = _difference(list(zip(results, empty, strict=True)))
+    mean = sum(result.length for result in results) / len(results)
+    low, high = CHAIN_LENGTH * found.low, CHAIN_LENGTH * found.high
+    if len({result.length for result in results}) == 1:
+        slack = CHAIN_LENGTH * (1.0 - wilson_interval(len(results), len(results)).low)
+        low, high = max(0.0, mean - slack), min(float(CHAIN_LENGTH), mean + slack)
+    return MeanLength(mean, low, high)
+
+
+def _difference(pairs: Sequence[tuple[ChainResult, ChainResult]]) -> Difference:
+    """Return the mean difference of lengths as a part of 5; chains with the same start are drawn together."""
+    every = calvin_chains()
+    ordered = sorted(pairs, key=lambda pair: pair[0].number)
+    return paired_bootstrap(
+        [a.length / CHAIN_LENGTH for a, _ in ordered],
+        [b.length / CHAIN_LENGTH for _, b in ordered],
+        generator=np.random.default_rng(_SEED),
+        clusters=[str(dict(every[a.number].start)) for a, _ in ordered],
+    )

@@ -1,0 +1,90 @@
+"""From a symbolic start to the numbers to which CALVIN's simulator is set: robot and scene."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from betterbench.tasks.worlds.calvin.subtasks import SymbolicState
+
+FNV_PRIME = 0x01000193
+"""Prime of the 32-bit hashes of Fowler, Noll and Vo."""
+
+ROBOT_START = (
+    0.02586889, -0.2313129, 0.5712808, 3.09045411, -0.02908596, 1.50013585, 0.07999963,
+    -1.21779124, 1.03987629, 2.11978254, -2.34205014, -0.87015899, 1.64119093, 0.55344928, 1.0,
+)  # fmt: skip
+"""The robot's neutral start (CALVIN's robot_obs): tool position [m] and Euler angles [rad], gripper width [m], seven
+joints [rad], gripper action (1 = open)."""
+
+SLIDER_OPEN_M, DRAWER_OPEN_M, SWITCH_ON_M = 0.28, 0.22, 0.088
+_IN_SLIDER = {
+    "slider_left": (-2.40851662e-01, 9.24044687e-02, 4.60990009e-01),
+    "slider_right": (7.03416330e-02, 9.24044687e-02, 4.60990009e-01),
+}
+_ON_TABLE = (
+    (5.00000896e-02, -1.20000177e-01, 4.59990009e-01),
+    (2.29995412e-01, -1.19995140e-01, 4.59990010e-01),
+)
+_YAW_RANGE = (math.pi / 2 - math.pi / 8, math.pi / 2 + math.pi / 8)
+BLOCKS = ("red_block", "blue_block", "pink_block")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChainStart:
+    """What ``env.reset(robot_obs=..., scene_obs=...)`` takes.
+
+    Attributes:
+        robot: (15,) float64, :data:`ROBOT_START`.
+        scene: (24,) float64: slider, drawer, button and switch [m], light bulb, LED, then position [m] and Euler angles
+            [rad] of the red, the blue and the pink block.
+    """
+
+    robot: np.ndarray
+    scene: np.ndarray
+
+
+def pyhash_fnv1_32(text: str) -> int:
+    """Return what ``pyhash.fnv1_32()(text)`` returns for a ``str``, which seeds CALVIN's starts.
+
+    pyhash 0.9.3 begins with 0 instead of FNV's offset basis (that is FNV-0), and reads the text as UTF-16, little
+    endian, without byte order mark.
+    FNV-1 over UTF-8, which ports of CALVIN use in its place, gives other seeds: other yaws in every start, and other
+    places of the blocks in 107 of the 192.
+    """
+    value = 0
+    for byte in text.encode("utf-16-le"):
+        value = (value * FNV_PRIME) & 0xFFFFFFFF
+        value ^= byte
+    return value
+
+
+def start_seed(state: SymbolicState) -> int:
+    """Return the seed of a symbolic start: the hash of ``str(state.values())`` of the ordinary dictionary."""
+    return pyhash_fnv1_32(str(dict(state).values()))
+
+
+def start_of(state: SymbolicState) -> ChainStart:
+    """Return the numbers of a symbolic start, as CALVIN's ``get_env_state_for_initial_condition`` does.
+
+    Which of two places a block on the table takes, and the yaw of each block, are drawn from a generator whose seed is
+    :func:`start_seed`: each symbolic start has one scene.
+    """
+    generator = np.random.RandomState(start_seed(state))
+    on_table = list(_ON_TABLE)
+    generator.shuffle(on_table)
+    scene = np.zeros(24)
+    scene[0] = SLIDER_OPEN_M if state["slider"] == "left" else 0.0
+    scene[1] = DRAWER_OPEN_M if state["drawer"] == "open" else 0.0
+    scene[3] = SWITCH_ON_M if state["lightbulb"] == 1 else 0.0
+    scene[4], scene[5] = float(state["lightbulb"]), float(state["led"])
+    # The first block on the table takes the first place; pink always takes the second.
+    free = {"red_block": 0, "blue_block": 1 if state["red_block"] == "table" else 0, "pink_block": 1}
+    for i, block in enumerate(BLOCKS):
+        at = 6 + 6 * i
+        place = str(state[block])
+        scene[at : at + 3] = _IN_SLIDER[place] if place in _IN_SLIDER else on_table[free[block]]
+        scene[at + 5] = generator.uniform(*_YAW_RANGE)
+    return ChainStart(np.array(ROBOT_START), scene)

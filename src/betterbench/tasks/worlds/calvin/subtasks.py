@@ -1,0 +1,182 @@
+"""The 34 subtasks of CALVIN as data: sentence, category, what each needs and changes, and when it counts as done."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from betterbench.errors import UnknownNameError
+from betterbench.json_form import read_form, strict_form
+
+SymbolValue = str | int
+"""A value of a symbolic state: "table", "open", 0, 1."""
+
+SymbolicState = Mapping[str, SymbolValue]
+"""A symbolic state of the scene: led, lightbulb, slider, drawer, red_block, blue_block, pink_block, grasped."""
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One way in which a subtask can happen: values that must hold, each one or one of a list, and what changes."""
+
+    when: dict[str, SymbolValue | list[SymbolValue]]
+    then: dict[str, SymbolValue]
+
+    def allowed(self, state: SymbolicState) -> bool:
+        """Return whether a state has the values that this change needs."""
+        return all(
+            state[key] in wanted if isinstance(wanted, list) else state[key] == wanted
+            for key, wanted in self.when.items()
+        )
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Rotate:
+    """The block turned about the vertical by more than ``degrees`` (left is positive), untilted and in its place."""
+
+    kind: Literal["rotate"]
+    block: str
+    degrees: float
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Push:
+    """The block moved along x by more than ``along_x_m`` (right is positive) and still lies on what it lay on."""
+
+    kind: Literal["push"]
+    block: str
+    along_x_m: float
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class MoveDoor:
+    """A joint moved by more than ``by_m`` in that direction."""
+
+    kind: Literal["move_door"]
+    door: str
+    by_m: float
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Lift:
+    """The block lay on the link of the table, is now higher by more than ``by_m``, and only the robot touches it."""
+
+    kind: Literal["lift"]
+    block: str
+    by_m: float
+    link: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The block that the robot alone held now touches the link of the table, and no longer the robot."""
+
+    kind: Literal["place"]
+    link: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class PushInto:
+    """Some block that touched one link of the table and nothing else now touches another."""
+
+    kind: Literal["push_into"]
+    from_link: str
+    link: str
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class StackBlocks:
+    """A block that touched no block now touches blocks and nothing else, and rests."""
+
+    kind: Literal["stack"]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class UnstackBlocks:
+    """A block that touched blocks and nothing else, at rest, now touches no block."""
+
+    kind: Literal["unstack"]
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """A light was in one state and is in the other."""
+
+    kind: Literal["switch"]
+    light: str
+    before: int
+    after: int
+
+
+Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | StackBlocks | UnstackBlocks | Switch
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class Subtask:
+    """One subtask.
+
+    Attributes:
+        name: CALVIN's name of it ("open_drawer").
+        instruction: The sentence of the evaluation, the first of ``new_playtable_validation.yaml``.
+        category: No chain has two subtasks of the same category.
+        rule: When it counts as done.
+        changes: The ways in which it can happen; a chain only has subtasks that can happen in exactly one way.
+    """
+
+    name: str
+    instruction: str
+    category: int
+    rule: Annotated[Rule, Field(discriminator="kind")]
+    changes: list[Change]
+
+    def after(self, state: SymbolicState) -> SymbolicState | None:
+        """Return the state that this subtask leads to, or None if it can happen in no way or in several."""
+        ways = [change for change in self.changes if change.allowed(state)]
+        return MappingProxyType({**state, **ways[0].then}) if len(ways) == 1 else None
+
+
+@strict_form
+@dataclass(frozen=True, slots=True)
+class _File:
+    source: str
+    subtasks: list[Subtask]
+
+
+@cache
+def subtasks() -> tuple[Subtask, ...]:
+    """Return all subtasks in CALVIN's order, from which its sequences are drawn."""
+    text = resources.files("betterbench.tasks.worlds.calvin").joinpath("data/subtasks.json").read_bytes()
+    return tuple(read_form(TypeAdapter(_File), text, where="subtasks.json", cure="Install betterbench again").subtasks)
+
+
+@cache
+def _by_name() -> Mapping[str, Subtask]:
+    return MappingProxyType({subtask.name: subtask for subtask in subtasks()})
+
+
+def subtask_named(name: str) -> Subtask:
+    """Return one subtask.
+
+    Raises:
+        UnknownNameError: If CALVIN has none of that name.
+    """
+    if name not in _by_name():
+        raise UnknownNameError("subtask of CALVIN", name, _by_name())
+    return _by_name()[name]

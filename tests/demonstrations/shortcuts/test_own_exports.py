@@ -1,0 +1,58 @@
+"""Our own demonstrations, exported in every preset of ``better export``, are read alike by the audit."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.demonstrations.export import ExportPlan, export_dataset, layout_of, select_demonstrations
+from betterbench.demonstrations.making.production import collect
+from betterbench.demonstrations.shortcuts.lerobot import read_lerobot
+from betterbench.policies.conventions.presets import OWN_PRESETS
+
+pytestmark = [pytest.mark.physics]
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory):
+    """Five demonstrations of each training condition: enough for an audit."""
+    return collect(["morning_coffee"], tmp_path_factory.mktemp("collected") / "run", demos=4)
+
+
+def exported(run, out, name, form, most=None):
+    """Exports without images, which the audit does not read and which take nearly all of the time."""
+    layout = dataclasses.replace(layout_of(name), images=(), copies={})
+    selection = select_demonstrations([run])
+    selection = dataclasses.replace(selection, demonstrations=selection.demonstrations[:most])
+    export_dataset(ExportPlan([run], selection, layout=layout, to=form, out=out))
+    return out
+
+
+@pytest.mark.parametrize("form", ["lerobot", "lerobot-v2.1"])
+def test_an_export_in_every_preset_is_read_alike(collected, tmp_path, form):
+    counted = {}
+    layouts = {str([layout_of(n).states, layout_of(n).action, layout_of(n).adapter.answer]): n for n in OWN_PRESETS}
+    for name in ("native", *layouts.values()):
+        read = read_lerobot(exported(collected, tmp_path / f"{form} {name} {len(counted)}", name, form, 2))
+        assert (read.reading.episodes, read.reading.of) == (2, 2), name
+        ((gripper,), (place,)) = read.reading.grippers, read.reading.places
+        assert gripper.never == 0, name
+        assert not read.reading.warnings, name
+        counted[name] = ([f.instruction for f in read.facts], [len(f.steps) for f in read.facts], gripper.share_closed)
+        assert counted[name] == counted["native"], name
+        spaces = {"openpi_droid": "joints", "gr00t_oxe_droid": "joints"}
+        wanted = "position" if layout_of(name).states else "steps"
+        assert place.space == spaces.get(name, wanted), name
+
+
+@pytest.mark.parametrize("name", ["openpi_droid", "starvla", "native"])
+def test_an_export_is_audited_by_the_command(collected, tmp_path, capsys, name):
+    out = exported(collected, tmp_path / "set", name, "lerobot-v2.1")
+    assert main(["shortcuts", str(out)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "Instruction: task in meta/tasks.jsonl" in told
+    wanted = {"openpi_droid": "in joint space", "starvla": "added up from the start", "native": "better.ee_position"}
+    assert told.startswith("Read: ")
+    assert wanted[name] in told

@@ -1,0 +1,256 @@
+"""Runs in a foreign world: the journal, the records and what a failing simulator costs, with a stand-in of a world."""
+
+import math
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.sim.worlds.clients import CLIENTS, differences
+
+from betterbench.episodes import Observer
+from betterbench.errors import InvalidInputError, PremiseError, UnknownNameError, one_line
+from betterbench.evaluation import evaluate
+from betterbench.evaluation.planning.world_plan import make_world_plan
+from betterbench.interface import observation_spec
+from betterbench.interface.actions import EE_DELTA
+from betterbench.policies.conventions.in_libero import in_libero
+from betterbench.policies.conventions.presets import PRESETS
+from betterbench.sim.worlds import ForeignScene, WorldProcesses, process
+from betterbench.sim.worlds.scene import quat2axisangle
+from betterbench.tasks.worlds.libero import PROTOCOLS, SUITES
+
+POLICY = """
+import numpy as np
+from betterbench.interface import PolicyInfo
+
+class Shove:
+    info = PolicyInfo("shove")
+    def reset(self, start):
+        pass
+    def act(self, seen):
+        assert seen.images["front"].shape == (256, 256, 3)
+        return np.array([[0.5, 0.1 * seen.images["front"][0, 0, 0] / 255.0, 0, 0, 0, 0, 1.0]] * 4)
+"""
+
+
+@pytest.fixture
+def plan_of(fake_command, tmp_path):
+    (tmp_path / "shove.py").write_text(POLICY)
+
+    def plan(policy=f"python:{tmp_path / 'shove.py'}:Shove", suite="libero_object", **options):
+        return make_world_plan(policy, suite=suite, command=fake_command, **{"tasks": ["3"], "trials": 2, **options})
+
+    return plan
+
+
+def _bytes(run):
+    return {p.relative_to(run.path): p.read_bytes() for p in sorted(run.path.glob("records/**/*.parquet"))}
+
+
+def test_a_run_ends_with_the_success_of_the_world(plan_of, tmp_path):
+    run = evaluate(plan_of(), tmp_path / "run")
+    records = list(run.records())
+    assert [(r.metadata.task, r.metadata.condition, r.metadata.seed) for r in records] == [
+        ("libero_object-03", "base", 0),
+        ("libero_object-03", "base", 1),
+    ]
+    for record in records:
+        assert record.outcome.success
+        assert record.object_positions[-1, 0, 0] > 0.2 >= record.object_positions[-2, 0, 0]
+        assert record.metadata.instruction == "pick up the cube and place it on the plate"
+        assert record.predicates[-1].tolist() == [True, True]
+        assert record.metadata.engine["mujoco"] == "3.3.7"
+        assert run.load_scene(record.metadata.scene_hash)["task.bddl"] == b"(define (problem cube))"
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_results_do_not_depend_on_workers_environments_or_the_trials_before(plan_of, tmp_path, workers):
+    plan = plan_of(trials=3)
+    together = _bytes(evaluate(plan, tmp_path / "together", workers=1, envs=1))
+    assert together == _bytes(evaluate(plan, tmp_path / "side by side", workers=workers, envs=2))
+    alone = _bytes(evaluate(plan_of(trials=1, seed=2), tmp_path / "alone"))
+    assert alone.items() <= together.items()
+
+
+def short(plan):
+    return replace(plan, world=replace(plan.world, protocol=replace(PROTOCOLS["openpi"], steps={"libero_object": 12})))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(fake_command, tmp_path_factory):
+    plan = short(make_world_plan("noop", suite="libero_object", command=fake_command, tasks=["3"], trials=3))
+    return _bytes(evaluate(plan, tmp_path_factory.mktemp("undisturbed") / "run"))
+
+
+FAULTS = ["dies", "hangs", "raises", "nan", "garbage"]
+FAULTS += [
+    "short row",
+    "unknown pair",
+    "pair from the end",
+    "pair without force",
+    "endless force",
+    "few truths",
+    "no row",
+    "truths that are numbers",
+    "contacts in a table",
+    "done in words",
+    "done is missing",
+    "no rotation",
+    "row of floats",
+    "two rows",
+    "prints much",
+    "raises in lines",
+    "twice",
+    "slowly",
+    "half",
+    "half and waits",
+    "late",
+    "of another request",
+    "huge",
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_failing_simulator_costs_one_trial_and_the_same_command_resumes(
+    plan_of, tmp_path, monkeypatch, undisturbed, fault
+):
+    plan = short(plan_of(policy="noop", trials=3))
+    monkeypatch.setattr(process, "STEP_LIMIT_S", 1.0)
+    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    began = time.monotonic()
+    run = evaluate(plan, tmp_path / "run")
+    assert time.monotonic() - began < 60.0
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "simulator" in broken[0].message
+    assert one_line(broken[0].message, most=600) == broken[0].message
+    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "pairs",
+        "pairs=[1]",
+        'pairs=["abc"]',
+        "row",
+        'row=[["qpos", [3]]]',
+        'row=[["qpos", [-3]]]',
+        "objects",
+        "objects=7",
+        'objects=[{"name": "cube_1"}, {}]',
+        "relations",
+        "goal=[7]",
+        "premises=[[]]",
+        "places=[[1]]",
+        'objects=[{"name": "cube_1", "kind": "cube", "fixed": "no", "mass": 0.1, "size": [1, 1, 1], "regions": []}]',
+        "arena",
+        "arena=7",
+        "base=[0, 0]",
+        "bddl=7",
+        "engine",
+        "engine=7",
+        'engine={"mujoco": 3}',
+    ],
+)
+def test_a_start_that_cannot_be_read_costs_one_trial(plan_of, tmp_path, monkeypatch, undisturbed, fault):
+    plan = short(plan_of(policy="noop", trials=3))
+    monkeypatch.setenv("FAKE_START", "1")
+    monkeypatch.setenv("FAKE_FAULT", f"{fault}:1:{tmp_path / 'it happened'}")
+    run = evaluate(plan, tmp_path / "run")
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "simulator" in broken[0].message
+    assert _bytes(evaluate(plan, tmp_path / "run")) == undisturbed
+
+
+def test_an_image_of_another_type_is_no_image(plan_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAKE_FAULT", f"image of numbers:1:{tmp_path / 'it happened'}")
+    (tmp_path / "each.py").write_text(POLICY.replace("]] * 4", "]]"))
+    run = evaluate(short(plan_of(policy=f"python:{tmp_path / 'each.py'}:Shove")), tmp_path / "run")
+    broken = [e for e in run.entries() if e.status == "error"]
+    assert [e.seed for e in broken] == [1]
+    assert "sent image_front as float64 (256, 256, 3); uint8 (256, 256, 3) is agreed" in broken[0].message
+
+
+def test_a_scene_that_does_not_show_its_premise_stops_the_run(plan_of, tmp_path):
+    with pytest.raises(PremiseError, match=r"on\(cube_1, tray_1\) does not hold"):
+        evaluate(plan_of(seed=40, trials=1), tmp_path / "refused")
+    run = evaluate(plan_of(seed=40, trials=1, refuse_broken=False), tmp_path / "run")
+    assert next(run.records()).metadata.engine["scene_broken_premises"] == "on(cube_1, tray_1)"
+
+
+def test_the_plan_says_how_it_is_run(plan_of):
+    form = plan_of(suite="libero_object_lan", protocol="gr00t", trials=None).to_json()
+    assert len(form["trials"]) == 20
+    assert form["trials"][0]["condition"] == "lan"
+    assert form["trials"][0]["base_condition"] == "base"
+    assert form["world"]["protocol"]["steps"]["libero_object"] == 720
+    assert form["world"]["tasks"]["libero_object-03/lan"]["instruction"] == "shove the cube"
+    assert "/" not in str(form["world"]["versions"])
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"policy": "zoo:halt"}, InvalidInputError),
+        ({"policy": "learned:checkpoint"}, InvalidInputError),
+        ({"policy": "openpi://localhost:8000?preset=openpi_libero_object"}, InvalidInputError),
+        ({"suite": "libero_objects"}, UnknownNameError),
+        ({"protocol": "ours"}, UnknownNameError),
+        ({"tasks": ["10"]}, UnknownNameError),
+        ({"trials": 51}, InvalidInputError),
+        ({"trials": 2, "seed": 49}, InvalidInputError),
+        ({"observation": "droid"}, UnknownNameError),
+    ],
+)
+def test_a_wrong_setting_is_refused(plan_of, options, error):
+    with pytest.raises(error):
+        plan_of(**options)
+
+
+def test_every_protocol_has_steps_for_every_suite():
+    assert all(suite.base in p.steps for suite in SUITES.values() for p in PROTOCOLS.values())
+    assert len(SUITES) == 21
+
+
+@pytest.mark.parametrize("preset", sorted(CLIENTS))
+def test_an_observation_is_what_the_clients_of_the_field_make_of_it(plan_of, fake_command, preset):
+    settings = plan_of().world
+    processes = WorldProcesses(fake_command)
+    scene = ForeignScene(
+        settings, processes, task="libero_object-03", condition="base", seed=1, action_space=EE_DELTA, images=True
+    )
+    seen = Observer(observation_spec("default")).observe(scene, scene.reset())
+    quaternion = np.array([0.99930133, -0.00474019, -0.03628211, -0.0076154])
+    obs = {
+        "agentview_image": seen.images["front"][::-1, ::-1],
+        "robot0_eye_in_hand_image": seen.images["wrist"][::-1, ::-1],
+        "robot0_eef_pos": np.array([0.01, 0.0, 0.0]),
+        "robot0_eef_quat": quaternion,
+        "robot0_gripper_qpos": np.array([0.0262, -0.0261]),
+        "controller_pos": np.array([0.01, 0.0, 0.0]),
+        "controller_mat": np.eye(3),
+    }
+    adapter = in_libero(PRESETS[preset])
+    assert list(differences(adapter.request(seen), CLIENTS[preset](obs, scene.task.instruction))) == []
+    assert np.linalg.norm(quat2axisangle(quaternion)) > math.pi, "the vector is not the shorter way round"
+    obs["agentview_image"] = seen.images["front"][::-1]
+    assert list(differences(adapter.request(seen), CLIENTS[preset](obs, scene.task.instruction))) != []
+    scene.close(well=True)
+    processes.close()
+
+
+def test_images_are_drawn_only_where_the_policy_is_asked(plan_of, tmp_path, monkeypatch):
+    asked = []
+    step = process.WorldProcess.step
+
+    def counted(self, action, *, look):
+        asked.append(look)
+        return step(self, action, look=look)
+
+    monkeypatch.setattr(process.WorldProcess, "step", counted)
+    run = evaluate(plan_of(trials=1), tmp_path / "run", workers=1, envs=1)
+    assert sum(asked) == (len(asked) - 1) // 4 + (len(asked) % 4 == 0)
+    assert next(run.records()).n_steps == len(asked)
