@@ -17,6 +17,7 @@ import re
 import sys
 import threading
 import traceback
+import types
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from typing import Any, ParamSpec, TypeVar
 from betterbench.errors import BetterError, InvalidInputError, RecordError
 from betterbench.json_form import read_bounded
 from betterbench.quoting import shell_word
+from betterbench.tasks.renamed import with_present_names
 
 VARIABLE = "BETTERBENCH_TASK_FILES"
 """Environment variable with the paths of task files, separated as in PATH."""
@@ -112,6 +114,10 @@ class _Loader(importlib.abc.ExecutionLoader):
 
     def get_source(self, fullname: str) -> str:  # noqa: ARG002
         return self._file.source
+
+    @staticmethod
+    def source_to_code(data: str | bytes, path: str = "<string>") -> types.CodeType:  # type: ignore[override]
+        return compile(with_present_names(data, path), path, "exec", dont_inherit=True)
 
 
 _files: dict[str, TaskFile] = {}

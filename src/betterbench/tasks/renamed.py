@@ -1,0 +1,123 @@
+"""Earlier names of modules, for users' files that were written before the packages moved.
+
+Runs and checkpoints name the file that defines their tasks or their learner by the SHA-256 of its text, so the file
+cannot be edited when a module that it imports moves. Its imports are translated when it is loaded.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+from collections.abc import Iterator, Mapping
+
+_PACKAGE = "betterbench"
+
+_MOVED = (
+    ("", "interface", "state"),
+    ("tasks", "tasks.authoring", "operations registry task template template_form templates training_distribution"),
+    ("tasks", "tasks.authoring", "variation"),
+    ("tasks", "tasks.judging", "attempts goal harm motion picked_slots premise restraint targets"),
+    ("tasks", "tasks.interventions", "listed_regimes balanced diverse_confounded"),
+    ("", "tasks", "interventions"),
+    ("", "tasks.worlds", "calvin"),
+    ("worlds", "tasks.worlds", "libero libero_plus"),
+    ("recording", "jobs", "durable line_journal lock places outputs item_threads retries worker_process"),
+    ("", "sim", "assets robots scenes worlds graphics"),
+    ("", "policies", "experts learned"),
+    ("experts", "policies", "faulty decisions"),
+    ("", "demonstrations", "teleop shortcuts export recipes"),
+    ("", "learning", "training study"),
+    ("", "comparison", "across"),
+    ("", "vqa", "llm"),
+    ("diagnosis", "diagnosis.analysis", "trace approaches episode_analysis halts harm collisions"),
+    ("diagnosis", "diagnosis.measures", "metrics confusion forms power_matrix standing"),
+)
+"""Package before, package now, and the modules that moved from one to the other under their own names."""
+
+MODULES: Mapping[str, str] = {
+    **{f"{old}.{name}".lstrip("."): f"{new}.{name}" for old, new, names in _MOVED for name in names.split()},
+    "recording": "records",
+    "worlds.regime": "tasks.worlds.libero_training",
+    "materialization": "sim.modalities",
+    "demonstrations": "demonstrations.making",
+    "datasets": "demonstrations.sets",
+}
+"""Modules by their earlier name, both below ``betterbench``; what lies below an earlier name moved with it."""
+
+NAMES: Mapping[tuple[str, str], str] = {
+    ("recording", "LineJournal"): "jobs",
+    ("recording", "RunLock"): "jobs",
+    ("recording", "RetryLedger"): "jobs",
+    ("recording", "write_durably"): "jobs",
+    ("worlds", "PLUS_SUITES"): "tasks.worlds.libero",
+    ("worlds", "PROTOCOLS"): "tasks.worlds.libero",
+    ("worlds", "SUITES"): "tasks.worlds.libero",
+    ("worlds", "CHAIN_SUITES"): "tasks.worlds.calvin",
+    ("episodes", "AnyPolicy"): "interface.state",
+    ("evaluation", "PolicyEntry"): "policies.kinds.known_policies",
+    ("evaluation", "known_policies"): "policies.kinds.known_policies",
+    ("evaluation", "check_policy"): "policies.kinds.factory",
+}
+"""Public names that are no longer imported from where their package went: (earlier package, name) and the module
+now."""
+
+
+def with_present_names(source: str | bytes, path: str) -> ast.Module:
+    """Return the syntax tree of a user's file, in which imports by an earlier name are imports by the present one.
+
+    Lines keep their numbers. Imports by names that exist are left as they are.
+
+    Raises:
+        SyntaxError: If the text is not Python.
+    """
+    tree: ast.Module = _Renaming().visit(ast.parse(source, path))
+    return ast.fix_missing_locations(tree)
+
+
+def present_name(module: str) -> str:
+    """Return the present name of a module, below ``betterbench`` as given: the same if there is no other."""
+    parts = module.split(".")
+    for count in range(len(parts), 0, -1):
+        moved = MODULES.get(".".join(parts[:count]))
+        if moved is not None and not _exists(module):
+            return ".".join([moved, *parts[count:]])
+    return module
+
+
+class _Renaming(ast.NodeTransformer):
+    """Gives modules in import statements their present names."""
+
+    def visit_Import(self, node: ast.Import) -> ast.Import:
+        for alias in node.names:
+            package, _, module = alias.name.partition(".")
+            if package == _PACKAGE and module and alias.asname:
+                alias.name = f"{_PACKAGE}.{present_name(module)}"
+        return node
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> list[ast.ImportFrom]:
+        package, _, module = (node.module or "").partition(".")
+        if package != _PACKAGE or node.level:
+            return [node]
+        return [ast.copy_location(made, node) for made in _statements(module, node.names)]
+
+
+def _statements(module: str, names: list[ast.alias]) -> Iterator[ast.ImportFrom]:
+    """Yield one import statement for each name of a statement that imports from a module of this package."""
+    for alias in names:
+        inner = f"{module}.{alias.name}".lstrip(".")
+        if (module, alias.name) in NAMES:
+            home, name = NAMES[module, alias.name], alias.name
+        elif present_name(inner) != inner and inner in MODULES:
+            home, _, name = present_name(inner).rpartition(".")
+        else:
+            home, name = present_name(module) if module else "", alias.name
+        renamed = ast.alias(name, alias.asname or (alias.name if name != alias.name else None))
+        yield ast.ImportFrom(f"{_PACKAGE}.{home}".rstrip("."), [renamed], 0)
+
+
+def _exists(module: str) -> bool:
+    """Return whether there is a module of this name below ``betterbench``."""
+    try:
+        return importlib.util.find_spec(f"{_PACKAGE}.{module}") is not None
+    except ModuleNotFoundError:  # nor the package in which it would be
+        return False
