@@ -3,8 +3,7 @@
 - ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
 - ``trial``, ``labels``, ``ruling``, ``second_pass``: from the modes to the label of each trial; ``foreign`` does this
-for
-  other worlds.
+  for other worlds.
 - ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the difference of two.
 - ``measures``: metrics of a run, and the confusion and power matrices of the diagnosis itself.
 """

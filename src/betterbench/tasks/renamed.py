@@ -58,8 +58,7 @@ NAMES: Mapping[tuple[str, str], str] = {
     ("evaluation", "known_policies"): "policies.kinds.known_policies",
     ("evaluation", "check_policy"): "policies.kinds.factory",
 }
-"""Public names that are no longer imported from where their package went: (earlier package, name) and the module
-now."""
+"""Module of each public name that is not imported from where its package went, by (earlier package, name)."""
 
 
 def with_present_names(source: str | bytes, path: str) -> ast.Module:

@@ -123,7 +123,7 @@ class Stay:
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
     """Return the stays from a row on, in time; what is at a target or on the floor is stayed over by nobody."""
-    near = _near_anything(trace)
+    near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
     edges = np.flatnonzero(np.diff(over)) + 1
@@ -132,14 +132,15 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
             continue
         stay = Stay(first + start, first + stop - 1, int(over[start]))
         last = stays[-1] if stays else None
-        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(_FLICKER_S):
+        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(FLICKER_S):
             stays[-1] = Stay(last.start, stay.end, stay.object)
         else:
             stays.append(stay)
     return tuple(s for s in stays if not _passes(trace, s))
 
 
-_FLICKER_S = 0.25
+FLICKER_S = 0.25
+"""Time up to which an interruption is none: contacts and places tremble [s]."""
 _BEGINS_M = 0.002
 _ABOVE_AGAIN_M = 0.03
 
@@ -175,15 +176,14 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
     at = np.full(trace.rows, -1, dtype=np.int64)
-    free = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
-    for row in np.flatnonzero(free & (trace.tool[:, 2] <= ceiling)).tolist():
+    for row in np.flatnonzero(_is_empty(trace) & (trace.tool[:, 2] <= ceiling)).tolist():
         if row >= first:
             gaps = _gaps(trace, row, (chosen, *asked))
             over = [(gap, i) for i, gap in gaps.items() if gap.is_over]
             at[row] = min(over)[1] if over else -1
     times, visits = Counter[bool](), Counter[bool]()
     for i in (chosen, *asked):
-        for a, b in spans(at == i, trace.steps(_FLICKER_S)):
+        for a, b in spans(at == i, trace.steps(FLICKER_S)):
             if not _passes(trace, visit := Stay(a, b, i)):
                 times[i == chosen] += visit.rows
                 visits[i == chosen] += 1
@@ -232,9 +232,13 @@ def stays_above(trace: Trace, first: int, i: int) -> bool:
     if len(rows) < trace.steps(STAY_TIME):
         return False
     heights = trace.tool[rows, 2] - taken_below(trace, i)[rows]
-    halves = np.array_split(heights, 2)
-    lowered = float(np.median(halves[0]) - np.median(halves[1]))
-    return float(heights.min()) > BESIDE and lowered <= THRESHOLDS.rest_travel
+    return float(heights.min()) > BESIDE and lowered(heights) <= THRESHOLDS.rest_travel
+
+
+def lowered(heights: Floats) -> float:
+    """Return by how much heights are lower in their second half than in their first, by their medians [m]."""
+    first, second = np.array_split(heights, 2)
+    return float(np.median(first) - np.median(second))
 
 
 def returns_to(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
@@ -253,7 +257,7 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
     ])  # fmt: skip
-    for start, end in spans(down, trace.steps(_FLICKER_S)):
+    for start, end in spans(down, trace.steps(FLICKER_S)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
         touched = (trace.left | trace.right)[a : b + 1, i].any()
@@ -272,7 +276,7 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
     met[:first] = False
     times: list[tuple[int, int]] = []
-    for start, end in spans(met, trace.steps(_FLICKER_S)):
+    for start, end in spans(met, trace.steps(FLICKER_S)):
         since = times[-1][1] if times else first
         if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
             times.append((start, end))
@@ -285,7 +289,7 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
     ]
-    return spans(np.isin(np.arange(trace.rows), near), trace.steps(_FLICKER_S))[0] if near else None
+    return spans(np.isin(np.arange(trace.rows), near), trace.steps(FLICKER_S))[0] if near else None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -378,14 +382,18 @@ def _near_anything(trace: Trace) -> Bools:
     return near
 
 
+def _is_empty(trace: Trace) -> Bools:
+    """Tell at which rows the gripper holds nothing and is open, or shut on nothing, shape (T,)."""
+    empty: Bools = (trace.held < 0) & (~trace.closing | (trace.width <= THRESHOLDS.closed_width))
+    return empty
+
+
 def _over(trace: Trace, row: int) -> int:
     """Return the object that an empty gripper is over, or -1; a target is come over to let go there.
 
     Of several it is the one that is nearest as seen from above: what is below the gripper, be it the rim of a plate,
     rather than what has its middle nearer.
     """
-    if trace.held[row] >= 0 or (trace.closing[row] and trace.width[row] > THRESHOLDS.closed_width):
-        return -1
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
     found = [(gaps[i], i) for i in near if (gaps[i].is_over and gaps[i].above <= OVER_HEIGHT) or gaps[i].in_reach]
@@ -455,7 +463,7 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
     Touches shorter than a control step are seen by what they do alone.
     """
-    before = max(0, touched - trace.steps(_FLICKER_S))
+    before = max(0, touched - trace.steps(FLICKER_S))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
     return before + int(np.argmax(np.append(moved[:-1] > _BEGINS_M, True)))
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.analysis.approaches import STAY_TIME, spans
+from betterbench.diagnosis.analysis.approaches import FLICKER_S, STAY_TIME, lowered, spans
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.analysis.trace import Trace, place_middle
 from betterbench.geometry import rotate
 from betterbench.tasks import THRESHOLDS
-from betterbench.tasks.judging.motion import Bools, Floats
+from betterbench.tasks.judging.motion import Bools
 from betterbench.tasks.relations import relation
 from betterbench.tasks.thresholds import threshold
 
@@ -80,7 +80,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 def in_fingers(trace: Trace, row: int) -> int | None:
     """Return what the gripper holds at a row, or None; contacts that tremble let go of nothing."""
-    rows = slice(max(0, row - trace.steps(_FLICKER_S)), row + 1)
+    rows = slice(max(0, row - trace.steps(FLICKER_S)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
 
@@ -96,20 +96,15 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
             continue
         for i in episode.meant[g]:
             gripped = (trace.held == i) | (trace.left[:, i] & trace.right[:, i])
-            rows = spans(gripped, trace.steps(_FLICKER_S))
-            if not rows or rows[-1][1] < last - trace.steps(_FLICKER_S) or not trace.closing[rows[-1][0] :].all():
+            rows = spans(gripped, trace.steps(FLICKER_S))
+            if not rows or rows[-1][1] < last - trace.steps(FLICKER_S) or not trace.closing[rows[-1][0] :].all():
                 continue
             first = rows[-1][0]
             at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
-            if at.size >= trace.steps(STAY_TIME) and not _sinks(trace.positions[at, i, 2]):
+            # What comes lower the longer it is over its place is on its way, slowly.
+            if at.size >= trace.steps(STAY_TIME) and lowered(trace.positions[at, i, 2]) <= THRESHOLDS.begun_lift:
                 return i
     return None
-
-
-def _sinks(heights: Floats) -> bool:
-    """Tell whether something comes lower the longer it is over its place: it is on its way, slowly."""
-    halves = np.array_split(heights, 2)
-    return float(np.median(halves[0]) - np.median(halves[1])) > THRESHOLDS.begun_lift
 
 
 def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
@@ -125,9 +120,6 @@ def _is_at_place(episode: EpisodeAnalysis, i: int, g: int, first: int) -> Bools:
     gaps = np.abs(np.array(inverse) - np.array(middle))[:, :2]
     found: Bools = (np.linalg.norm(gaps, axis=1) <= OVER_GOAL) | (gaps <= edge).all(axis=1)
     return found
-
-
-_FLICKER_S = 0.25
 
 
 def _usual(pauses: list[int], long: int) -> float:
