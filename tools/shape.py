@@ -2,11 +2,11 @@
 
 Examples:
     python tools/shape.py                          print the tables
-    python tools/shape.py --check                  exit with 1 and name each limit that is exceeded
     python tools/shape.py --against ../old         print each number before (../old) and after
     python tools/shape.py --write-docs --times     write the tables into docs/contributing.md
 
-How things are counted is said in ``tools/code_measures.py``.
+The numbers are information and no targets: nothing fails because of them. How things are counted is said in
+``tools/code_measures.py``.
 """
 
 from __future__ import annotations
@@ -21,17 +21,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from code_measures import ASSETS, Function, Shape, measure
+from code_measures import Function, Shape, measure
 
 LONG = 60
 """A function of more lines is long."""
-MAX_LONG_FUNCTIONS = 10
-MAX_FUNCTION_LINES = 80
-MAX_REPEATED_NAMES = 9
-MAX_TASK_LINES = 70
-MAX_MEAN_TASK_LINES = 65
-MAX_ASSET_LINES = 60
-MAX_UPWARD_IMPORTS = 0
 
 TIMED_RUNS = 2
 """Runs of each verb, of which the fastest counts: the first one may have to compile modules."""
@@ -46,14 +39,12 @@ class Measure:
     Attributes:
         name: What is counted.
         value: The number.
-        most: Largest value allowed, if there is a limit.
         where: Where the number comes from, if one place or a few can be named.
         unit: Written after the number.
     """
 
     name: str
     value: float
-    most: int | None = None
     where: str = ""
     unit: str = ""
 
@@ -61,16 +52,6 @@ class Measure:
     def text(self) -> str:
         """The number with its unit; whole numbers with separators of thousands."""
         return f"{self.value:,}{self.unit}" if isinstance(self.value, int) else f"{self.value:.1f}{self.unit}"
-
-    @property
-    def limit(self) -> str:
-        """The limit as text, empty if there is none."""
-        return "" if self.most is None else f"≤ {self.most:,}"
-
-    @property
-    def is_exceeded(self) -> bool:
-        """Whether there is a limit and the number is above it."""
-        return self.most is not None and self.value > self.most
 
 
 @dataclass(frozen=True)
@@ -95,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Command line without the program's name; that of the process if not given.
 
     Returns:
-        Exit status: 0, 1 where ``--check`` finds a limit exceeded, or 2 where a checkout cannot be measured.
+        Exit status: 0, or 2 where a checkout cannot be measured.
     """
     options = _parser().parse_args(arguments)
     try:
@@ -107,8 +88,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     shape = measure(options.root)
-    if options.check:
-        return check(shape)
     tables = tables_of(shape, options.root, times=options.times)
     if options.write_docs:
         write_docs(options.root / PAGE, as_markdown(tables))
@@ -127,29 +106,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--times", action="store_true", help="measure the start-up time of each verb too (slow)")
     action = parser.add_mutually_exclusive_group()
     action.add_argument("--against", type=Path, help="older checkout: print each number before and after")
-    action.add_argument("--check", action="store_true", help="exit with 1 and name each limit that is exceeded")
     action.add_argument("--write-docs", action="store_true", help=f"write the tables into {PAGE}")
     return parser
-
-
-def check(shape: Shape) -> int:
-    """Print one line for each limit that is exceeded, and for each file that has a limit and cannot be found.
-
-    Returns:
-        Exit status: 1 if a line was printed, else 0.
-    """
-    exceeded = [m for m in (*summary(shape), *task_files(shape), *asset_files(shape)) if m.is_exceeded]
-    lines = [f"{m.name}: {m.text}, the limit is {m.most:,}" + (f" ({m.where})" if m.where else "") for m in exceeded]
-    lines += [f"{name}: no such file in src/betterbench" for name in missing(shape)]
-    print("\n".join(lines) or "every limit is kept")
-    return int(bool(lines))
-
-
-def missing(shape: Shape) -> list[str]:
-    """Return the files that have a limit and do not exist, so that a moved file does not keep its limit by absence."""
-    found = {Path(path).stem for path in shape.assets}
-    tasks = [] if shape.tasks else ["tasks/suite/*.py"]
-    return [*tasks, *(f"assets/**/{name}.py" for name in ASSETS if name not in found)]
 
 
 # -------------------------------------------------------------------------------------------------------- measures
@@ -167,23 +125,23 @@ def summary(shape: Shape) -> list[Measure]:
         Measure("lines", shape.lines),
         Measure("lines of docstrings", 100 * shape.docstring_lines / max(shape.lines, 1), unit=" %"),
         Measure("functions and methods", len(shape.functions)),
-        Measure("lines of the longest function", longest.lines, MAX_FUNCTION_LINES, longest.name),
-        Measure(f"functions of more than {LONG} lines", len(long), MAX_LONG_FUNCTIONS),
-        Measure("deepest nesting", deepest.nesting, None, deepest.name),
-        Measure("public names in several files", len(shape.repeated), MAX_REPEATED_NAMES),
-        Measure("lines of all task files", sum(shape.tasks.values()), MAX_MEAN_TASK_LINES * len(shape.tasks)),
-        Measure("imports against the layers", len(upward), MAX_UPWARD_IMPORTS, ", ".join(upward)),
+        Measure("lines of the longest function", longest.lines, longest.name),
+        Measure(f"functions of more than {LONG} lines", len(long)),
+        Measure("deepest nesting", deepest.nesting, deepest.name),
+        Measure("public names in several files", len(shape.repeated)),
+        Measure("lines of all task files", sum(shape.tasks.values())),
+        Measure("imports against the layers", len(upward), ", ".join(upward)),
     ]
 
 
 def task_files(shape: Shape) -> list[Measure]:
     """Return the length of each task file."""
-    return [Measure(name, lines, MAX_TASK_LINES, unit=" lines") for name, lines in shape.tasks.items()]
+    return [Measure(name, lines, unit=" lines") for name, lines in shape.tasks.items()]
 
 
 def asset_files(shape: Shape) -> list[Measure]:
-    """Return the length of each of the asset files that have a limit."""
-    return [Measure(name, lines, MAX_ASSET_LINES, unit=" lines") for name, lines in shape.assets.items()]
+    """Return the length of each asset file that is listed."""
+    return [Measure(name, lines, unit=" lines") for name, lines in shape.assets.items()]
 
 
 # ---------------------------------------------------------------------------------------------------------- tables
@@ -209,13 +167,13 @@ def tables_of(shape: Shape, root: Path, *, times: bool = False) -> list[Table]:
 
 
 def _summary(shape: Shape) -> Table:
-    rows = {m.name: (m.text, m.limit, m.where) for m in summary(shape)}
-    return Table("Summary", ("measure", "value", "limit", "where"), rows)
+    rows = {m.name: (m.text, m.where) for m in summary(shape)}
+    return Table("Summary", ("measure", "value", "where"), rows)
 
 
 def _file_lengths(title: str, files: Sequence[Measure]) -> Table:
-    rows = {m.name: (m.text.removesuffix(m.unit), m.limit) for m in files}
-    return Table(title, ("file", "lines", "limit"), rows)
+    rows = {m.name: (m.text.removesuffix(m.unit),) for m in files}
+    return Table(title, ("file", "lines"), rows)
 
 
 def _long_functions(shape: Shape) -> Table:
