@@ -1,0 +1,68 @@
+"""The contributors' page on a new task, carried out word for word in a copy of the checkout."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.docs.test_docs import blocks
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "adding-a-task.md"
+FILE = "src/betterbench/tasks/suite/tea_tray.py"
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of code and tests into which the page's file has been put where the page says."""
+    root = tmp_path_factory.mktemp("checkout")
+    for folder in ("src", "tests"):
+        shutil.copytree(ROOT / folder, root / folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", root)
+    assert FILE in PAGE.read_text()
+    (code,) = blocks(PAGE, "python")
+    (root / FILE).write_text(code)
+    return root
+
+
+def run(checkout: Path, *command: str) -> str:
+    """Returns what a command prints in the copy; it has to end well."""
+    environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_laws_of_the_suite_hold_with_a_task_more_in_its_folder(checkout):
+    where = run(
+        checkout, "-c", "import betterbench, betterbench.tasks as t; print(betterbench.__file__, t.task_names())"
+    )
+    assert str(checkout) in where
+    assert "tea_tray" in where
+    laws = "suite or axis or consistent or reference or support or step_limit or new"
+    assert "passed" in run(
+        checkout, "-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/tasks/test_suite.py", "-k", laws
+    )
+
+
+@pytest.mark.slow
+def test_every_command_of_the_page_ends_well(checkout):
+    """Measures 120 demonstrations, certifies, and plays the tests of the task: some two minutes."""
+    lines = [line for block in blocks(PAGE, "sh") for line in block.splitlines()]
+    assert len(lines) >= 4
+    for line in lines:
+        program, *arguments = shlex.split(line)
+        if program == "better":
+            run(checkout, "-m", "betterbench.cli", *arguments)
+        else:
+            assert program == ".venv/bin/python"
+            run(checkout, *arguments)
+    assert (checkout / "tea_tray.png").stat().st_size > 10_000
+    assert (checkout / "runs/tea/certificate.html").is_file()
