@@ -67,3 +67,21 @@ def test_triangles_face_outward_and_the_files_repeat(model, files):
             agree = (normals * mesh.face_normals).sum(axis=1)[mesh.area_faces > 1e-12]
             assert (agree > 0.0).mean() > 0.99
     assert body_files(model) == files
+
+
+def test_colors_textures_and_their_coordinates_are_those_of_the_model(model, files):
+    body = model.body("object0_lunchbox").id
+    meshes = list(trimesh.load(io.BytesIO(files[body]), file_type="glb", process=False).geometry.values())
+    geoms = np.flatnonzero((model.geom_bodyid == body) & (model.geom_group <= 2))
+    materials = {int(model.geom_matid[g]) for g in geoms}
+    textured = [m for m in materials if model.mat_texid[m, mujoco.mjtTextureRole.mjTEXROLE_RGB] >= 0]
+    assert len(meshes) == len(materials)
+    assert sum(mesh.visual.material.baseColorTexture is not None for mesh in meshes) == len(textured) > 0
+    mesh = next(mesh for mesh in meshes if mesh.visual.material.baseColorTexture is not None)
+    geom = next(g for g in geoms if int(model.geom_matid[g]) in textured)
+    number = int(model.geom_dataid[geom])
+    begin = int(model.mesh_texcoordadr[number])
+    wanted = model.mesh_texcoord[begin : begin + int(model.mesh_texcoordnum[number])]
+    # trimesh counts v from the lower edge of an image, MuJoCo from the upper one.
+    upright = mesh.visual.uv * (1.0, -1.0) + (0.0, 1.0)
+    assert np.allclose([upright.min(axis=0), upright.max(axis=0)], [wanted.min(axis=0), wanted.max(axis=0)], atol=1e-5)

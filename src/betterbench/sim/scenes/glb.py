@@ -1,14 +1,11 @@
 """A compiled scene as binary glTF, one file per body, for viewers that are not MuJoCo.
 
-The frame of a file is that of its body, in meters and with z up. A file holds one mesh with one primitive per material:
-the visible shapes in their colors, with the textures of the model as PNG inside. The format is glTF 2.0 (Khronos).
+The frame of a file is that of its body, in meters and with z up. A file holds one mesh per material: the visible shapes
+in their colors, with the textures of the model as PNG inside. The format is glTF 2.0 (Khronos), written by trimesh.
 """
 
 from __future__ import annotations
 
-import io
-import json
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -21,7 +18,6 @@ FLOOR_HALF_M = 2.5
 ROUGHNESS = 0.75
 """Roughness of all surfaces (0 mirror, 1 chalk): the matt plastic and wood of the stage."""
 
-_FLOAT, _UINT, _ARRAY, _ELEMENTS, _LINEAR, _REPEAT = 5126, 5125, 34962, 34963, 9729, 10497
 _VISIBLE_GROUPS = 2
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
 
@@ -125,84 +121,32 @@ def _joined(parts: list[_Surface]) -> _Surface:
     )
 
 
-class _Buffer:
-    """The binary part of a file, with its views and accessors."""
-
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.views: list[dict[str, int]] = []
-        self.accessors: list[dict[str, object]] = []
-
-    def view(self, data: bytes, target: int | None = None) -> int:
-        self.data.extend(b"\0" * (-len(self.data) % 4))
-        form = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
-        self.views.append(form if target is None else {**form, "target": target})
-        self.data.extend(data)
-        return len(self.views) - 1
-
-    def accessor(self, array: np.ndarray, kind: str, *, is_index: bool = False) -> int:
-        array = np.ascontiguousarray(array, dtype=np.uint32 if is_index else np.float32)
-        form: dict[str, object] = {
-            "bufferView": self.view(array.tobytes(), _ELEMENTS if is_index else _ARRAY),
-            "componentType": _UINT if is_index else _FLOAT,
-            "count": len(array),
-            "type": kind,
-        }
-        if kind == "VEC3":
-            form |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
-        self.accessors.append(form)
-        return len(self.accessors) - 1
-
-
 def _file(model: mujoco.MjModel, looks: Mapping[tuple[float, ...], list[_Surface]]) -> bytes:
     """Return the GLB of surfaces by look: color and texture."""
-    buffer = _Buffer()
-    primitives, materials, images = [], [], []
+    import trimesh  # noqa: PLC0415 - takes 0.6 s, which only a viewer needs
+
+    scene = trimesh.Scene()
     for (*color, texture), surfaces in looks.items():
         surface = _joined(surfaces)
-        attributes = {
-            "POSITION": buffer.accessor(surface.positions, "VEC3"),
-            "NORMAL": buffer.accessor(surface.normals, "VEC3"),
-            "TEXCOORD_0": buffer.accessor(surface.coordinates, "VEC2"),
-        }
-        indices = buffer.accessor(surface.faces.ravel(), "SCALAR", is_index=True)
-        look: dict[str, object] = {
-            "baseColorFactor": [*(_linear(v) for v in color[:3]), color[3]],
-            "metallicFactor": 0.0,
-            "roughnessFactor": ROUGHNESS,
-        }
-        if texture >= 0:
-            images.append({"bufferView": buffer.view(_png(model, int(texture))), "mimeType": "image/png"})
-            look["baseColorTexture"] = {"index": len(images) - 1}
-        material: dict[str, object] = {"pbrMetallicRoughness": look}
-        materials.append(material if color[3] >= 1.0 else {**material, "alphaMode": "BLEND"})
-        primitives.append({"attributes": attributes, "indices": indices, "material": len(materials) - 1})
-    document: dict[str, object] = {
-        "asset": {"version": "2.0", "generator": "betterbench"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": primitives}],
-        "materials": materials,
-        "accessors": buffer.accessors,
-        "bufferViews": buffer.views,
-        "buffers": [{"byteLength": len(buffer.data)}],
-    }
-    if images:
-        document["images"] = images
-        document["samplers"] = [{"magFilter": _LINEAR, "minFilter": _LINEAR, "wrapS": _REPEAT, "wrapT": _REPEAT}]
-        document["textures"] = [{"source": i, "sampler": 0} for i in range(len(images))]
-    return _packed(document, bytes(buffer.data))
-
-
-def _packed(document: Mapping[str, object], binary: bytes) -> bytes:
-    """Return header, JSON chunk and binary chunk, each padded to four bytes."""
-    text = json.dumps(document, separators=(",", ":")).encode()
-    text += b" " * (-len(text) % 4)
-    binary += b"\0" * (-len(binary) % 4)
-    total = 12 + 8 + len(text) + 8 + len(binary)
-    header = struct.pack("<4sII", b"glTF", 2, total)
-    return header + struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+        material = trimesh.visual.material.PBRMaterial(  # type: ignore[no-untyped-call]
+            baseColorFactor=[*(_linear(v) for v in color[:3]), color[3]],
+            baseColorTexture=_image(model, int(texture)) if texture >= 0 else None,
+            metallicFactor=0.0,
+            roughnessFactor=ROUGHNESS,
+            alphaMode=None if color[3] >= 1.0 else "BLEND",
+        )
+        # trimesh counts v from the lower edge of the image, MuJoCo and glTF from the upper one.
+        uv = surface.coordinates * (1.0, -1.0) + (0.0, 1.0)
+        mesh = trimesh.Trimesh(
+            surface.positions,
+            surface.faces,
+            vertex_normals=surface.normals,
+            visual=trimesh.visual.TextureVisuals(uv=uv, material=material),  # type: ignore[no-untyped-call]
+            process=False,
+        )
+        scene.add_geometry(mesh, geom_name=str(len(scene.geometry)))
+    data: bytes = trimesh.exchange.gltf.export_glb(scene, include_normals=True)  # type: ignore[no-untyped-call]
+    return data
 
 
 def _linear(value: float) -> float:
@@ -210,10 +154,8 @@ def _linear(value: float) -> float:
     return value / 12.92 if value <= 0.04045 else float(((value + 0.055) / 1.055) ** 2.4)
 
 
-def _png(model: mujoco.MjModel, texture: int) -> bytes:
+def _image(model: mujoco.MjModel, texture: int) -> Image.Image:
     first, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
     height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
     pixels = model.tex_data[first : first + height * width * channels].reshape(height, width, channels)
-    out = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(pixels)).save(out, "PNG")
-    return out.getvalue()
+    return Image.fromarray(np.ascontiguousarray(pixels))
