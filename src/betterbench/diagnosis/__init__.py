@@ -2,6 +2,7 @@
 
 - ``analysis``: what happened in one episode: approaches, grasp attempts, halts, collisions, harm.
 - ``modes``: one file per failure mode, with the rule that recognizes it.
+- ``thresholds``: the numbers that labels depend on.
 - ``trial``, ``labels``, ``ruling``, ``second_pass``: from the modes to the label of each trial; ``foreign`` does this
   for other worlds.
 - ``run``, ``stored``, ``changes``: the diagnosis of a run, its file, and the difference of two.

@@ -15,6 +15,9 @@ from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
 
+_SHOWN = 5
+"""Trials that a note names before it says that there are more."""
+
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
     """Return one sentence per task and failure mode, the most frequent first, reasoning before execution."""
@@ -62,14 +65,13 @@ def find_notes(
         )
     if missing:
         have = "has" if len(missing) == 1 else "have"
-        shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
-        notes.append(f"{plural(len(missing), 'planned trial')} {have} no record and count as policy_error: {shown}.")
+        trials_without = plural(len(missing), "planned trial")
+        notes.append(f"{trials_without} {have} no record and count as policy_error: {_first_few(missing)}.")
     left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
     if left:
-        shown = ", ".join(left[:5]) + (", …" if len(left) > 5 else "")
         notes.append(
             f"{len(left)} of {len(trials)} planned trials are unfinished: they count in every rate, as no success and "
-            f"no failure of any kind, and in no pair. The same command runs them: {shown}."
+            f"no failure of any kind, and in no pair. The same command runs them: {_first_few(left)}."
         )
     for task, found in sorted(rules.items()):
         if found.undecided:
@@ -97,6 +99,10 @@ def find_notes(
                 f"{100 * smallest.value:.1f} percentage points ({smallest.assumption})."
             )
     return tuple(notes)
+
+
+def _first_few(keys: Sequence[str]) -> str:
+    return ", ".join(keys[:_SHOWN]) + (", …" if len(keys) > _SHOWN else "")
 
 
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:

@@ -32,29 +32,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from betterbench.diagnosis.ruling import CONFUSION, HABIT, LATER, PLACE, WORD, RuleStatus, Ruling
+from betterbench.diagnosis.thresholds import (
+    CLEARLY,
+    HIGHEST_ERROR_RATE,
+    HIGHEST_STRENGTH,
+    LOWEST_ERROR_RATE,
+    ONE_ATTEMPT,
+    ORDER_TRIALS,
+    OTHER_TASKS,
+)
 from betterbench.diagnosis.trial import Choice
 from betterbench.tasks import THRESHOLDS
 
 FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
 
-ORDER_TRIALS = 3
-"""Wrong first attempts at later steps from which a policy is taken for one that mistakes the order, if that explains
-its attempts as well as anything else does. One or two may as well be at a favorite place."""
-
-OTHER_TASKS = 2
-"""Other tasks in which a rule has to be proven before it counts in a task whose own trials could not prove it."""
-
-ONE_ATTEMPT = 3.0
-"""What one first attempt is worth that a rule predicts and another does not [nats], rounded."""
-
-CLEARLY = 2.0
-"""Nats by which one kind of rule has to explain all tasks better than any other to be that of the policy: odds of 7."""
-
 _LATER = (LATER, f"{LATER}:next", f"{LATER}:last")
 """What begins with a step that is not due yet: any of them, the next, or the last."""
 
-_GRID = np.linspace(0.0, 0.99, 100)
-"""Strengths that are tried. Above 0.99 no number of trials of a run can tell them apart."""
+_GRID = np.linspace(0.0, HIGHEST_STRENGTH, 100)
+"""Strengths that are tried."""
+
+_ROUNDING = 1e-9
+"""Difference of two costs up to which they are equal [nats]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +172,7 @@ def mistakes_order(choices: Mapping[str, Mapping[str, Choice]], alone: Mapping[s
     if sum(not c.correct and _fits(LATER, c) for of in mine.values() for c in of) < ORDER_TRIALS:
         return False
     later = min(sum(_judge(name, of, 0.0).cost for of in mine.values()) for name in _LATER) + math.log(len(_LATER))
-    return later <= min(_total(family, mine, alone) for family in (WORD, PLACE, CONFUSION)) + 1e-9
+    return later <= min(_total(family, mine, alone) for family in (WORD, PLACE, CONFUSION)) + _ROUNDING
 
 
 def family_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
@@ -233,7 +232,7 @@ def judge_rules(
     rank = {name: k for k, name in enumerate(names)}
     rules = sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, 9), rank[r.name]))
     confusion = _confusion(all_choices) + before[CONFUSION]
-    proven = {r.name for r in rules if r.cost < confusion - 1e-9}
+    proven = {r.name for r in rules if r.cost < confusion - _ROUNDING}
     if not places_known:
         proven -= {r.name for r in rules if r.slot is not None and not has_pair(all_choices, r.slot)}
     if known is not None and LATER not in known:
@@ -295,7 +294,7 @@ def _provable(slot: str, choices: Sequence[Choice], price: float, confusion: flo
     """Tell whether trials like these would prove a policy that always goes to a slot."""
     certain = [replace(c, slot=slot, correct=slot in c.right) for c in choices]
     rule = _judge(f"{PLACE}:{slot}", certain, price)
-    return has_pair(certain, slot) and rule.cost < _confusion(certain) + confusion - 1e-9
+    return has_pair(certain, slot) and rule.cost < _confusion(certain) + confusion - _ROUNDING
 
 
 def _rule_on(
@@ -381,6 +380,7 @@ def _confusion(choices: Sequence[Choice]) -> float:
     if not choices:
         return 0.0
     guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))
-    rates = np.linspace(1e-3, min(0.99, max(2e-3, guessing)), 100)
+    highest = min(HIGHEST_ERROR_RATE, max(2.0 * LOWEST_ERROR_RATE, guessing))
+    rates = np.linspace(LOWEST_ERROR_RATE, highest, 100)
     costs = [-sum(math.log(_chance(c, float(rate))) for c in choices) for rate in rates]
     return min(costs)
