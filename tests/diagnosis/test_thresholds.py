@@ -22,7 +22,9 @@ NO_THRESHOLDS = {
     "changes.py": {"_SAME_TIME"},  # rounding of a stored time
     "findings.py": {"_SHOWN"},  # trials that a note names
     "instruction_effect.py": {"_PLACE_DIGITS"},  # rounding of poses that are equal by construction
-    "second_pass.py": {"_ROUNDING"},  # of a numerical method
+    "rule_likelihood.py": {"ROUNDING", "_GRID_POINTS"},  # of a numerical method, as are the next two
+    "task_rules.py": {"_DECIMALS"},
+    "second_pass.py": {"_PSEUDOCOUNT", "_EM_STEPS"},
     "stored.py": {"STORED_SCHEMA_VERSION", "_MAX_BYTES"},
 }
 """Numeric constants of a module that decide no label, or belong to a method and not to what is measured."""

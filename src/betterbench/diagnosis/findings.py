@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.rule_likelihood import PolicyRule, place_rule
 from betterbench.diagnosis.ruling import PLACE
-from betterbench.diagnosis.second_pass import PolicyRule, TaskRules
+from betterbench.diagnosis.task_rules import TaskRules
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
 from betterbench.statistics.power import DEFAULT_ALPHA
@@ -111,7 +112,7 @@ def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRule
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
     if mode.rule == PLACE:  # a slot may go by the name of another one at its place
-        rule = _rule(found, f"{PLACE}:{slot}") or next(
+        rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )
     else:

@@ -188,7 +188,7 @@ RESTS_ON_GAP = threshold("rests_on_gap", 0.01, "m",
     "Larger: more objects are on their targets; more causal_confusion of finished steps, fewer execution_failure.",
     listed=False)
 
-# The second pass: which rule explains the first attempts of a policy.
+# The second pass: which rule explains the first attempts of a policy (docs/second-pass.md).
 HIGHEST_STRENGTH = threshold("highest_strength", 0.99, "1",
     "Largest strength of a rule that is tried; no number of trials of a run can tell a larger one apart.",
     "Larger: rules without an exception cost less and those with one are unchanged; more lexical_kinematic_shortcut "

@@ -172,8 +172,7 @@ class Thresholds:
         "Larger: no label changes; the metric counts fewer collisions.")
     slip = threshold("slip", 0.05, "1",
         "Share of trials in which even a policy with one firm rule does something else, for comparing rules.",
-        "Larger: a rule may have more exceptions; more lexical_kinematic_shortcut and visual_layout_bias, fewer "
-        "wrong_object.")
+        "Larger: a rule may have more exceptions, so it explains more attempts; fewer wrong_object.")
     # fmt: on
 
     @staticmethod
