@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from betterbench.diagnosis import diagnose_records, thresholds
 from betterbench.tasks import THRESHOLDS, all_labels, threshold_table
 
+ROOT = Path(__file__).parents[2]
 PACKAGE = Path(thresholds.__file__).parent
 MODULES = {
     str(path.relative_to(PACKAGE)): ast.parse(path.read_text())
@@ -113,6 +115,14 @@ def test_every_threshold_says_what_moves_if_it_moves(entry):
     assert words & labels or "no label changes" in entry.effect, f"{entry.name}: name the labels"
     unknown = {word for word in words if "_" in word} - labels - set(THRESHOLDS.names())
     assert not unknown, f"{entry.name}: {unknown} is no label"
+
+
+def test_the_page_of_thresholds_is_the_table(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "tools")
+    page = importlib.import_module("threshold_page").page()
+    assert (ROOT / "docs" / "thresholds.md").read_text() == page, "run tools/threshold_page.py"
+    shown = re.findall(r"^\| `(\w+)`", page, flags=re.MULTILINE)
+    assert sorted(shown) == sorted(THRESHOLDS.names())
 
 
 def test_values_that_no_stored_diagnosis_lists_stay_as_they_are(stage):

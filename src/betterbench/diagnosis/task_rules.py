@@ -65,21 +65,18 @@ def judge_rules(
     attempts = list(trials.values())
     rules = _fit_rules(attempts, prior)
     confusion = confusion_cost(attempts) + prior[CONFUSION]
-    proven = {rule.name for rule in rules if rule.cost < confusion - ROUNDING}
-    if not place_known:
-        proven -= {rule.name for rule in rules if rule.slot is not None and not has_pair(attempts, rule.slot)}
-    if known is not None and LATER not in known:
-        proven.discard(LATER)
-    judged = _Judged(
-        attempts=attempts, rules=rules, proven=frozenset(proven), ordered=ordered,
-        open_slots=_open_slots(attempts, rules, confusion, prior, place_known=place_known),
-    )  # fmt: skip
+    proven = _proven(attempts, rules, confusion, known)
+    open_slots = _open_slots(attempts, rules, confusion, prior, place_known=place_known)
+    judged = _Judged(attempts, rules, proven, open_slots, ordered)
     rulings = {key: judged.ruling(choice) for key, choice in trials.items()}
-    undecided = sum(
-        not choice.correct and "open" in (rulings[key].shortcut, rulings[key].place) for key, choice in trials.items()
+    wrong = [rulings[key] for key, choice in trials.items() if not choice.correct]
+    return TaskRules(
+        rules=tuple(rules),
+        confusion=confusion,
+        upheld=tuple(rule.name for rule in rules if rule.name in proven),
+        rulings=rulings,
+        undecided=sum("open" in (ruling.shortcut, ruling.place) for ruling in wrong),
     )
-    upheld = tuple(rule.name for rule in rules if rule.name in proven)
-    return TaskRules(tuple(rules), confusion, upheld, rulings, undecided)
 
 
 def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
@@ -107,6 +104,19 @@ def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mappi
 def _choice_of_slot(attempts: Sequence[Choice]) -> float:
     """Return the cost of the choice of one slot among all, all alike before anything is seen [nats]."""
     return math.log(max((c.places for c in attempts), default=2))
+
+
+def _proven(
+    attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
+) -> frozenset[str]:
+    """Return the names of the rules that are upheld: cheaper than confusion, and told from what looks like them."""
+
+    def told_apart(rule: PolicyRule) -> bool:
+        if rule.family == LATER:
+            return known is None or LATER in known
+        return rule.slot is None or (known is not None and PLACE in known) or has_pair(attempts, rule.slot)
+
+    return frozenset(rule.name for rule in rules if rule.cost < confusion - ROUNDING and told_apart(rule))
 
 
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:

@@ -115,8 +115,7 @@ SHOVED_AGAIN = threshold("shoved_again", 2, "1",
     "Larger: more shoves are forgiven; fewer execution_failure, more timeout.")
 BEGINS_TO_MOVE = threshold("begins_to_move", 0.002, "m",
     "Distance from where it stood from which a touched object moves; contacts let things tremble by less.",
-    "Larger: pushes begin later; where several labels fit, the other one decides more often, as behavioral_inertia "
-    "before wrong_object.",
+    "Larger: pushes begin later, so that other evidence comes first more often; fewer wrong_object by a push.",
     listed=False)
 CLOSED_IN_PART = threshold("closed_in_part", THRESHOLDS.finger_travel, "m",
     "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "

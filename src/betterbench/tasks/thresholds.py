@@ -214,7 +214,7 @@ EMPTY_SLOT_REACH = threshold("empty_slot_reach", 0.08, "m",
     "the slot, if nothing stands there and nothing else is nearer; with a spread of 2 cm that is 10 cm. Learned "
     "policies close 4 to 10 cm from the middle of a slot that they find empty: nothing corrects the last of them.",
     "Larger: more closings on nothing are at an emptied slot; more behavioral_inertia, fewer execution_failure, "
-    "success of a refusal and timeout.")
+    "correct_freeze and timeout.")
 
 # Things that are to be left alone.
 HOVER_TIME = threshold("hover_time", 0.5, "s",
