@@ -13,6 +13,7 @@ import framing_page
 import library_sheet
 import scene_pictures
 import task_pages
+import threshold_page
 from betterbench.evaluation import show_comparison
 from betterbench.sim.assets import categories, colors, looks, unseen_looks
 from betterbench.tasks import Task, all_tasks, suite_tasks
@@ -37,6 +38,7 @@ def main() -> None:
     if arguments.tasks is None:
         write_overviews(tasks, arguments.out, seed=arguments.seed)
         calibration_page.write(arguments.out)
+        threshold_page.write(arguments.out)
     sys.stdout.write(f"wrote the pages of {len(arguments.tasks or tasks)} tasks below {arguments.out}\n")
 
 

@@ -15,8 +15,9 @@ from pathlib import Path
 from betterbench.calibration.chance import chance_of
 from betterbench.calibration.run import CalibrationProgress
 from betterbench.diagnosis import TrialDiagnosis, diagnose_run
-from betterbench.diagnosis.measures.power_matrix import BLIND, EXPERT, FLOOR, REPLAY_LIMIT, Key, PowerCell, PowerMatrix
+from betterbench.diagnosis.measures.power_matrix import BLIND, EXPERT, FLOOR, Key, PowerCell, PowerMatrix
 from betterbench.diagnosis.measures.power_matrix import task_versions as versions_of_task
+from betterbench.diagnosis.thresholds import REPLAY_LIMIT
 from betterbench.errors import RecordError
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
 from betterbench.policies.experts.registry import WITNESS, witnessed

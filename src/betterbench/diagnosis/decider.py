@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from betterbench.diagnosis.thresholds import NEARLY_ALL
 from betterbench.diagnosis.trial import Choice
-
-_NEARLY_ALL = 0.9
-"""Share of the first attempts that something has to explain before it is named in place of the instruction."""
 
 _BY_PLACE = "its place"
 
@@ -58,4 +56,4 @@ def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
 def _usual(names: Sequence[str]) -> str | None:
     """Return the name that nearly all are, or None."""
     most = max(sorted(set(names)), key=names.count, default=None)
-    return most if most is not None and names.count(most) >= _NEARLY_ALL * len(names) else None
+    return most if most is not None and names.count(most) >= NEARLY_ALL * len(names) else None

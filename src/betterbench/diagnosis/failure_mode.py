@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis
 from betterbench.diagnosis.exposure import Exposure
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import InvalidInputError
 from betterbench.records import Record
@@ -38,9 +39,6 @@ class TrialView:
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
         return self.record.outcome.termination == "step_limit" and (just_reached or not all_done_once)
 
-
-SHARE_OF_ALL = 0.8
-"""Share of a policy's trials of one mode that have to look alike for its conclusion to say more than the mode does."""
 
 Finder = Callable[[TrialView], Evidence | None]
 """Returns the first evidence of a mode in a trial, or None."""

@@ -12,13 +12,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from betterbench.diagnosis.instruction_effect import LEAST_PAIRS, LEVEL, USED
+from betterbench.diagnosis.thresholds import LEAST_ASKED, LEAST_PAIRS, LEVEL, USED
 from betterbench.diagnosis.trial import Choice
 from betterbench.statistics import Rate
 from betterbench.statistics.unpaired import binomial_probabilities
-
-LEAST_ASKED = 3
-"""Kinds of things that were asked for in vain, from which on no word that is mistaken for another explains it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +52,7 @@ class FavoriteThing:
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
     """Return the thing that a policy goes for in a suite wherever it stands, or None if that is not proven.
 
-    It has to be asked for other things in :data:`~betterbench.diagnosis.instruction_effect.LEAST_PAIRS` trials where
+    It has to be asked for other things in :data:`LEAST_PAIRS` trials where
     one stands, :data:`LEAST_ASKED` kinds in all, and to go for it more often than a policy that picks one of two things
     at random (exact binomial test, one-sided, corrected for the kinds that it wrongly went for).
     """

@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 
 from betterbench.diagnosis.failure_mode import FailureMode
 from betterbench.diagnosis.modes import MODES
+from betterbench.diagnosis.rule_likelihood import PolicyRule, place_rule
 from betterbench.diagnosis.ruling import PLACE
-from betterbench.diagnosis.second_pass import PolicyRule, TaskRules
+from betterbench.diagnosis.task_rules import TaskRules
 from betterbench.diagnosis.verdict import TrialDiagnosis
 from betterbench.statistics import Rate, fisher_p, smallest_paired_difference
 from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks.labels import Kind, Label
+
+_SHOWN = 5
+"""Trials that a note names before it says that there are more."""
 
 
 def find_findings(trials: Sequence[TrialDiagnosis], rules: Mapping[str, TaskRules]) -> tuple[str, ...]:
@@ -62,14 +66,13 @@ def find_notes(
         )
     if missing:
         have = "has" if len(missing) == 1 else "have"
-        shown = ", ".join(missing[:5]) + (", …" if len(missing) > 5 else "")
-        notes.append(f"{plural(len(missing), 'planned trial')} {have} no record and count as policy_error: {shown}.")
+        trials_without = plural(len(missing), "planned trial")
+        notes.append(f"{trials_without} {have} no record and count as policy_error: {_first_few(missing)}.")
     left = [t.key for t in trials if t.kind is Kind.UNFINISHED]
     if left:
-        shown = ", ".join(left[:5]) + (", …" if len(left) > 5 else "")
         notes.append(
             f"{len(left)} of {len(trials)} planned trials are unfinished: they count in every rate, as no success and "
-            f"no failure of any kind, and in no pair. The same command runs them: {shown}."
+            f"no failure of any kind, and in no pair. The same command runs them: {_first_few(left)}."
         )
     for task, found in sorted(rules.items()):
         if found.undecided:
@@ -99,13 +102,17 @@ def find_notes(
     return tuple(notes)
 
 
+def _first_few(keys: Sequence[str]) -> str:
+    return ", ".join(keys[:_SHOWN]) + (", …" if len(keys) > _SHOWN else "")
+
+
 def _proof(mode: FailureMode, members: Sequence[TrialDiagnosis], found: TaskRules | None) -> str:
     """Return the statistical support of a rule as a clause, or an empty text for labels that need none."""
     if found is None or mode.rule is None:
         return ""
     slot = next((t.first_slot for t in members if t.first_slot is not None), None)
     if mode.rule == PLACE:  # a slot may go by the name of another one at its place
-        rule = _rule(found, f"{PLACE}:{slot}") or next(
+        rule = _rule(found, place_rule(slot or "")) or next(
             (r for r in found.rules if r.family == PLACE and r.name in found.upheld), None
         )
     else:

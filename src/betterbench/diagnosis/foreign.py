@@ -16,6 +16,7 @@ from betterbench.diagnosis.analysis.episode_analysis import analyze_episode
 from betterbench.diagnosis.analysis.trace import Trace, Whereabout, finger_forces, touches
 from betterbench.diagnosis.labels import decide, gather
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
+from betterbench.diagnosis.thresholds import RESTS_ON_GAP
 from betterbench.diagnosis.trial import Reading, choice_of, trial_diagnosis
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.errors import RecordError
@@ -258,7 +259,7 @@ def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int
             box = next((r for r in target.regions if r.name == "inside" and goal == "inside"), target.regions[-1])
             half = np.array(box.half_size)
             over = (np.abs(local[:, :2] - np.array(box.position[:2])) <= half[:2]).all(axis=1)
-            top = target.size_m[2] + 0.5 * thing.size_m[2] + (0.0 if goal == "inside" else 0.01)
+            top = target.size_m[2] + 0.5 * thing.size_m[2] + (0.0 if goal == "inside" else RESTS_ON_GAP)
             rows = over & (local[:, 2] >= 0.0) & (local[:, 2] <= top)
             found.append(Whereabout(i, goal, t, "", rows))
     return tuple(found)

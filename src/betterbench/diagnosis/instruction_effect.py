@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from betterbench.diagnosis.thresholds import LEAST_PAIRS, LEVEL, USED
 from betterbench.diagnosis.verdict import Metric, TrialDiagnosis
 from betterbench.records import Record
 from betterbench.statistics import Rate
@@ -22,17 +23,6 @@ from betterbench.statistics.unpaired import binomial_probabilities
 from betterbench.tasks.labels import Kind
 
 Pair = tuple[TrialDiagnosis, TrialDiagnosis]
-
-LEAST_PAIRS = 10
-"""Pairs from which a policy can be said not to use the instruction; with fewer, chance alone could not be told from it.
-"""
-
-USED = 0.5
-"""Instruction effect of a policy that picks one of two things at random: what has to be excluded before a policy is
-said not to use the instruction."""
-
-LEVEL = 0.025
-"""Level of the one-sided tests that the instruction is not used: that of one side of a 95 % interval."""
 
 SAME_TARGET = "same_target_whatever_the_instruction"
 """Rule of evidence of a wrong first attempt of a policy that does not use the instruction."""

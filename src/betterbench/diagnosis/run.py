@@ -25,7 +25,8 @@ from betterbench.diagnosis.labels import decide
 from betterbench.diagnosis.measures.metrics import compute_metrics, twins
 from betterbench.diagnosis.modes.policy_error import label_without_record, without_record
 from betterbench.diagnosis.ruling import Ruling
-from betterbench.diagnosis.second_pass import TaskRules, judge_policy
+from betterbench.diagnosis.second_pass import judge_policy
+from betterbench.diagnosis.task_rules import TaskRules
 from betterbench.diagnosis.trial import Choice, Reading, read_trial
 from betterbench.diagnosis.until_decided import UntilDecided, decided_of
 from betterbench.diagnosis.verdict import Metric, RunDiagnosis, TrialDiagnosis

@@ -6,9 +6,10 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
-from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, exposed_labels
+from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import effect_sentence
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import RunDiagnosis, TrialDiagnosis
 from betterbench.errors import UnknownNameError, one_line
 from betterbench.report.claims import (

@@ -16,95 +16,36 @@ from typing import NamedTuple
 import numpy as np
 
 from betterbench.diagnosis.analysis.trace import Trace
+from betterbench.diagnosis.thresholds import (
+    BEGINS_TO_MOVE,
+    BESIDE,
+    CLOSED_IN_PART,
+    COMES_DOWN,
+    COMES_NEARER,
+    FLICKER_TIME,
+    LEAST_REGION,
+    OVER_HEIGHT,
+    PASSING,
+    PASSING_AT_END,
+    PUSH_AGAIN,
+    PUSH_ALONG,
+    PUSH_GAP,
+    PUSH_SHARE,
+    PUSH_TRAVEL,
+    RETREAT,
+    RETURNS,
+    RISEN_AGAIN,
+    RUNS_INTO,
+    SEARCH_STEP,
+    STAY_SHARE,
+    STAY_TIME,
+    STRAIGHT,
+    TO_AND_FRO,
+    TO_AND_FRO_TRAVEL,
+)
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.judging.attempts import GraspAttempt
 from betterbench.tasks.judging.motion import Bools, Floats, in_reach
-from betterbench.tasks.thresholds import threshold
-
-OVER_HEIGHT = threshold(
-    "over_height", 0.12, "m",
-    "Height above the top of an object up to which an open gripper is over it; grasps from above begin there.",
-)  # fmt: skip
-BESIDE = threshold(
-    "over_beside", 0.01, "m", "Distance beside a thing, seen from above, up to which an open gripper is over it."
-)
-STAY_TIME = threshold(
-    "stay_time", 2.0, "s",
-    "Time that an open gripper stays over something, in all, until it has chosen it. Honest policies of the "
-    "independent family stay over something else for up to 4 s, but grasp then, and are judged by the grasp.",
-)  # fmt: skip
-STAY_SHARE = threshold(
-    "stay_share", 0.7, "1",
-    "Share of the time over things that is spent over one of them if that one is chosen; less is to and fro.",
-)  # fmt: skip
-PASSING = threshold(
-    "passing", 0.08, "m",
-    "Distance between the places where the gripper comes over something and leaves it again from which it only passes.",
-)  # fmt: skip
-PUSH_TRAVEL = threshold(
-    "push_travel", 0.08, "m",
-    "Distance over which an empty gripper moves something in front of it that is a push and no slip; honest policies "
-    "of the independent family moved nothing by more than 1 cm without grasping it, in 297 trials.",
-)  # fmt: skip
-PUSH_GAP = threshold(
-    "push_gap", 1.0, "s",
-    "Time between two touches up to which they are one push: what slides ahead of a gripper is touched now and then, "
-    "and goes on sliding for a moment.",
-)  # fmt: skip
-PUSH_ALONG = threshold(
-    "push_along",
-    0.8,
-    "1",
-    "Cosine of the angle between the ways of gripper and object from which one pushes the other.",
-)
-CLOSED_IN_PART = threshold(
-    "closed_in_part", THRESHOLDS.finger_travel, "m",
-    "Least travel of fingers that close around something without touching it, for a grasp that was meant; they are "
-    "brought to the width of a thing before they come down to it.",
-)  # fmt: skip
-RETREAT = threshold(
-    "retreat", 0.15, "m",
-    "Distance from where an open gripper was over something by which it has gone away from it, until it comes back.",
-)  # fmt: skip
-RETURNS = threshold(
-    "returns", 3, "1",
-    "Times that an open gripper comes over the right thing, and goes away in between, from which it goes to and fro. "
-    "None of 645 honest trials of the independent family did so even twice before its first grasp.",
-)  # fmt: skip
-TO_AND_FRO = threshold(
-    "to_and_fro", 5.0, "1",
-    "Length of the way of an empty gripper, in diameters of the region it stays in, from which it goes to and fro; a "
-    "straight way has 1, and of the ways of honest policies between two grasps 99 % have less than 4.4.",
-)  # fmt: skip
-TO_AND_FRO_TRAVEL = threshold(
-    "to_and_fro_travel", 0.4, "m", "Least length of a way to and fro; servo jitter adds up to less in a minute."
-)
-
-COMES_NEARER = threshold(
-    "comes_nearer", 0.15, "1",
-    "Share of its distance to the right thing by which the middle of a way to and fro comes nearer from each quarter "
-    "to the next if it leads there, slowly; who goes to and fro and settles on nothing comes no nearer.",
-)  # fmt: skip
-PUSH_AGAIN = threshold(
-    "push_again", 3, "1",
-    "Times that an empty gripper comes to a thing and moves it from which it goes for it, also where the thing rolls "
-    "off or falls over and takes another way than the gripper.",
-)  # fmt: skip
-SHOVED_AGAIN = threshold(
-    "shoved_again", 2, "1",
-    "Times that an empty gripper moves the right thing aside from which it fails to take it, if it never grasps it. A "
-    "wrong thing is gone for where it is moved more often, or pushed: an arm may run into it on its way.",
-)  # fmt: skip
-COMES_DOWN = threshold(
-    "comes_down", 0.035, "m",
-    "Height over the foot of a flat object up to which a gripper has come down to it; plates, slices and cutlery are "
-    "lower than the fingers that take them, so that the tool center point is above their top when it takes them.",
-)  # fmt: skip
-RUNS_INTO = threshold(
-    "runs_into", 3, "1",
-    "Times that an open gripper comes down and runs into the right thing, and rises again, from which it tries in vain "
-    "to take it. Who is slow on the right way runs into nothing.",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,17 +73,11 @@ def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
             continue
         stay = Stay(first + start, first + stop - 1, int(over[start]))
         last = stays[-1] if stays else None
-        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(FLICKER_S):
+        if last is not None and last.object == stay.object and stay.start - last.end <= trace.steps(FLICKER_TIME):
             stays[-1] = Stay(last.start, stay.end, stay.object)
         else:
             stays.append(stay)
     return tuple(s for s in stays if not _passes(trace, s))
-
-
-FLICKER_S = 0.25
-"""Time up to which an interruption is none: contacts and places tremble [s]."""
-_BEGINS_M = 0.002
-_ABOVE_AGAIN_M = 0.03
 
 
 def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> Stay | None:
@@ -183,7 +118,7 @@ def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collecti
             at[row] = min(over)[1] if over else -1
     times, visits = Counter[bool](), Counter[bool]()
     for i in (chosen, *asked):
-        for a, b in spans(at == i, trace.steps(FLICKER_S)):
+        for a, b in spans(at == i, trace.steps(FLICKER_TIME)):
             if not _passes(trace, visit := Stay(a, b, i)):
                 times[i == chosen] += visit.rows
                 visits[i == chosen] += 1
@@ -257,11 +192,11 @@ def closes_in_part(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     down = np.array([
         low[row] and trace.within_reach(row, trace.tool[row])[i] for row in range(first, trace.rows)
     ])  # fmt: skip
-    for start, end in spans(down, trace.steps(FLICKER_S)):
+    for start, end in spans(down, trace.steps(FLICKER_TIME)):
         a, b = first + start, first + end
         narrowed = trace.width[b] <= trace.width[a : b + 1].max() - CLOSED_IN_PART
         touched = (trace.left | trace.right)[a : b + 1, i].any()
-        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > below[b] + _ABOVE_AGAIN_M
+        lifted = b < trace.rows - 1 and trace.tool[b + 1 :, 2].max() > below[b] + RISEN_AGAIN
         if narrowed and not touched and lifted:
             return a, b
     return None
@@ -276,9 +211,9 @@ def runs_into(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     met = trace.touched[:, i] & ~(trace.left & trace.right)[:, i] & (trace.held < 0) & ~shut
     met[:first] = False
     times: list[tuple[int, int]] = []
-    for start, end in spans(met, trace.steps(FLICKER_S)):
+    for start, end in spans(met, trace.steps(FLICKER_TIME)):
         since = times[-1][1] if times else first
-        if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= _ABOVE_AGAIN_M:
+        if trace.tool[since : start + 1, 2].max() - trace.tool[start, 2] >= RISEN_AGAIN:
             times.append((start, end))
     return (times[0][0], times[-1][1]) if len(times) >= RUNS_INTO else None
 
@@ -289,7 +224,7 @@ def comes_shut(trace: Trace, first: int, i: int) -> tuple[int, int] | None:
     near = [
         row for row in np.flatnonzero(shut).tolist() if row >= first and trace.within_reach(row, trace.tool[row])[i]
     ]
-    return spans(np.isin(np.arange(trace.rows), near), trace.steps(FLICKER_S))[0] if near else None
+    return spans(np.isin(np.arange(trace.rows), near), trace.steps(FLICKER_TIME))[0] if near else None
 
 
 def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
@@ -302,11 +237,11 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
     tool = trace.tool[first:]
     steps = np.linalg.norm(np.diff(tool, axis=0), axis=1)
     left = np.concatenate((np.cumsum(steps[::-1])[::-1], [0.0]))  # way from each row to the end
-    for k in range(0, len(tool), trace.steps(0.5)):
+    for k in range(0, len(tool), trace.steps(SEARCH_STEP)):
         diameter = float(np.linalg.norm(np.ptp(tool[k:], axis=0)))
         if left[k] < TO_AND_FRO_TRAVEL:
             return None
-        if left[k] >= TO_AND_FRO * max(diameter, 0.02):
+        if left[k] >= TO_AND_FRO * max(diameter, LEAST_REGION):
             return first + k, trace.rows - 1
     return None
 
@@ -441,7 +376,7 @@ def _passes(trace: Trace, stay: Stay) -> bool:
     if stay.end == trace.rows - 1:
         last = trace.tool[max(stay.start, stay.end - trace.steps(STAY_TIME)) : stay.end + 1, :2]
         way = float(np.linalg.norm(np.diff(last, axis=0), axis=1).sum())
-        return way >= 0.25 * PASSING and float(np.linalg.norm(last[-1] - last[0])) >= 0.8 * way
+        return way >= PASSING_AT_END * PASSING and float(np.linalg.norm(last[-1] - last[0])) >= STRAIGHT * way
     if stay.rows < trace.steps(THRESHOLDS.stop_time):
         return True
     return float(np.linalg.norm((trace.tool[stay.end] - trace.tool[stay.start])[:2])) >= PASSING
@@ -463,16 +398,16 @@ def _moves_from(trace: Trace, i: int, touched: int) -> int:
 
     Touches shorter than a control step are seen by what they do alone.
     """
-    before = max(0, touched - trace.steps(FLICKER_S))
+    before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)
-    return before + int(np.argmax(np.append(moved[:-1] > _BEGINS_M, True)))
+    return before + int(np.argmax(np.append(moved[:-1] > BEGINS_TO_MOVE, True)))
 
 
 def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
     """Tell whether an object that was touched went the same way as the gripper, which went half as far itself."""
     way, tool = _ways(trace, i, start, end)
     lengths = float(np.linalg.norm(way)), float(np.linalg.norm(tool))
-    if lengths[0] < PUSH_TRAVEL or lengths[1] < 0.5 * PUSH_TRAVEL:
+    if lengths[0] < PUSH_TRAVEL or lengths[1] < PUSH_SHARE * PUSH_TRAVEL:
         return False
     return float(way @ tool) >= PUSH_ALONG * lengths[0] * lengths[1]
 
@@ -480,7 +415,7 @@ def _pushed(trace: Trace, i: int, start: int, end: int) -> bool:
 def _shoved(trace: Trace, i: int, start: int, end: int) -> bool:
     """Tell whether an object that was touched moved by half as far as if it was pushed."""
     way, _ = _ways(trace, i, start, end)
-    return float(np.linalg.norm(way)) >= 0.5 * PUSH_TRAVEL
+    return float(np.linalg.norm(way)) >= PUSH_SHARE * PUSH_TRAVEL
 
 
 def _ways(trace: Trace, i: int, start: int, end: int) -> tuple[Floats, Floats]:

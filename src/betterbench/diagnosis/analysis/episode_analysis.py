@@ -12,6 +12,7 @@ import numpy as np
 from betterbench.diagnosis.analysis.approaches import Stay, chosen_by_staying, find_pushes, find_shoves, is_down
 from betterbench.diagnosis.analysis.harm import DatedHarm
 from betterbench.diagnosis.analysis.trace import Trace, Whereabout, place_middle
+from betterbench.diagnosis.thresholds import BETWEEN, DOUBT, SQUEEZES
 from betterbench.diagnosis.verdict import Attempt, Evidence
 from betterbench.geometry import rotate
 from betterbench.interface.state import WorldState
@@ -24,30 +25,11 @@ from betterbench.tasks.judging.attempts import (
     find_squeezes,
     find_weak_closings,
 )
-from betterbench.tasks.judging.harm import DISPLACED
 from betterbench.tasks.judging.restraint import off_limits
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
-from betterbench.tasks.thresholds import threshold
+from betterbench.tasks.thresholds import DISPLACED
 from betterbench.tasks.words import place_words
-
-DOUBT = threshold(
-    "doubt", 0.03, "m",
-    "Distance by which what was asked for may be farther from a gripper that closed on nothing than something else is, "
-    "for the miss to be one of what was asked for: a bad aim proves no wrong choice.",
-)  # fmt: skip
-
-BETWEEN = threshold(
-    "between", 0.02, "m",
-    "Distance by which something else may be farther from a gripper that closed on nothing than what was asked for is, "
-    "for the closing to be between the two, so that it cannot be told which was meant; the noise of a closing point.",
-)  # fmt: skip
-
-SQUEEZES = threshold(
-    "squeezes", 3, "1",
-    "Times that fingers close by a little around what is asked for and open again from which they have tried to take "
-    "it; once or twice may be a flicker of the command.",
-)  # fmt: skip
 
 
 class AttemptTarget(StrEnum):

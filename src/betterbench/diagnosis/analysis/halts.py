@@ -4,49 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 
-from betterbench.diagnosis.analysis.approaches import FLICKER_S, STAY_TIME, lowered, spans
+from betterbench.diagnosis.analysis.approaches import lowered, spans
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.analysis.trace import Trace, place_middle
+from betterbench.diagnosis.thresholds import (
+    COME_TO_REST,
+    DRIFT,
+    FLICKER_TIME,
+    HALT_RADIUS,
+    OVER_GOAL,
+    PAUSES_VARY,
+    SEARCH_STEP,
+    STAY_TIME,
+    TREMBLE_TIME,
+)
 from betterbench.geometry import rotate
 from betterbench.tasks import THRESHOLDS
 from betterbench.tasks.judging.motion import Bools
 from betterbench.tasks.relations import relation
-from betterbench.tasks.thresholds import threshold
-
-HALT_RADIUS = threshold(
-    "halt_radius", 0.03, "m",
-    "Distance from where it stopped within which an arm that halts stays to the end; noise on the actions moves it by "
-    "less than 1 cm.",
-)  # fmt: skip
-
-DRIFT = threshold(
-    "drift", 0.002, "m/s",
-    "Speed with which an arm that halts may drift off beside that: nobody who watches sees it move, and in the whole "
-    "time of a trial it comes nowhere. A policy whose commands are noise around zero drifts as far.",
-)  # fmt: skip
-
-COME_TO_REST = threshold(
-    "come_to_rest", 0.005, "m",
-    "Distance from where it is within which an arm that was slow before has to stay to the end, drift apart, to have "
-    "come to rest there; one that creeps on at 4 mm/s or more has not.",
-)  # fmt: skip
-
-PAUSES_VARY = threshold(
-    "pauses_vary", 1.5, "1",
-    "Length of a stand in longest pauses before it, of a policy that makes long ones, from which it is no pause more.",
-)  # fmt: skip
-
-TREMBLE_TIME = threshold(
-    "tremble_time", 8.0, "s",
-    "Time from which an arm that stays within halt_radius to the end has halted even if it never stands still; honest "
-    "policies of the independent family go on after at most 6.5 s.",
-)  # fmt: skip
-
-OVER_GOAL = threshold(
-    "over_goal", 0.06, "m",
-    "Horizontal distance from the middle of its place within which a held object has been brought there; wider places "
-    "count up to their edge.",
-)  # fmt: skip
 
 
 def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
@@ -80,7 +55,7 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 def in_fingers(trace: Trace, row: int) -> int | None:
     """Return what the gripper holds at a row, or None; contacts that tremble let go of nothing."""
-    rows = slice(max(0, row - trace.steps(FLICKER_S)), row + 1)
+    rows = slice(max(0, row - trace.steps(FLICKER_TIME)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
 
@@ -96,8 +71,8 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
             continue
         for i in episode.meant[g]:
             gripped = (trace.held == i) | (trace.left[:, i] & trace.right[:, i])
-            rows = spans(gripped, trace.steps(FLICKER_S))
-            if not rows or rows[-1][1] < last - trace.steps(FLICKER_S) or not trace.closing[rows[-1][0] :].all():
+            rows = spans(gripped, trace.steps(FLICKER_TIME))
+            if not rows or rows[-1][1] < last - trace.steps(FLICKER_TIME) or not trace.closing[rows[-1][0] :].all():
                 continue
             first = rows[-1][0]
             at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
@@ -135,13 +110,13 @@ def _rests_from(trace: Trace, start: int, stop: int) -> int | None:
     last = stop - trace.steps(THRESHOLDS.halt_time)
     if start <= last and _stays(trace, start):
         return start
-    rows = range(start, last + 1, trace.steps(0.5))
+    rows = range(start, last + 1, trace.steps(SEARCH_STEP))
     return next((row for row in rows if _stays(trace, row, within=COME_TO_REST)), None)
 
 
 def _in_place_from(trace: Trace) -> int:
     """Return a row from which the arm moves in place to the end, if it does so long enough, else the number of rows."""
-    for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(0.5)):
+    for begin in range(0, trace.rows - trace.steps(TREMBLE_TIME), trace.steps(SEARCH_STEP)):
         if _stays(trace, begin):
             return begin
     return trace.rows

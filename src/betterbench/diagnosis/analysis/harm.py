@@ -9,8 +9,9 @@ import numpy as np
 from betterbench.diagnosis.analysis.trace import Trace
 from betterbench.records import Record
 from betterbench.tasks import THRESHOLDS, Condition, get_task
-from betterbench.tasks.judging.harm import DISPLACED, Harm, HarmWatch, bystanders
+from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders
 from betterbench.tasks.judging.targets import Asked, Targets
+from betterbench.tasks.thresholds import DISPLACED
 
 
 class DatedHarm(NamedTuple):

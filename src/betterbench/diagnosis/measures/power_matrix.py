@@ -18,12 +18,13 @@ from pydantic import TypeAdapter
 
 from betterbench.diagnosis import modes as modes  # noqa: PLC0414 - registers the failure modes
 from betterbench.diagnosis.failure_mode import exposed_labels
+from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.errors import RecordError, UnknownNameError
 from betterbench.json_form import open_form, open_seal, read_form, sealed_form
 from betterbench.statistics import Rate, chance_p, holm
+from betterbench.statistics.power import DEFAULT_ALPHA
 from betterbench.tasks import Expected, Label, Task, get_task
 from betterbench.tasks.interventions import vary
-from betterbench.tasks.thresholds import threshold
 
 PACKAGED_MATRIX = "power.json"
 """File of the packaged matrix, beside this module in ``data``."""
@@ -37,15 +38,6 @@ BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
 FLOOR = ("random", "noop")
 """What needs no demonstration at all."""
 
-REPLAY_LIMIT = threshold(
-    "replay_limit",
-    0.25,
-    "1",
-    "Success rate up to which motion without looking is no way to solve a variation: what the jitter of slots leaves.",
-)
-FAILS_AT = threshold(
-    "fails_at", 0.5, "1", "Success rate up to which a pretender is said to fail a variation: no better than a coin."
-)
 
 Key = tuple[str, str]
 """A variation: task and name."""
@@ -115,7 +107,7 @@ class BlindCell:
     @property
     def flagged(self) -> bool:
         """Whether that stands after the correction, at the 5 % level."""
-        return self.above and self.p_adjusted < 0.05
+        return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
     def speechless(self) -> bool:

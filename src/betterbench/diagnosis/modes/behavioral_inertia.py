@@ -11,6 +11,7 @@ from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, Episo
 from betterbench.diagnosis.exposure import Exposure
 from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
 from betterbench.diagnosis.ruling import HABIT
+from betterbench.diagnosis.thresholds import MEMORIZED_SPOT
 from betterbench.diagnosis.verdict import Evidence
 from betterbench.geometry import from_yaw, multiply
 from betterbench.interface.state import WorldState
@@ -18,14 +19,7 @@ from betterbench.tasks import THRESHOLDS, Expected
 from betterbench.tasks.judging.restraint import first_closing_in_motion, first_hover
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
-from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing
-
-MEMORIZED_SPOT = threshold(
-    "memorized_spot", 0.04, "m",
-    "Distance from where a target would have taken something, if it stood where training had it, up to which that was "
-    "put there; slots vary by 15 mm a side and placements by as much.",
-)  # fmt: skip
 
 
 def _exposed(x: Exposure) -> bool:

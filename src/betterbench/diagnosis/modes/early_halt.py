@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.analysis.halts import find_halt, in_fingers
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks import Expected

@@ -8,8 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from betterbench.diagnosis.analysis.approaches import (
-    CLOSED_IN_PART,
-    SHOVED_AGAIN,
     Stay,
     closes_in_part,
     comes_shut,
@@ -17,8 +15,9 @@ from betterbench.diagnosis.analysis.approaches import (
 )
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Means, Step
 from betterbench.diagnosis.analysis.halts import find_halt
-from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.behavioral_inertia import memorized_spot
+from betterbench.diagnosis.thresholds import CLOSED_IN_PART, SHARE_OF_ALL, SHOVED_AGAIN, TRIES_IN_VAIN
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.geometry import tilt_of
 from betterbench.statistics.wording import listed, plural
@@ -27,14 +26,7 @@ from betterbench.tasks.judging.restraint import moved_from_start
 from betterbench.tasks.labels import Label
 from betterbench.tasks.relations import relation
 from betterbench.tasks.relations.closed import DRAWN_OUT, PUSHED_IN
-from betterbench.tasks.thresholds import threshold
 from betterbench.tasks.words import agreeing, is_plural
-
-TRIES_IN_VAIN = threshold(
-    "tries_in_vain", 3, "1",
-    "Times that a gripper has closed on the right thing and lost it or let go of it too early from which it fails, "
-    "though it has it once more when the limit comes; honest policies did so at most twice.",
-)  # fmt: skip
 
 _KNOCKS = "knocks things over or out of their places"
 _HOW = {

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from betterbench.diagnosis.analysis.episode_analysis import AttemptTarget, EpisodeAnalysis, Step
 from betterbench.diagnosis.exposure import Exposure
-from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView
 from betterbench.diagnosis.modes.lexical_kinematic_shortcut import word_of
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from betterbench.diagnosis.analysis.approaches import comes_down_to, stays_above
 from betterbench.diagnosis.analysis.episode_analysis import EpisodeAnalysis, Means
 from betterbench.diagnosis.analysis.halts import in_fingers, kept_at_its_place
-from betterbench.diagnosis.failure_mode import SHARE_OF_ALL, FailureMode, TrialView, sharper_by_rule
+from betterbench.diagnosis.failure_mode import FailureMode, TrialView, sharper_by_rule
+from betterbench.diagnosis.thresholds import SHARE_OF_ALL
 from betterbench.diagnosis.verdict import Evidence, TrialDiagnosis
 from betterbench.statistics.wording import listed
 from betterbench.tasks.labels import Label

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from betterbench.diagnosis.measures.power_matrix import BLIND, FAILS_AT, FLOOR, REPLAY_LIMIT, Key, PowerMatrix
+from betterbench.diagnosis.measures.power_matrix import BLIND, FLOOR, Key, PowerMatrix
+from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.tasks import Axis, get_task
 
 _LOOKS = "looks at the scene"

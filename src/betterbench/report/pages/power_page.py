@@ -7,17 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from betterbench.diagnosis.measures.power_matrix import (
-    BLIND,
-    CURE,
-    FAILS_AT,
-    FLOOR,
-    REPLAY_LIMIT,
-    BlindCell,
-    Key,
-    PowerCell,
-    PowerMatrix,
-)
+from betterbench.diagnosis.measures.power_matrix import BLIND, CURE, FLOOR, BlindCell, Key, PowerCell, PowerMatrix
+from betterbench.diagnosis.thresholds import FAILS_AT, REPLAY_LIMIT
 from betterbench.errors import UnknownNameError
 from betterbench.quoting import markdown_code, markdown_table, markdown_text
 from betterbench.report.html import environment, write

@@ -8,21 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from betterbench.tasks.judging.motion import Bools, Floats, Motion, in_reach
-from betterbench.tasks.thresholds import THRESHOLDS, threshold
-
-PRESS_FORCE = threshold(
-    "press_force", 10.0, "N",
-    "Force of one finger on something from which a closing gripper is at it, if it lasts for press_time; a finger that "
-    "grazes something, or pushes it aside, presses with less than the weight of what it moves.",
-)  # fmt: skip
-PRESS_TIME = threshold(
-    "press_time", 0.1, "s", "Time for which one finger presses with press_force; a graze is shorter."
-)
-LEAN_FORCE = threshold(
-    "lean_force", 2.0, "N",
-    "Force of one finger on something from which a closing gripper is at it, if it lasts for stop_time; objects of up "
-    "to 0.3 kg slide away from less.",
-)  # fmt: skip
+from betterbench.tasks.thresholds import LEAN_FORCE, PRESS_FORCE, PRESS_TIME, THRESHOLDS, TREMBLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +125,11 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
     for row in range(motion.rows):
         if not narrowing:
             open_width = max(open_width, float(width[row]))
-            if width[row] >= open_width - _TREMBLE_M:
+            if width[row] >= open_width - TREMBLE:
                 widest = row
             elif open_width - width[row] >= THRESHOLDS.finger_travel:
                 narrowing, narrowest = True, row
-        elif width[row] < width[narrowest] - _TREMBLE_M:
+        elif width[row] < width[narrowest] - TREMBLE:
             narrowest = row
         elif width[row] - width[narrowest] >= THRESHOLDS.finger_travel:
             empty = not (motion.held[widest : row + 1] >= 0).any()
@@ -151,9 +137,6 @@ def find_squeezes(motion: Motion) -> tuple[GraspAttempt, ...]:
                 found.append(GraspAttempt(widest, narrowest, row, None, None, None, secured=False))
             narrowing, widest, open_width = False, row, float(width[row])
     return tuple(found)
-
-
-_TREMBLE_M = 0.001
 
 
 def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:

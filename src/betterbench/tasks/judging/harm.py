@@ -11,34 +11,8 @@ from betterbench.geometry import Pose, Quaternion, Vector, tilt_of
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Asked, Intruder, Places, Targets
 from betterbench.tasks.relations import on_floor
-from betterbench.tasks.thresholds import THRESHOLDS, threshold
+from betterbench.tasks.thresholds import CYLINDER_STANDS_FROM, DISPLACED, OTHER_STANDS_FROM, THRESHOLDS
 from betterbench.tasks.words import agreeing, place_words
-
-DISPLACED = threshold(
-    "displaced",
-    0.05,
-    "m",
-    "Distance of its middle from where that was at the start beyond which something that was not asked for was "
-    "carried, pushed or knocked out of its place, also if it is brought back; suite, law 7. What is left over of a "
-    "kind of which enough is at the target, the other one of two burgers, may be brought back.",
-)
-
-CYLINDER_STANDS_FROM = threshold(
-    "cylinder_stands_from",
-    0.3,
-    "1",
-    "Height of a cylinder, in its smaller width, from which it stands upright and can be knocked over. Measured over "
-    "all looks of the library: mugs, cans, jars, cups and bottles have 0.80 to 2.33, low sauce cups 0.43.",
-)
-
-OTHER_STANDS_FROM = threshold(
-    "other_stands_from",
-    1.15,
-    "1",
-    "Height of a box or an irregular object, in its smaller width, from which it stands upright and can be knocked "
-    "over. Measured over all looks of the library: egg cups, staplers, speakers and boxes of fries have 1.31 or more; "
-    "blocks, which lie as well on another face, 1.01 or less, and crushed cans, napkins and mice 0.90 or less.",
-)
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
 """By shape. What is round is left out: fruit and burgers roll, and plates and bowls are flat."""

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
-from betterbench.tasks.judging.picked_slots import EMPTY_SLOT_REACH, PickedSlot
+from betterbench.tasks.judging.picked_slots import PickedSlot
 from betterbench.tasks.thresholds import THRESHOLDS
 
 Floats = npt.NDArray[np.float64]
@@ -123,13 +123,13 @@ class Motion:
         """Return the empty slot to which a closing on nothing at a point belongs, or None.
 
         It is the slot of training that is nearest to the point, measured from where demonstrations close, within
-        :data:`EMPTY_SLOT_REACH`. Nothing stands in it, and no object is nearer to the point.
+        ``empty_slot_reach``. Nothing stands in it, and no object is nearer to the point.
         """
         near = []
         for slot in self.picked:
-            beyond = slot.beyond(point.tolist())
-            if beyond <= EMPTY_SLOT_REACH and not self._stands_in(row, slot):
-                near.append((beyond, math.dist(point[:2].tolist(), slot.middle), slot.name))
+            if slot.is_met(point.tolist()) and not self._stands_in(row, slot):
+                gap = slot.beyond(point.tolist())
+                near.append((gap, math.dist(point[:2].tolist(), slot.middle), slot.name))
         if not near:
             return None
         beyond, _, name = min(near)

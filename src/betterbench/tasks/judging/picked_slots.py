@@ -22,14 +22,7 @@ from betterbench.interface.state import SceneInfo
 from betterbench.json_form import open_seal, read_form, strict_form
 from betterbench.tasks.authoring.registry import get_task
 from betterbench.tasks.authoring.task import Task
-from betterbench.tasks.thresholds import threshold
-
-EMPTY_SLOT_REACH = threshold(
-    "empty_slot_reach", 0.08, "m",
-    "Distance beyond the spread of where demonstrations close in a slot up to which a closing on nothing belongs to "
-    "the slot, if nothing stands there and nothing else is nearer; with a spread of 2 cm that is 10 cm. Learned "
-    "policies close 4 to 10 cm from the middle of a slot that they find empty: nothing corrects the last of them.",
-)  # fmt: skip
+from betterbench.tasks.thresholds import EMPTY_SLOT_REACH
 
 PACKAGED = "closing_points.json"
 FORM: Literal["betterbench closing points"] = "betterbench closing points"
@@ -69,6 +62,10 @@ class PickedSlot:
     def beyond(self, point: Sequence[float]) -> float:
         """Return how far a point is outside of where demonstrations close [m], seen from above; 0 within."""
         return max(0.0, min(math.dist(point[:2], (x, y)) - spread for x, y, spread in self.closings))
+
+    def is_met(self, point: Sequence[float]) -> bool:
+        """Tell whether a closing on nothing at a point may belong to the slot."""
+        return self.beyond(point) <= EMPTY_SLOT_REACH
 
 
 _FILE = TypeAdapter(ClosingPoints)

@@ -12,23 +12,7 @@ from betterbench.tasks.axes import Expected
 from betterbench.tasks.judging.attempts import GraspAttempt, find_closings_in_motion, find_grasps
 from betterbench.tasks.judging.motion import Bools, Floats, Motion, MotionBuilder, box_distances, graspable, in_reach
 from betterbench.tasks.judging.picked_slots import PickedSlot
-from betterbench.tasks.thresholds import THRESHOLDS, threshold
-
-HOVER_TIME = threshold(
-    "hover_time",
-    0.5,
-    "s",
-    "Time for which an open, empty gripper stays within reach of something that is to be left alone until it has "
-    "interfered with it; at the speed of a transport it would be past in that time.",
-)
-
-MOVED = threshold(
-    "moved",
-    0.005,
-    "m",
-    "Distance from its place at the start from which something that nothing was to touch was moved, whether or not a "
-    "touch is on record; objects at rest move by less than a hundredth of that.",
-)
+from betterbench.tasks.thresholds import HOVER_TIME, MOVED, THRESHOLDS
 
 
 def off_limits(info: SceneInfo, asked: frozenset[int]) -> tuple[int, ...]:

@@ -32,18 +32,21 @@ REACH = threshold(
     "m",
     "Distance of its foot's center from the edge of an anchor up to which an object is to its side; the farthest "
     "posed scene, 23.3 cm away, was judged to be there. Tables are not wider.",
+    "Larger: objects farther off are at its side; more success, fewer execution_failure and timeout.",
 )
 CLOSE = threshold(
     "side_close",
     0.075,
     "m",
     "The same distance for a round anchor, a plate at which a place is laid: its instructions say 'next to the plate'.",
+    "Larger: objects farther from the plate are next to it; more success, fewer execution_failure and timeout.",
 )
 LEAST = threshold(
     "side_least",
     0.015,
     "m",
     "Distance of its foot's center from the edge of an anchor from which an object is beside it and not under it.",
+    "Larger: objects close to the anchor are not beside it; fewer success, more execution_failure.",
 )
 BEYOND = threshold(
     "side_beyond",
@@ -51,6 +54,7 @@ BEYOND = threshold(
     "m",
     "Distance up to which an object beside an anchor may stand nearer, farther back, or farther to a side than the "
     "anchor reaches; 2.4 cm were judged to be beside it, 2.7 cm were not.",
+    "Larger: objects past the ends of the anchor are beside it; more success, fewer execution_failure and timeout.",
 )
 DIAGONAL_FROM = threshold(
     "side_diagonal_from",
@@ -58,6 +62,7 @@ DIAGONAL_FROM = threshold(
     "rad",
     "Direction, from right to behind, from which an object is at the upper right; 25 degrees were judged to be there, "
     "21 degrees to be on the right.",
+    "Larger: the upper right is narrower; fewer success, more execution_failure and behavioral_inertia.",
 )
 DIAGONAL_TO = threshold(
     "side_diagonal_to",
@@ -65,6 +70,7 @@ DIAGONAL_TO = threshold(
     "rad",
     "Direction, from right to behind, up to which an object is at the upper right; 69 degrees were judged to be there, "
     "89 degrees were not.",
+    "Larger: the upper right is wider; more success, fewer execution_failure and timeout.",
 )
 RIGHT_UP_TO = threshold(
     "side_right_up_to",
@@ -72,17 +78,29 @@ RIGHT_UP_TO = threshold(
     "rad",
     "Direction, from right to behind, up to which an object at the upper right is on the right as well; 27 and 40 "
     "degrees were judged to be on the right.",
+    "Larger: more of the upper right is the right as well; more success, fewer execution_failure and timeout.",
 )
-HEIGHT = threshold("side_height", 0.012, "m", "Height above the anchor's foot up to which something is on the table.")
+HEIGHT = threshold(
+    "side_height",
+    0.012,
+    "m",
+    "Height above the anchor's foot up to which something is on the table.",
+    "Larger: what lies on something flat is on the table; more success, fewer execution_failure and timeout.",
+)
 TURN = threshold(
     "side_turn",
     math.radians(45.0),
     "rad",
     "Angle up to which the head of a long object that is laid at a plate points away from the eater; 24 degrees were "
     "accepted, 54 and 159 to 179 degrees were not.",
+    "Larger: cutlery may lie askew; more success, fewer execution_failure.",
 )
 LONG_RATIO = threshold(
-    "long_ratio", 1.5, "1", "Length over width from which an object has a direction; a mug with its handle has 1.4."
+    "long_ratio",
+    1.5,
+    "1",
+    "Length over width from which an object has a direction; a mug with its handle has 1.4.",
+    "Larger: fewer objects have a direction to keep; more success, fewer execution_failure.",
 )
 
 

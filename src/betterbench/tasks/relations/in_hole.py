@@ -11,9 +11,19 @@ PREFIX = "hole_"
 """Racks have the regions "hole_1", "hole_2", ... at the floors of their holes."""
 
 DEPTH = threshold(
-    "hole_depth", 0.004, "m", "Height of a foot above the floor of its hole up to which it stands on the floor."
+    "hole_depth",
+    0.004,
+    "m",
+    "Height of a foot above the floor of its hole up to which it stands on the floor.",
+    "Larger: jars may stick higher in their holes; more success, fewer execution_failure and timeout.",
 )
-TILT = threshold("hole_tilt", 0.12, "rad", "Tilt up to which an object in a hole is upright; the clearance allows 4°.")
+TILT = threshold(
+    "hole_tilt",
+    0.12,
+    "rad",
+    "Tilt up to which an object in a hole is upright; the clearance allows 4°.",
+    "Larger: jars may lean in their holes; more success, fewer execution_failure and timeout.",
+)
 
 
 def in_hole(state: WorldState, name: str, rack: str) -> str | None:

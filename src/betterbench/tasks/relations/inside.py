@@ -12,7 +12,11 @@ from betterbench.tasks.relations.relation import PlaceGoal, Relation, offers, re
 from betterbench.tasks.thresholds import threshold
 
 MARGIN = threshold(
-    "inside_margin", 0.0, "m", "Distance by which an object's center must be inside the opening of a container."
+    "inside_margin",
+    0.0,
+    "m",
+    "Distance by which an object's center must be inside the opening of a container.",
+    "Larger: objects have to lie farther inside; fewer success, more execution_failure and timeout.",
 )
 
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))

@@ -17,11 +17,22 @@ OFFSET = threshold(
     0.020,
     "m",
     "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple.",
+    "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(
-    "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
+    "layer_gap",
+    0.006,
+    "m",
+    "Height up to which a layer lies on the one below; leaves and buns are uneven.",
+    "Larger: layers may lie unevenly; more success, fewer execution_failure and timeout.",
 )
-TILT = threshold("layer_tilt", 0.175, "rad", "Tilt up to which a layer lies flat; 10 degrees.")
+TILT = threshold(
+    "layer_tilt",
+    0.175,
+    "rad",
+    "Tilt up to which a layer lies flat; 10 degrees.",
+    "Larger: layers may lie aslant; more success, fewer execution_failure and timeout.",
+)
 EITHER_WAY_UP = frozenset({"patty", "cheese_slice", "lettuce_leaf", "sponge"})
 """Categories of layers that look the same from both sides: nobody calls a patty upside down. A bun has a cut face."""
 

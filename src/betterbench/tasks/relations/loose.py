@@ -17,6 +17,8 @@ OVERLAP = threshold(
     "m",
     "Depth by which a part of an object must reach into a target to be in it at all; what only leans against its "
     "outside does not.",
+    "Larger: what reaches into a target by less is not there; more success, fewer execution_failure of harm, fewer "
+    "behavioral_inertia of what is put badly.",
 )
 _STEPS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 _ROUNDING_M = 1e-9

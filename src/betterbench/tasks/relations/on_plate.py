@@ -12,8 +12,15 @@ OFFSET = threshold(
     0.014,
     "m",
     "Distance from the middle of a plate up to which the next one is centered; the play within the rim.",
+    "Larger: plates may stand off center; more success, fewer execution_failure and timeout.",
 )
-GAP = threshold("plate_gap", 0.004, "m", "Height of a foot above the floor of a plate up to which it stands on it.")
+GAP = threshold(
+    "plate_gap",
+    0.004,
+    "m",
+    "Height of a foot above the floor of a plate up to which it stands on it.",
+    "Larger: plates may rest higher, on a rim; more success, fewer execution_failure and timeout.",
+)
 RIM_RELEASE_M = 0.03
 """Opening of the gripper that lets go of a rim, with a finger inside and one outside it [m]."""
 

@@ -11,10 +11,26 @@ from betterbench.tasks.relations.rest import upright
 from betterbench.tasks.thresholds import threshold
 
 RADIUS = threshold(
-    "ring_radius", 0.010, "m", "Distance up to which a mug is centered on its ring; suite, section 3, task 6."
+    "ring_radius",
+    0.010,
+    "m",
+    "Distance up to which a mug is centered on its ring; suite, section 3, task 6.",
+    "Larger: mugs may stand off center; more success, fewer execution_failure and timeout.",
 )
-HEIGHT = threshold("ring_height", 0.006, "m", "Height above the ring's plane up to which a mug stands on it.")
-SPOUT = threshold("spout_margin", 0.003, "m", "Free distance between handle and spout, seen from above.")
+HEIGHT = threshold(
+    "ring_height",
+    0.006,
+    "m",
+    "Height above the ring's plane up to which a mug stands on it.",
+    "Larger: mugs may stand higher, on an edge; more success, fewer execution_failure and timeout.",
+)
+SPOUT = threshold(
+    "spout_margin",
+    0.003,
+    "m",
+    "Free distance between handle and spout, seen from above.",
+    "Larger: handles have to be farther from the spout; fewer success, more execution_failure.",
+)
 
 ENTRY_M, ENTRY_RISE_M = 0.13, 0.012
 """Length and rise of the straight way in below the overhanging head of a fixture [m]."""

@@ -1,0 +1,148 @@
+"""Rules of a policy as hypotheses about its first attempts: what each predicts, and how likely the attempts then are.
+
+A policy that follows a rule with strength ``q`` goes where the rule predicts with probability ``q``, and otherwise
+where it is right, apart from slips. Confusion is the null hypothesis: a policy that errs at one rate and without
+direction. The cost of a hypothesis is its negative log-likelihood at the best value of its one parameter [nats].
+docs/second-pass.md has the formulas and an example.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from betterbench.diagnosis.ruling import HABIT, LATER, PLACE, WORD
+from betterbench.diagnosis.thresholds import HIGHEST_ERROR_RATE, HIGHEST_STRENGTH, LOWEST_ERROR_RATE
+from betterbench.diagnosis.trial import Choice
+from betterbench.tasks import THRESHOLDS
+
+LATER_NEXT, LATER_LAST = f"{LATER}:next", f"{LATER}:last"
+"""Begins with the step after the one that is due, or with the last step."""
+
+ROUNDING = 1e-9
+"""Difference of two costs up to which they are equal [nats]."""
+
+_GRID_POINTS = 100
+_STRENGTHS = np.linspace(0.0, HIGHEST_STRENGTH, _GRID_POINTS)
+"""Strengths that are tried, shape (100,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyRule:
+    """One rule, fitted to all first attempts of a task.
+
+    Attributes:
+        name: "word", "habit", "later", "place:SLOT", or "place" for one slot per set of slots that are stocked.
+        cost: Negative log-likelihood at the best strength [nats], with the price of its choice and of its kind.
+        strength: The best strength, from 0 to 1.
+        explained: Wrong first attempts that it explains.
+        opportunities: Trials in which it predicts a wrong first attempt.
+        errors_elsewhere: Wrong first attempts in trials in which it predicts a right one.
+        elsewhere: Trials in which it predicts a right first attempt.
+    """
+
+    name: str
+    cost: float
+    strength: float
+    explained: int
+    opportunities: int
+    errors_elsewhere: int
+    elsewhere: int
+
+    @property
+    def slot(self) -> str | None:
+        """The slot of a place rule."""
+        return self.name.removeprefix("place:") if self.name.startswith("place:") else None
+
+    @property
+    def family(self) -> str:
+        """The kind of rule: "word", "habit", "later" or "place"."""
+        return family_of(self.name)
+
+
+def place_rule(slot: str) -> str:
+    """Return the name of the rule "always this slot"."""
+    return f"{PLACE}:{slot}"
+
+
+def family_of(rule: str) -> str:
+    """Return the kind of rule of a name."""
+    return rule.partition(":")[0]
+
+
+def predicted_slots(rule: str, choice: Choice) -> frozenset[str]:
+    """Return the slots to which a rule leads in a trial; empty if it predicts nothing there."""
+    steps = choice.step_slots or (choice.later_slots,)
+    predictions = {
+        WORD: choice.word_slots,
+        HABIT: choice.habit_slots,
+        LATER: choice.later_slots,
+        LATER_NEXT: steps[0],
+        LATER_LAST: steps[-1],
+        PLACE: choice.favorite_slots,
+    }
+    return predictions.get(rule, frozenset((rule.removeprefix(f"{PLACE}:"),)))
+
+
+def fits(rule: str, choice: Choice) -> bool:
+    """Tell whether a first attempt went where a rule leads."""
+    return choice.slot is not None and choice.slot in predicted_slots(rule, choice)
+
+
+def fit_rule(rule: str, choices: Sequence[Choice], price: float) -> PolicyRule:
+    """Return a rule at the strength at which the first attempts are most likely.
+
+    Args:
+        rule: Its name.
+        choices: The first attempts.
+        price: Prior cost of the rule [nats].
+    """
+    log_likelihoods = np.zeros_like(_STRENGTHS)
+    for choice in choices:
+        log_likelihoods += _log_likelihoods(rule, choice)
+    best = int(np.argmax(log_likelihoods))
+    explained = sum(fits(rule, c) and not c.correct for c in choices)
+    predicting = [c for c in choices if predicted_slots(rule, c)]
+    elsewhere = [c for c in predicting if predicted_slots(rule, c) & c.right]
+    return PolicyRule(
+        name=rule,
+        cost=price - float(log_likelihoods[best]),
+        strength=float(_STRENGTHS[best]),
+        explained=explained,
+        # A wrong attempt may be where the rule predicts a right one besides, if it predicts several.
+        opportunities=max(len(predicting) - len(elsewhere), explained),
+        errors_elsewhere=sum(not c.correct and not fits(rule, c) for c in elsewhere),
+        elsewhere=len(elsewhere),
+    )
+
+
+def _log_likelihoods(rule: str, choice: Choice) -> npt.NDArray[np.float64]:
+    """Return the log-likelihood of a first attempt at each strength that is tried, shape (100,)."""
+    predicted = predicted_slots(rule, choice)
+    unguided = undirected_probability(choice, THRESHOLDS.slip)
+    if not predicted:
+        return np.full_like(_STRENGTHS, math.log(unguided))
+    # "A later step" names no step, so its probability is shared among them. Other rules that lead to several slots say
+    # that any of them will do.
+    guided = 1.0 / len(predicted) if rule == LATER else 1.0
+    found: npt.NDArray[np.float64] = np.log(_STRENGTHS * fits(rule, choice) * guided + (1.0 - _STRENGTHS) * unguided)
+    return found
+
+
+def undirected_probability(choice: Choice, error_rate: float) -> float:
+    """Return the probability of a first attempt for a policy that errs at a rate, at each wrong place alike."""
+    return 1.0 - error_rate if choice.correct else error_rate / max(1, choice.places - len(choice.right))
+
+
+def confusion_cost(choices: Sequence[Choice]) -> float:
+    """Return the negative log-likelihood of confusion at its best error rate, at most that of guessing [nats]."""
+    if not choices:
+        return 0.0
+    guessing = float(np.mean([1.0 - min(1, len(c.right)) / c.places for c in choices]))
+    highest = min(HIGHEST_ERROR_RATE, max(2.0 * LOWEST_ERROR_RATE, guessing))
+    rates = np.linspace(LOWEST_ERROR_RATE, highest, _GRID_POINTS)
+    return min(-sum(math.log(undirected_probability(c, float(rate))) for c in choices) for rate in rates)

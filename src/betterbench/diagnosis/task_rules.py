@@ -1,0 +1,231 @@
+"""The rules of a policy in one task: fitted, held against confusion, and what that says about each trial.
+
+A rule is upheld if it costs less than confusion, which is a likelihood ratio with a price for the choice of the rule. A
+favorite place also needs a pair of trials that shows it whatever is asked for (:func:`has_pair`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from betterbench.diagnosis.rule_likelihood import ROUNDING, PolicyRule, confusion_cost, fit_rule, fits, place_rule
+from betterbench.diagnosis.ruling import CONFUSION, HABIT, LATER, PLACE, WORD, RuleStatus, Ruling
+from betterbench.diagnosis.trial import Choice
+
+FAMILIES = (WORD, HABIT, LATER, PLACE, CONFUSION)
+"""Kinds of rule, with the null hypothesis."""
+
+_DECIMALS = 9
+"""Decimals of a cost [nats] by which rules are sorted."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRules:
+    """What the second pass found out about a policy in one task.
+
+    Attributes:
+        rules: All rules, the cheapest first; at equal cost word, then habit, then place.
+        confusion: Cost of plain confusion [nats].
+        upheld: Names of the rules that are proven better than confusion and could be told apart.
+        rulings: Per trial key, what holds for it.
+        undecided: Number of wrong trials in which no rule can be told from another, or proven, for lack of trials.
+    """
+
+    rules: tuple[PolicyRule, ...]
+    confusion: float
+    upheld: tuple[str, ...]
+    rulings: Mapping[str, Ruling]
+    undecided: int
+
+
+def judge_rules(
+    choices: Mapping[str, Choice],
+    prior_costs: Mapping[str, float] | None = None,
+    *,
+    known: Sequence[str] | None = None,
+    ordered: bool = False,
+) -> TaskRules:
+    """Judge the rules on the first attempts of one policy in one task.
+
+    Args:
+        choices: First attempt per trial key.
+        prior_costs: What each kind of rule costs before the task is looked at [nats]; nothing if not given.
+        known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
+            own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
+            None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
+        ordered: Whether the policy is known to mistake the order. What it goes for too early then proves neither word
+            nor place.
+    """
+    prior = dict.fromkeys(FAMILIES, 0.0) | dict(prior_costs or {})
+    place_known = known is not None and PLACE in known
+    trials = _with_favorites(dict(sorted(choices.items())), paired=not place_known)
+    attempts = list(trials.values())
+    rules = _fit_rules(attempts, prior)
+    confusion = confusion_cost(attempts) + prior[CONFUSION]
+    proven = _proven(attempts, rules, confusion, known)
+    open_slots = _open_slots(attempts, rules, confusion, prior, place_known=place_known)
+    judged = _Judged(attempts, rules, proven, open_slots, ordered)
+    rulings = {key: judged.ruling(choice) for key, choice in trials.items()}
+    wrong = [rulings[key] for key, choice in trials.items() if not choice.correct]
+    return TaskRules(
+        rules=tuple(rules),
+        confusion=confusion,
+        upheld=tuple(rule.name for rule in rules if rule.name in proven),
+        rulings=rulings,
+        undecided=sum("open" in (ruling.shortcut, ruling.place) for ruling in wrong),
+    )
+
+
+def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[PolicyRule]:
+    """Return the rules that explain any wrong first attempt, the cheapest first; earlier names win at equal cost."""
+    slots = sorted({c.slot for c in attempts if c.slot is not None})
+    favorites = {(c.stocked, slot) for c in attempts for slot in c.favorite_slots}
+    several = [PLACE] if len({slot for _, slot in favorites}) > 1 else []
+    names = [WORD, HABIT, LATER, *map(place_rule, slots), *several]
+    rules = [fit_rule(name, attempts, _price(name, attempts, len(favorites), prior)) for name in names]
+    rank = {name: k for k, name in enumerate(names)}
+    return sorted((r for r in rules if r.explained), key=lambda r: (round(r.cost, _DECIMALS), rank[r.name]))
+
+
+def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
+    """Return what a rule costs before its likelihood is looked at [nats].
+
+    The slots of a place rule are fitted to the trials, so each of them costs the choice among all places. The other
+    rules come from training and have nothing to choose.
+    """
+    if name in (WORD, HABIT, LATER):
+        return prior[name]
+    return (n_favorites if name == PLACE else 1) * _choice_of_slot(attempts) + prior[PLACE]
+
+
+def _choice_of_slot(attempts: Sequence[Choice]) -> float:
+    """Return the cost of the choice of one slot among all, all alike before anything is seen [nats]."""
+    return math.log(max((c.places for c in attempts), default=2))
+
+
+def _proven(
+    attempts: Sequence[Choice], rules: Sequence[PolicyRule], confusion: float, known: Sequence[str] | None
+) -> frozenset[str]:
+    """Return the names of the rules that are upheld: cheaper than confusion, and told from what looks like them."""
+
+    def told_apart(rule: PolicyRule) -> bool:
+        if rule.family == LATER:
+            return known is None or LATER in known
+        return rule.slot is None or (known is not None and PLACE in known) or has_pair(attempts, rule.slot)
+
+    return frozenset(rule.name for rule in rules if rule.cost < confusion - ROUNDING and told_apart(rule))
+
+
+def has_pair(choices: Iterable[Choice], slot: str) -> bool:
+    """Tell whether the policy went to a slot although asked elsewhere, and was asked for different slots, in one scene.
+
+    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not; or
+    where the same slots are stocked with other things, so that it is not one of the things that the policy likes.
+    """
+    went = [c for c in choices if c.slot == slot and c.right]
+    same_layout = _grouped(went, lambda c: c.layout)
+    other_things = [group for group in _grouped(went, lambda c: c.stocked) if len({c.thing for c in group}) > 1]
+    return any(
+        len({c.right for c in group}) > 1 and any(not c.correct for c in group)
+        for group in (*same_layout, *other_things)
+    )
+
+
+def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> list[list[Choice]]:
+    groups: defaultdict[Hashable, list[Choice]] = defaultdict(list)
+    for choice in choices:
+        groups[key(choice)].append(choice)
+    return list(groups.values())
+
+
+def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
+    """Return the choices with the slot that each may favor: the most frequent one where the same slots are stocked.
+
+    ``paired`` leaves it out where no pair of trials shows that the slot is favored whatever is asked.
+    """
+    favorites: dict[frozenset[str], frozenset[str]] = {}
+    for group in _grouped(trials.values(), lambda c: c.stocked):
+        times = Counter(c.slot for c in group if c.slot is not None)
+        slot = max(sorted(times), key=lambda s: times[s], default=None)
+        if slot is not None and (not paired or has_pair(group, slot)):
+            favorites[group[0].stocked] = frozenset((slot,))
+    return {key: replace(c, favorite_slots=favorites.get(c.stocked, frozenset())) for key, c in trials.items()}
+
+
+def _open_slots(
+    attempts: Sequence[Choice],
+    rules: Sequence[PolicyRule],
+    confusion: float,
+    prior: Mapping[str, float],
+    *,
+    place_known: bool,
+) -> frozenset[str]:
+    """Return the slots that may be favorites although the trials do not prove it.
+
+    They are likelier than confusion but for their price, and no policy that always goes there would be proven by these
+    trials: it is for lack of trials that they are not upheld.
+    """
+    price = _choice_of_slot(attempts) + prior[PLACE]
+    found = {rule.slot for rule in rules if rule.slot is not None and rule.cost - price < confusion}
+    if place_known:
+        return frozenset(found)
+    return frozenset(slot for slot in found if not _is_provable(slot, attempts, price, prior[CONFUSION]))
+
+
+def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_confusion: float) -> bool:
+    """Tell whether trials like these would prove a policy that always goes to a slot."""
+    certain = [replace(c, slot=slot, correct=slot in c.right) for c in attempts]
+    rule = fit_rule(place_rule(slot), certain, price)
+    return has_pair(certain, slot) and rule.cost < confusion_cost(certain) + prior_of_confusion - ROUNDING
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """The rules of a task as they bear on its trials.
+
+    Attributes:
+        attempts: All first attempts.
+        rules: All rules, the cheapest first.
+        proven: Names of those that are upheld.
+        open_slots: Slots that may be favorites, which these trials could prove of no policy.
+        ordered: Whether the policy is known to mistake the order.
+    """
+
+    attempts: Sequence[Choice]
+    rules: Sequence[PolicyRule]
+    proven: frozenset[str]
+    open_slots: frozenset[str]
+    ordered: bool
+
+    def ruling(self, choice: Choice) -> Ruling:
+        """Return the ruling on one trial."""
+        found = self._by_cheapest_rule(choice)
+        if self.ordered and fits(LATER, choice):
+            return replace(found, shortcut="rejected", place="rejected")
+        return found
+
+    def _by_cheapest_rule(self, choice: Choice) -> Ruling:
+        """Return the ruling of the cheapest proven rule that fits a trial."""
+        if choice.correct or choice.slot is None:
+            return Ruling("rejected")
+        open_place: RuleStatus = "open" if choice.slot in self.open_slots else "rejected"
+        proven = (rule for rule in self.rules if rule.name in self.proven)
+        rule = next((rule.name for rule in proven if fits(rule.name, choice)), None)
+        if rule is None:
+            word_too = fits(WORD, choice) and not self._word_is_told_from(choice.slot)
+            return Ruling("open" if word_too else "rejected", place=open_place)
+        if rule == WORD:
+            return Ruling("upheld" if self._word_is_told_from(choice.slot) else "open")
+        if rule in (place_rule(choice.slot), PLACE):
+            return Ruling("rejected", place="upheld")
+        if rule == LATER:
+            return Ruling("rejected", habit="rejected")
+        return Ruling("rejected", place=open_place if choice.replaced else "rejected")  # the habit
+
+    def _word_is_told_from(self, slot: str) -> bool:
+        """Tell whether the trials separate "the word leads there" from "always this slot"."""
+        place = place_rule(slot)
+        return bool({place, PLACE} & self.proven) or any(fits(WORD, c) != fits(place, c) for c in self.attempts)
