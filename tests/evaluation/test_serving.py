@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from websockets.sync.client import connect
 
 from betterbench.episodes import Observer
 from betterbench.errors import InvalidInputError, UnknownNameError
@@ -37,7 +38,7 @@ class Client:
     """A client in raw frames that plays one of our scenes."""
 
     def __init__(self, server, trial=TRIAL, *, images=False):
-        self.link = make_policy(f"ws://127.0.0.1:{server.port}", compression=None, max_size=None)
+        self.link = connect(f"ws://127.0.0.1:{server.port}", compression=None, max_size=None)
         self.trial = trial
         found = resolve_condition(trial.task, trial.condition)
         task, condition = found.task, found.condition
@@ -489,7 +490,7 @@ def test_a_policy_without_an_observation_says_what_it_misses():
     [
         ("replay:somewhere", {}, InvalidInputError, "Evaluate it directly"),
         ("exprt", {}, UnknownNameError, "expert"),
-        ("zoo:lexical?strenght=1", {}, InvalidInputError, "strength"),
+        ("zoo:lexical?strenght=1", {}, UnknownNameError, "strength"),
         ("expert", {"chunk": 0}, InvalidInputError, "--chunk"),
         ("expert", {"batch": 0}, InvalidInputError, "--batch"),
         ("expert", {"trial": TrialId("fast_food", "T77", 0)}, UnknownNameError, "T1"),

@@ -9,7 +9,6 @@ from betterbench.policies.kinds.remote import register_server
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 
 def _connect(address: PolicyAddress, seed: int) -> Policy:
@@ -18,18 +17,12 @@ def _connect(address: PolicyAddress, seed: int) -> Policy:
     return BeingHClient(address, seed=seed)
 
 
-def _usual() -> Adapter:
-    from betterbench.policies.conventions.presets import BEING_H_LIBERO
-
-    return BEING_H_LIBERO
-
-
 BEING_H = register_server(
     "being-h",
     summary="An inference server of Being-H.",
     transport="zeromq",
     port=5555,
     connect=_connect,
-    usual=_usual,
+    usual="being_h_libero",
     options=(Option("delay", "the number of actions that are executed while the server thinks", "whole"),),
 )

@@ -9,7 +9,6 @@ from betterbench.policies.kinds.remote import register_server
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 
 def _connect(address: PolicyAddress, seed: int) -> Policy:
@@ -18,19 +17,13 @@ def _connect(address: PolicyAddress, seed: int) -> Policy:
     return connect_gr00t(address, seed=seed)
 
 
-def _usual() -> Adapter:
-    from betterbench.policies.conventions.presets import GR00T_NEW_EMBODIMENT
-
-    return GR00T_NEW_EMBODIMENT
-
-
 GR00T = register_server(
     "gr00t",
     summary="An inference server of Isaac GR00T.",
     transport="zeromq",
     port=5555,
     connect=_connect,
-    usual=_usual,
+    usual="gr00t_new_embodiment",
     options=(
         Option("layout", "the layout of a request"),
         Option("api_token_env", "the environment variable that holds the token"),

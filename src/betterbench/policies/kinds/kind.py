@@ -104,9 +104,9 @@ class PolicyKind:
 
     Attributes:
         form: Form of its addresses, with their options.
-        shown: What stands in ``better list policies`` in place of an address ("openpi://HOST:PORT").
-        summary: What its policies do, one sentence.
-        needs: What its policies need of a run; a function where that depends on the address.
+        shown: Address in ``better list policies``, with words for its parts ("openpi://HOST:PORT").
+        summary: One sentence about its policies.
+        needs: Needs of its policies; a function where they depend on the address.
         make: Makes a policy that sees observations and plays one episode after the other.
         make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
         named: Its policies by address with a sentence each, where their number is fixed; else None.
@@ -114,7 +114,7 @@ class PolicyKind:
         describe: Returns what a policy says about itself, or None where one has to be made to be asked.
         compares: Whether its policies have a ``check`` that compares their conventions with those of the run.
         source_of: Returns name and fingerprint of the user's file behind a policy. A resumed run compares them.
-        risk: What evaluating such an address does on this machine that only its owner may allow, with ``{target}``.
+        risk: Risk of evaluating such an address, which the owner of the machine has to allow, with ``{target}``.
         require_world: Raises InvalidInputError if a policy cannot act in a foreign world ("LIBERO").
         space_in_world: Returns the action space in which a policy answers in the world of its address; None if open.
     """

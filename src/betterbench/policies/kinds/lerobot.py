@@ -51,10 +51,6 @@ def _make(address: PolicyAddress) -> Policy:
     return load_lerobot(address)
 
 
-def _answers_in(address: PolicyAddress) -> str | None:
-    return space_in_world(address, None)
-
-
 LEROBOT = register(
     PolicyKind(
         form=_FORM,
@@ -66,7 +62,7 @@ LEROBOT = register(
         compares=True,
         risk="loads the checkpoint {target}, which can run code",
         require_world=require_own_layout,
-        space_in_world=_answers_in,
+        space_in_world=space_in_world,
     )
 )
 LEROBOT_SERVER = register(

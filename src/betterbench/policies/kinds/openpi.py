@@ -9,7 +9,6 @@ from betterbench.policies.kinds.remote import register_server
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 
 def _connect(address: PolicyAddress, seed: int) -> Policy:
@@ -18,19 +17,13 @@ def _connect(address: PolicyAddress, seed: int) -> Policy:
     return OpenpiClient(address, seed=seed)
 
 
-def _usual() -> Adapter:
-    from betterbench.policies.conventions.presets import NATIVE
-
-    return NATIVE
-
-
 OPENPI = register_server(
     "openpi",
     summary="A server of openpi, or of better serve.",
     transport="websocket",
     port=8000,
     connect=_connect,
-    usual=_usual,
+    usual="native",
     options=(
         Option("arrays", "the coding of arrays in messages"),
         Option("delay", "the number of actions that are executed while the server thinks", "whole"),

@@ -23,7 +23,6 @@ from betterbench.policies.kinds.kind import SERVER, PolicyKind, register
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 COMMON = (*EXECUTION, *CONNECTION, *ADAPTER)
 """Options of each server, and of a checkpoint in process."""
@@ -38,7 +37,7 @@ def register_server(
     transport: Transport,
     port: int,
     connect: Callable[[PolicyAddress, int], Policy],
-    usual: Callable[[], Adapter] | None = None,
+    usual: str = "",
     options: tuple[Option, ...] = (),
     constants: bool = True,
     shown: str = "",
@@ -51,7 +50,7 @@ def register_server(
         transport: How such a server is spoken to.
         port: The port that it listens on unless told otherwise.
         connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
-        usual: Returns the layout of an address that names none; None if it has to name one.
+        usual: The preset of an address that names none; empty if it has to name one.
         options: The options that only this kind knows.
         constants: Whether an address can add constants to each request.
         shown: What stands in lists; the scheme with host and port if empty.
@@ -69,7 +68,7 @@ def register_server(
         return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
 
     def answers_in(address: PolicyAddress) -> str | None:
-        return space_in_world(address, None if usual is None else usual())
+        return space_in_world(address, usual)
 
     return register(
         PolicyKind(
@@ -85,14 +84,17 @@ def register_server(
     )
 
 
-def space_in_world(address: PolicyAddress, usual: Adapter | None) -> str | None:
+def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
     """Return the action space of the answers in the world of an address; None where it does not say.
 
-    Raises what :func:`betterbench.policies.conventions.presets.adapter_of` raises.
+    ``usual`` is the preset of an address that names none. Raises what
+    :func:`betterbench.policies.conventions.presets.adapter_of` raises.
     """
-    from betterbench.policies.conventions.presets import adapter_of
+    from betterbench.policies.conventions.presets import adapter_of, preset
 
-    return adapter_of(address, usual).answer.space if usual is not None or address.names_adapter else None
+    if not (usual or address.names_adapter):
+        return None
+    return adapter_of(address, preset(usual) if usual else None).answer.space
 
 
 def require_own_layout(address: PolicyAddress, world: str) -> None:

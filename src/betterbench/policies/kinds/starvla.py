@@ -9,7 +9,6 @@ from betterbench.policies.kinds.remote import register_server
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 
 def _connect(address: PolicyAddress, seed: int) -> Policy:
@@ -18,18 +17,12 @@ def _connect(address: PolicyAddress, seed: int) -> Policy:
     return StarVlaClient(address, seed=seed)
 
 
-def _usual() -> Adapter:
-    from betterbench.policies.conventions.presets import STARVLA
-
-    return STARVLA
-
-
 STARVLA = register_server(
     "starvla",
     summary="A websocket server of starVLA.",
     transport="websocket",
     port=10093,
     connect=_connect,
-    usual=_usual,
+    usual="starvla",
     options=(Option("layout", "the layout of a request"),),
 )

@@ -9,7 +9,6 @@ from betterbench.policies.kinds.remote import register_server
 
 if TYPE_CHECKING:
     from betterbench.interface import Policy
-    from betterbench.policies.conventions.adapter import Adapter
 
 
 def _connect(address: PolicyAddress, seed: int) -> Policy:
@@ -18,18 +17,12 @@ def _connect(address: PolicyAddress, seed: int) -> Policy:
     return VlaEvalClient(address, seed=seed)
 
 
-def _usual() -> Adapter:
-    from betterbench.policies.conventions.presets import VLA_EVAL
-
-    return VLA_EVAL
-
-
 VLA_EVAL = register_server(
     "vla-eval",
     summary="A model server of vla-evaluation-harness.",
     transport="websocket",
     port=8000,
     connect=_connect,
-    usual=_usual,
+    usual="vla_eval",
     options=(Option("images", "the coding of images in messages"),),
 )
