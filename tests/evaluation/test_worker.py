@@ -24,7 +24,7 @@ from betterbench.interface import PolicyInfo
 from betterbench.policies.address import EXECUTION
 from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.factory import PolicyFactory
-from betterbench.policies.kinds import read_address
+from betterbench.policies.kinds import PolicyNeeds, read_address
 from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -443,6 +443,7 @@ def test_the_deadline_of_an_answer_begins_when_the_policy_is_loaded(plugin, tiny
         raise PolicyError("there is no memory for it")
 
     policies = SimpleNamespace(
+        needs=PolicyNeeds(thread=True, process=True),
         check=lambda *_: PolicyInfo("slow to load", needs_images=False),
         takes_batches=False,
         take=take,

@@ -14,7 +14,7 @@ from betterbench.policies.conventions.handshake import space_cure
 from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 from betterbench.policies.description import describe_policy
 from betterbench.policies.kinds import kind_of, make_for, make_policy
-from betterbench.policies.kinds.kind import PlannedTrial
+from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.records import first_difference
 from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
@@ -55,6 +55,7 @@ class PolicyFactory:
         known: PolicyInfo | None = None,
         timeout_s: float | None = None,
         world: str = "",
+        kind: PolicyKind | None = None,
     ) -> None:
         """Prepare; nothing is loaded and no server is asked yet.
 
@@ -62,16 +63,16 @@ class PolicyFactory:
 
         With ``apart``, a policy that is not ours is loaded in a process of its own, within ten times the ``timeout_s``
         of an answer [s]. ``known`` is what the server of the policy said when the run began, or None: its clients
-        compare themselves.
+        compare themselves. ``kind`` is the one of the address, if none is given.
 
         Raises UnknownNameError if no policy has such an address.
         """
         self.address = address
-        self._kind = kind_of(address)
-        self._needs = self._kind.needs_of(address)
+        self._kind = kind or kind_of(address)
+        self.needs = self._kind.needs_of(address)
         self._world = world
         self._load_s = LOAD_S if timeout_s is None else 10.0 * timeout_s
-        self._apart = apart and self._needs.process
+        self._apart = apart and self.needs.process
         self._known = known
         self._made: Policy | None = None
         self._info: PolicyInfo | None = None
@@ -118,7 +119,7 @@ class PolicyFactory:
 
     def policy(self, scene: Scene | ForeignScene, trial: PlannedTrial) -> AnyPolicy:
         """Return the policy of one episode, where it needs no thread; InvalidInputError if it knows only our world."""
-        if self._needs.state or self._needs.trial:
+        if self.needs.state or self.needs.trial:
             return make_for(self.address, scene, trial)
         if self._made is None:
             self._made = self._make()
@@ -137,7 +138,7 @@ class PolicyFactory:
             made = start_policy(self.address, world=self._world, load_s=self._load_s)
         else:
             made = make_policy(self.address, world=self._world)
-        if self._needs.server:
+        if self.needs.server:
             known, self._known = self._known or made.info, self._known or made.info
             there, here = (describe_policy(self.address, info) for info in (known, made.info))
             found = first_difference(there, here, "policy")

@@ -26,7 +26,6 @@ from betterbench.evaluation.workers.memory import room_for, used_bytes
 from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.factory import PolicyFactory
-from betterbench.policies.kinds import needs_of
 from betterbench.records import JournalEntry
 from betterbench.tasks import TrialId
 
@@ -60,7 +59,7 @@ def usual_envs(policies: PolicyFactory) -> int:
     It is 1 for a policy that answers at once, and for a Python policy that answers one observation at a time: each
     environment has an instance of it, and instances may hold weights.
     """
-    needs = needs_of(policies.address)
+    needs = policies.needs
     if not needs.thread:
         return 1
     return USUAL_ENVS if needs.server or policies.takes_batches else 1
@@ -132,7 +131,7 @@ class Worker:
             raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
         self._settings = settings
         self._trial_runner = TrialRunner(settings, policies=policies, on_step=on_step)
-        needs = needs_of(settings.asked)
+        needs = self._trial_runner.policies.needs
         self._threaded = needs.thread
         self._timed = needs.thread and not needs.server
         # Waiting for an answer can be ended where another process gives it.
@@ -371,7 +370,7 @@ class Worker:
 
     def _new_thread(self) -> PolicyThread:
         make = self._share if self._trial_runner.policies.takes_batches else self._trial_runner.policies.take
-        client = needs_of(self._settings.asked).server
+        client = self._trial_runner.policies.needs.server
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:
