@@ -6,7 +6,7 @@ package, which registers them.
 
 import sys
 
-__version__ = "0.1.0"
+from betterbench.version import __version__ as __version__
 
 
 def register_environments() -> None:

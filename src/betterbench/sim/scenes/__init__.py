@@ -9,9 +9,9 @@ show.
 Each public name is imported from its module when it is first used: a process that only draws builds no scene.
 """
 
-import importlib
 from typing import TYPE_CHECKING
 
+from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import gl_backend, require_engine
 
 if TYPE_CHECKING:
@@ -42,19 +42,15 @@ __all__ = [
     "renderer_fingerprint",
 ]
 
-_MODULES = {
-    "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
-    "clearance": ("Clearance",),
-    "gl_context": ("renderer_fingerprint",),
-    "rendering": ("Images", "Renderer"),
-    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
-    "stored": ("StoredView", "load_model"),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
+            "clearance": ("Clearance",),
+            "gl_context": ("renderer_fingerprint",),
+            "rendering": ("Images", "Renderer"),
+            "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
+            "stored": ("StoredView", "load_model"),
+        },
+    )
