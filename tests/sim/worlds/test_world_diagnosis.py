@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 from tests.resealing import rewrite
 
+from betterbench.api.report import build_report
 from betterbench.calibration.truth import true_label
-from betterbench.cli.output.page import build_report
 from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
 from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import SAME_THING
