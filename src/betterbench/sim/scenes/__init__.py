@@ -18,8 +18,10 @@ if TYPE_CHECKING:
     from betterbench.sim.scenes.builder import CompiledScene, Placement, engine_version, place_objects
     from betterbench.sim.scenes.clearance import Clearance
     from betterbench.sim.scenes.gl_context import renderer_fingerprint
+    from betterbench.sim.scenes.objects import add_asset, rest_pose
     from betterbench.sim.scenes.rendering import Images, Renderer
     from betterbench.sim.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
+    from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
 require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
@@ -35,11 +37,14 @@ __all__ = [
     "Scene",
     "SceneSnapshot",
     "StoredView",
+    "add_asset",
     "engine_version",
     "gl_backend",
     "load_model",
     "place_objects",
+    "quality_preset",
     "renderer_fingerprint",
+    "rest_pose",
 ]
 
 if not TYPE_CHECKING:
@@ -49,8 +54,10 @@ if not TYPE_CHECKING:
             "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
             "clearance": ("Clearance",),
             "gl_context": ("renderer_fingerprint",),
+            "objects": ("add_asset", "rest_pose"),
             "rendering": ("Images", "Renderer"),
             "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
+            "stage": ("quality_preset",),
             "stored": ("StoredView", "load_model"),
         },
     )

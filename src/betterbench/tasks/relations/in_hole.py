@@ -75,3 +75,4 @@ IN_HOLE = register(
         pairwise=True,
     )
 )
+"""Relation of an object that stands in a hole of a rack."""

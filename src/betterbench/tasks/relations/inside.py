@@ -133,3 +133,4 @@ INSIDE = register(
         pairwise=True,
     )
 )
+"""Relation of an object that is inside a container."""

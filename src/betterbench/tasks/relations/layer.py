@@ -123,3 +123,4 @@ LAYER = register(
         counted=True,
     )
 )
+"""Relation of an object that is a layer of a stack."""

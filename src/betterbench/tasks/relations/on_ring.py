@@ -107,3 +107,4 @@ ON_RING = register(
         pairwise=True,
     )
 )
+"""Relation of an object that stands on a marked ring."""
