@@ -106,6 +106,10 @@ def test_a_report_is_written_into_the_folder_of_the_first_run(runs, tmp_path):
     (tmp_path / "notes" / "mine.txt").write_text("mine")
     with pytest.raises(RunConflictError):
         betterbench.write_report(mine, out=tmp_path / "notes", films=0)
+    with pytest.raises(InvalidInputError, match="films: -1 is out of range"):
+        betterbench.write_report(mine, films=-1)
+    with pytest.raises(InvalidInputError, match="names: "):
+        betterbench.write_report(mine, names=("a", "b"), films=0)
 
 
 def test_a_run_goes_on_where_it_stopped_and_another_policy_is_refused(wave, runs):

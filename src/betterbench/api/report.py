@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
@@ -10,8 +11,9 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
+from betterbench.api.arguments import options_as_arguments
 from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
-from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError
+from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, require_between
 from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
 from betterbench.jobs.outputs import OutputFolder
 from betterbench.records import RunFolder, run_names
@@ -51,10 +53,12 @@ class ReportListener:
 
     Attributes:
         say: Takes a message of one line.
+        warn: Takes the message that no films can be rendered here.
         bar: Opens a step by its name; the function that it gives takes how much of the step is done, and of how much.
     """
 
     say: Callable[[str], None] = logger.info
+    warn: Callable[[str], None] = logger.warning
     bar: Callable[[str], AbstractContextManager[Callable[[int, int], None]]] = _no_bar
 
 
@@ -98,7 +102,7 @@ def build_report(
         try:
             media = _media(runs, diagnoses, films, listener)
         except (MissingDependencyError, RecordError, WorldError) as error:
-            say(f"no films: {error}")
+            listener.warn(f"no films: {error}")
     ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # what replay knows
     media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
     media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
@@ -118,6 +122,7 @@ def write_report(
     *runs: RunFolder | Path | str,
     out: Path | str | None = None,
     names: Sequence[str] = (),
+    twins: Sequence[Path | str] = (),
     latex: bool = True,
     films: int = FILMS,
     overwrite: bool = False,
@@ -130,19 +135,28 @@ def write_report(
         *runs: The runs, or their folders.
         out: Folder of the report; ``report`` in the folder of the first run if not given.
         names: Name of each run on the page, in their order; that of its policy if not given.
+        twins: For runs in LIBERO-PRO: folders of the runs of the base suite by the same policies, one for each run.
         latex: True to write LaTeX tables too.
         films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
         overwrite: True to write to a folder that holds something else than a report.
 
     Raises:
-        InvalidInputError: If no run is given, or the names do not fit.
+        InvalidInputError: If no run is given, a number is out of range, or names or twins do not fit.
         RecordError: If a run or a record cannot be read.
         RunConflictError: If the folder holds something else, and that may not be overwritten.
     """
+    require_between("films", films, 0, math.inf)
     folders = [run if isinstance(run, RunFolder) else RunFolder.open(Path(run)) for run in runs]
-    return report_into(
-        folders, None if out is None else Path(out), names=names, latex=latex, films=films, overwrite=overwrite
-    ).page
+    with options_as_arguments():
+        return report_into(
+            folders,
+            None if out is None else Path(out),
+            names=names,
+            twins=[Path(run) for run in twins],
+            latex=latex,
+            films=films,
+            overwrite=overwrite,
+        ).page
 
 
 def report_into(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from betterbench.api.arguments import options_as_arguments
 from betterbench.certification.refusal import require_certified
 from betterbench.comparison import Comparison, load_sides
 from betterbench.comparison import compare as compare_sides
@@ -23,9 +23,6 @@ from betterbench.quoting import default_name
 from betterbench.records import RunFolder
 
 logger = logging.getLogger(__name__)
-
-_WITH_UNIT = {"policy_timeout": "policy_timeout_s"}
-"""Arguments whose option has no unit in its name."""
 
 
 def evaluate(
@@ -84,7 +81,7 @@ def evaluate(
     if given is not None and workers != 1:
         cure = "Give one worker, or the address of its class: python:FILE.py:CLASS"
         raise InvalidInputError("workers", "an instance answers in this process alone", cure)
-    with _options_as_arguments():
+    with options_as_arguments():
         plan = make_plan(
             policy if isinstance(policy, str) else policy.info.name,
             tasks=_names(tasks),
@@ -174,7 +171,7 @@ def compare(
     if len(folders) == len(paths) and is_across(folders):
         cure = "Give them to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
         raise InvalidInputError("runs", "these are of several suites, or in CALVIN", cure)
-    with _options_as_arguments():
+    with options_as_arguments():
         sides = load_sides(paths, names=names, allow_mixed=allow_mixed)
         return compare_sides(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
 
@@ -191,15 +188,3 @@ def _require_certified(plan: Plan, certificate: Path | None) -> None:
     remark = require_certified(plan, certificate)
     if remark:
         logger.warning("%s", remark)
-
-
-@contextmanager
-def _options_as_arguments() -> Iterator[None]:
-    """Name arguments as Python does where an error names an option of the command line ("--until-decided")."""
-    try:
-        yield
-    except InvalidInputError as error:
-        if not error.where.startswith("--"):
-            raise
-        argument = error.where.removeprefix("--").replace("-", "_")
-        raise InvalidInputError(_WITH_UNIT.get(argument, argument), error.problem, error.cure) from error

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from betterbench.api.report import ReportListener
 from betterbench.cli.console import ERR, passing_bar, say
 
-LISTENER = ReportListener(say, passing_bar)
+LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
 """Shows on standard error how far a report is."""
 
 
