@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import subprocess
@@ -123,6 +124,23 @@ def test_a_run_goes_on_where_it_stopped_and_another_policy_is_refused(wave, runs
     other.info = betterbench.PolicyInfo("wave", needs_images=False, metadata={"checkpoint": "2"})
     with pytest.raises(RunConflictError, match="checkpoint"):
         betterbench.evaluate(other, **PLAN, out=mine.path)
+
+
+def test_an_edited_file_is_another_policy(tmp_path, monkeypatch):
+    def evaluate(**options):
+        spec = importlib.util.spec_from_file_location("wave_of_mine", tmp_path / "wave.py")
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "wave_of_mine", module)
+        spec.loader.exec_module(module)
+        return betterbench.evaluate(module.Wave(), **PLAN, out=tmp_path / "run", **options)
+
+    (tmp_path / "wave.py").write_text(WAVE)
+    run = evaluate()
+    assert "wave.py, sha256" in run.context["policy"]["metadata"]["source file"]
+    (tmp_path / "wave.py").write_text(WAVE.replace("0.3", "0.4"))
+    with pytest.raises(RunConflictError, match="source file"):
+        evaluate()
+    assert evaluate(allow_changed_policy=True).context["policy_changes"]
 
 
 def test_progress_is_told_after_every_trial(tmp_path):
