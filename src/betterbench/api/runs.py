@@ -110,7 +110,7 @@ def evaluate(
 
 
 def load_run(path: Path | str) -> RunFolder:
-    """Open the folder of a run for reading, whoever made it.
+    """Open an existing run for reading, from Python or from the command line.
 
     Raises:
         RecordError: If the folder holds no run, a damaged one or one of another version.

@@ -12,9 +12,9 @@ from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_n
 
 
 class GivenPolicy(PolicyFactory):
-    """Factory that lends one instance, which stays the caller's to close, under the name that it declares.
+    """Factory of one instance that exists already, under the name that it declares.
 
-    It answers one observation at a time, also if it could answer several at once.
+    The instance answers one observation at a time, also if it takes batches. The caller closes it.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -42,7 +42,7 @@ class GivenPolicy(PolicyFactory):
 
 
 class _Lent:
-    """A policy without its ``close``."""
+    """View of a policy without its ``close``."""
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
