@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import ast
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -88,9 +89,23 @@ def link_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
                 yield f"{where}: links to {target}, which has no such anchor"
 
 
-def public_names(package: Path) -> set[str]:
-    """Return the names in ``__all__`` of a package that has one; of a module, its public functions and classes."""
-    tree = ast.parse((package / "__init__.py" if package.is_dir() else package.with_suffix(".py")).read_text())
+def module_file(name: str) -> Path:
+    """Return the source of a module by its full name; a file that does not exist if it is no module."""
+    package = name.partition(".")[0]
+    source = ROOT / "src" if package == "betterbench" else ROOT / "packages" / package.replace("_", "-") / "src"
+    place = source / name.replace(".", "/")
+    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+
+
+def documented_modules(page: Path) -> list[str]:
+    """Return the modules that a page of the reference documents whole."""
+    names = re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return [name for name in names if module_file(name).exists()]
+
+
+def public_names(file: Path) -> set[str]:
+    """Return the names in ``__all__`` of a module that has one; of another, its public functions and classes."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
     for node in tree.body:
         if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "__all__":
             return set(ast.literal_eval(node.value))
@@ -99,17 +114,19 @@ def public_names(package: Path) -> set[str]:
 
 
 def name_problems(site: Path, pages: dict[Path, Page]) -> Iterator[str]:
-    """Yield a sentence for every public name that the reference of its package does not show."""
+    """Yield a sentence for every public name of a documented module that its page does not show."""
     for path in sorted((ROOT / "docs" / "reference").glob("*.md")):
-        if path.stem == "index":
-            continue
         shown = pages[site / "reference" / f"{path.stem}.html"].anchors
-        for name in sorted(public_names(ROOT / "src" / "betterbench" / path.stem)):
-            full = f"betterbench.{path.stem}.{name}"
-            is_package = (ROOT / "src" / "betterbench" / path.stem / name).is_dir()
-            # A function whose module has the same name is shown as part of the module.
-            if not is_package and not shown & {full, f"{full}.{name}"}:
-                yield f"reference/{path.stem}.html: {full} is missing; give it a docstring"
+        for module in documented_modules(path):
+            file = module_file(module)
+            for name in sorted(public_names(file)):
+                full = f"{module}.{name}"
+                # Where a function and a module have the same name, the page names the module that defines the function.
+                hidden = file.name == "__init__.py" and (file.parent / f"{name}.py").exists()
+                is_package = file.name == "__init__.py" and (file.parent / name).is_dir()
+                elsewhere = hidden and any(re.fullmatch(rf"{module}\.\w+\.{name}", anchor) for anchor in shown)
+                if full not in shown and not is_package and not elsewhere:
+                    yield f"reference/{path.stem}.html: {full} is missing; give it a docstring"
 
 
 def main() -> int:

@@ -22,10 +22,10 @@ from betterbench.tasks import (
     Task,
     Template,
     Variation,
+    template_to_json,
     training_distribution_of,
 )
 from betterbench.tasks.authoring.registry import notes_of
-from betterbench.tasks.authoring.template_form import template_to_json
 from betterbench.tasks.interventions import vary
 from betterbench.tasks.judging.harm import NO_HARM
 from betterbench.tasks.relations import RELATIONS
@@ -164,8 +164,7 @@ def templates_page(tasks: Sequence[Task]) -> str:
         "```",
         "",
         "```python",
-        "from betterbench.tasks import TEMPLATES",
-        "from betterbench.tasks.authoring.template_form import template_from_json, template_to_json",
+        "from betterbench.tasks import TEMPLATES, template_from_json, template_to_json",
         "",
         'form = template_to_json(TEMPLATES["loose_packing"])',
         'assert template_from_json(form) == TEMPLATES["loose_packing"]',

@@ -1,57 +1,66 @@
 """betterbench: a diagnostic benchmark that tells why a Vision-Language-Action policy fails.
 
-Every task is known to Gymnasium once both are imported, in either order:
-``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``.
+The public names are imported when they are first used, so that importing the package takes no time. Modules that
+extend it (tasks, assets, relations, failure modes, learners) are listed in ``docs/reference/index.md``.
+
+Every task is a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")`` imports this
+package, which registers them.
 """
 
-import importlib.machinery
-import importlib.util
 import sys
-from collections.abc import Sequence
-from types import ModuleType
+from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+from betterbench.lazy_names import lazy_names
+from betterbench.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from betterbench.api.environments import load_task_files, make_env
+    from betterbench.api.registration import register_environments
+    from betterbench.api.report import write_report
+    from betterbench.api.runs import compare, diagnose, evaluate, load_run
+    from betterbench.errors import BetterError
+    from betterbench.evaluation import ExternalRun, make_plan
+    from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
+
+__all__ = [
+    "BetterError",
+    "EpisodeStart",
+    "ExternalRun",
+    "Observation",
+    "Policy",
+    "PolicyInfo",
+    "compare",
+    "diagnose",
+    "evaluate",
+    "load_run",
+    "load_task_files",
+    "make_env",
+    "make_plan",
+    "register_environments",
+    "write_report",
+]
+
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "api.environments": ("load_task_files", "make_env"),
+            "api.registration": ("register_environments",),
+            "api.report": ("write_report",),
+            "api.runs": ("compare", "diagnose", "evaluate", "load_run"),
+            "errors": ("BetterError",),
+            "evaluation": ("ExternalRun", "make_plan"),
+            "interface": ("EpisodeStart", "Observation", "Policy", "PolicyInfo"),
+        },
+    )
 
 
-def register_environments() -> None:
-    """Register every task with Gymnasium that is not registered yet: call it after loading a task file."""
-    import gymnasium  # noqa: PLC0415 - takes 0.3 s, which reading a record or printing a list does not need
-
-    from betterbench.tasks import environment_id, task_names  # noqa: PLC0415 - the package has to exist first
-
-    for task in task_names():
-        name = environment_id(task)
-        if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point="betterbench.episodes.gymnasium_env:TaskEnv", kwargs={"task": task})
-
-
-class _AfterGymnasium:
-    """Registers the tasks right after Gymnasium has been imported; Gymnasium itself loads no entry points."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        """Leave every import as it is, and let that of Gymnasium end with the registration."""
-        del path, target
-        if fullname != "gymnasium":
-            return None
-        sys.meta_path.remove(self)
-        spec = importlib.util.find_spec(fullname)
-        if spec is not None and isinstance(spec.loader, importlib.machinery.SourceFileLoader):
-            spec.loader = _Registering(spec.loader.name, spec.loader.path)
-        return spec
-
-
-class _Registering(importlib.machinery.SourceFileLoader):
-    """Loads a module, then registers the tasks."""
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Execute the module and register."""
-        super().exec_module(module)
-        register_environments()
+def __dir__() -> list[str]:
+    """List the public names, also those that nobody has used yet."""
+    return sorted({*globals(), *__all__})
 
 
 if "gymnasium" in sys.modules:
+    from betterbench.api.registration import register_environments
+
     register_environments()
-else:
-    sys.meta_path.insert(0, _AfterGymnasium())

@@ -9,7 +9,7 @@ import pytest
 from betterbench.certification import packaged_coverage
 from betterbench.certification.certificate import CertificateVersions
 from betterbench.certification.coverage import Coverage, Seeds
-from betterbench.certification.refusal import require_coverage
+from betterbench.certification.refusal import require_certified, require_coverage
 from betterbench.certification.runner import write_json
 from betterbench.cli.main import main
 from betterbench.cli.verbs import evaluate as verb
@@ -60,7 +60,7 @@ def test_uncertified_seeds_are_refused_with_the_first_one_and_the_cure(better, t
 )
 def test_the_cure_covers_the_whole_run(tasks, named):
     with pytest.raises(InvalidInputError, match=named):
-        verb.require_certified(make_plan("noop", tasks=tasks, trials=2, seed=FAR), None)
+        require_certified(make_plan("noop", tasks=tasks, trials=2, seed=FAR))
 
 
 def test_they_run_when_asked_for(better):

@@ -90,11 +90,6 @@ def test_packages_that_read_import_no_simulator(package):
     assert not modules & SIMULATORS
 
 
-@pytest.mark.parametrize("order", ["import betterbench, gymnasium", "import gymnasium, betterbench"])
-def test_gymnasium_knows_the_tasks_in_either_order(order):
-    modules_after(f"{order}; assert 'BeTTER/FastFood-v0' in gymnasium.registry")
-
-
 def test_the_overview_names_every_verb_on_one_line_of_80_columns():
     command = [sys.executable, "-m", "betterbench.cli", "--help"]
     done = subprocess.run(

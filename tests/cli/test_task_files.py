@@ -284,7 +284,7 @@ def test_an_installed_package_adds_its_tasks(better, tmp_path):
 
 def test_gymnasium_makes_the_users_task(mine):
     code = (
-        "import betterbench, gymnasium; env = gymnasium.make('BeTTER/MyCoffee-v0'); env.reset(seed=0); env.close();"
+        "import gymnasium; env = gymnasium.make('betterbench:BeTTER/MyCoffee-v0'); env.reset(seed=0); env.close();"
         "print(env.spec.id)"
     )
     environment = {**os.environ, "BETTERBENCH_TASK_FILES": str(mine)}

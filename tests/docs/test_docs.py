@@ -34,6 +34,10 @@ SNIPPETS = [
 @pytest.mark.parametrize(("page", "number", "code"), SNIPPETS, ids=[f"{p}-{i}" for p, i, _ in SNIPPETS])
 def test_snippets_run(page, number, code, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    if "gymnasium.make" in code:  # Gymnasium imports betterbench, which this process has imported before
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return
     exec(compile(code, f"{page}:{number}", "exec"), {"__name__": "snippet"})  # noqa: S102 - our own documentation
 
 

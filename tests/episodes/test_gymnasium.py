@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+import betterbench
 from betterbench.errors import InvalidActionError, InvalidInputError, UnknownNameError
 from betterbench.interface import EpisodeStart
 from betterbench.policies import Noop
 from betterbench.tasks import all_tasks, environment_id
 
 pytestmark = pytest.mark.physics
+
+betterbench.register_environments()  # another test may have imported betterbench before Gymnasium
 
 TASKS = [t.id for t in all_tasks()]
 STILL = np.array([0.0] * 6 + [-1.0], dtype=np.float32)
@@ -40,10 +43,40 @@ def test_ids_are_the_tasks_in_camel_case():
     assert all(environment_id(t) in gymnasium.registry for t in TASKS)
 
 
-def test_importing_the_package_is_all_it_takes():
-    code = "import betterbench, gymnasium; print(gymnasium.spec('BeTTER/FastFood-v0').entry_point)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "betterbench.episodes.gymnasium_env:TaskEnv"
+LOOP = """
+import gymnasium
+env = gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1", observation="state_only", quality="fast")
+observation, info = env.reset(seed=0)
+env.step(env.action_space.sample() * 0)
+print(env.spec.id, info["condition"])
+"""
+KNOWN = "assert gymnasium.spec('BeTTER/FastFood-v0').entry_point == 'betterbench.episodes.gymnasium_env:TaskEnv'"
+
+
+def run(code: str) -> str:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_the_prefix_of_the_id_makes_gymnasium_import_the_package():
+    assert run(LOOP) == "BeTTER/FastFood-v0 fast_food/T1"
+
+
+@pytest.mark.parametrize(
+    "imports",
+    [
+        "import gymnasium, betterbench",
+        "import gymnasium; import betterbench.errors",
+        "import betterbench, gymnasium; betterbench.register_environments()",
+    ],
+)
+def test_the_tasks_are_registered_when_the_package_is_imported_after_gymnasium_or_on_request(imports):
+    run(f"{imports}; {KNOWN}")
+
+
+def test_importing_the_package_leaves_the_import_system_alone_and_imports_no_gymnasium():
+    before = "import sys; path, hooks = list(sys.meta_path), list(sys.path_hooks)"
+    after = "assert (sys.meta_path, sys.path_hooks) == (path, hooks); assert 'gymnasium' not in sys.modules"
+    run(f"{before}; import betterbench; {after}")
 
 
 @pytest.mark.parametrize("task_id", [TASKS[0], *(pytest.param(t, marks=pytest.mark.slow) for t in TASKS[1:])])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-import betterbench  # noqa: F401 - makes the tasks known to Gymnasium
+import betterbench
 from betterbench.episodes import Observer
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
@@ -20,7 +20,9 @@ from betterbench.tasks import get_task
 
 pytestmark = pytest.mark.physics
 
-ID = "BeTTER/MorningCoffee-v0"
+betterbench.register_environments()  # another test may have imported betterbench before Gymnasium
+
+ID = "betterbench:BeTTER/MorningCoffee-v0"
 MOVE = np.array([[0.3, -0.2, 0.1, 0.0, 0.1, 0.2, 1.0]], dtype=np.float32)
 
 
@@ -84,6 +86,28 @@ def test_spawned_processes_give_what_this_process_gives():
         there.close()
 
 
+SPAWNED = f"""
+import gymnasium
+def main():
+    envs = gymnasium.make_vec(
+        "{ID}", num_envs=2, vectorization_mode="async", vector_kwargs={{"context": "spawn"}},
+        observation="state_only", quality="fast",
+    )
+    envs.reset(seed=[3, 4])
+    print(*envs.get_attr("step_limit"), envs.spec.id)
+    envs.close()
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_a_script_that_imports_gymnasium_alone_spawns_environments(tmp_path):
+    (tmp_path / "loop.py").write_text(SPAWNED)
+    command = [sys.executable, str(tmp_path / "loop.py")]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
+    assert done.stdout.split() == ["540", "540", "BeTTER/MorningCoffee-v0"], done.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.render
 def test_forked_servers_give_images_too():
@@ -125,7 +149,6 @@ import subprocess
 import sys
 
 import gymnasium
-import betterbench
 def main():
     one = gymnasium.make("{ID}", render_mode="rgb_array", quality="fast")
     one.reset(seed=0)

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from factory import POLICIES, diagnosis, draw_frame, film_of, run_of, trial
 from tests.diagnosis.small_matrix import matrix
 
-from betterbench.cli.output.page import panel_of
+from betterbench.api.report import panel_of
 from betterbench.diagnosis import Label
 from betterbench.diagnosis.measures import standing
 from betterbench.errors import InvalidInputError

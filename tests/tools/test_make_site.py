@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from pathlib import Path
 
 import pytest
@@ -41,16 +42,25 @@ def test_public_names_are_those_of_all_or_the_ones_without_an_underscore(tool, t
     (tmp_path / "package").mkdir()
     (tmp_path / "package" / "__init__.py").write_text('from x import A, b\n__all__ = ["A", "b"]\n')
     (tmp_path / "module.py").write_text("class C: ...\ndef d(): ...\ndef _e(): ...\nF = 1\n")
-    assert tool.public_names(tmp_path / "package") == {"A", "b"}
-    assert tool.public_names(tmp_path / "module") == {"C", "d"}
+    assert tool.public_names(tmp_path / "package" / "__init__.py") == {"A", "b"}
+    assert tool.public_names(tmp_path / "module.py") == {"C", "d"}
+
+
+def test_modules_of_every_distribution_are_found(tool):
+    for name in ("betterbench", "betterbench.tasks", "betterbench.geometry", "betterbench_calibration.audit"):
+        assert tool.module_file(name).exists()
+    assert not tool.module_file("betterbench.comparison.compare.compare").exists()
 
 
 def test_a_name_that_the_reference_leaves_out_is_found(tool, tmp_path):
     folder = tmp_path / "reference"
     folder.mkdir()
     for page in (TOOLS.parent / "docs" / "reference").glob("*.md"):
-        names = tool.public_names(TOOLS.parent / "src" / "betterbench" / page.stem) if page.stem != "index" else ()
-        ids = (f'<h2 id="betterbench.{page.stem}.{name}"></h2>' for name in names if name != "PolicyInfo")
+        modules = re.findall(r"^::: (\S+)$", page.read_text(), re.MULTILINE)
+        files = {name: tool.module_file(name) for name in modules}
+        names = [f"{m}.{name}" for m, file in files.items() if file.exists() for name in tool.public_names(file)]
+        names += [name for name, file in files.items() if not file.exists()]
+        ids = (f'<h2 id="{name}"></h2>' for name in names if name != "betterbench.interface.PolicyInfo")
         (folder / f"{page.stem}.html").write_text("".join(ids))
     (problem,) = tool.name_problems(tmp_path, tool.read_pages(tmp_path))
     assert "betterbench.interface.PolicyInfo" in problem

@@ -3,15 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
-from betterbench.certification.coverage import Coverage, cure_for
+from betterbench.certification.coverage import Coverage, cure_for, load_coverage, packaged_coverage
 from betterbench.errors import InvalidInputError
+from betterbench.evaluation.planning.plan import Plan, plan_extent
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task, suite_tasks
 from betterbench.tasks.demonstrated import demonstrated_if_measured
 from betterbench.tasks.user_files import options_for
 
 _NAMED = 5
+
+
+def require_certified(plan: Plan, certificate: Path | None = None) -> str:
+    """Check that a certificate covers every trial of a plan, and return a sentence about what it does not prove.
+
+    Without a path, it is the certificate that ships with the suite. It covers the seen looks: unseen ones without a
+    certificate of their own are allowed, and the sentence says that they are not certified. The sentence is empty if
+    the expert solved all trials.
+
+    Raises:
+        InvalidInputError: If a trial is not covered; the text names the first one and the cure.
+    """
+    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
+    if certificate is None and plan.looks != coverage.versions.looks:
+        return f"These trials are not certified: the packaged certificate covers the {coverage.versions.looks} looks."
+    seed, trials = plan_extent(plan)
+    planned = [t.id for t in plan.trials]
+    return require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
 
 
 def require_coverage(

@@ -17,7 +17,6 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TypeVar
 
-import betterbench
 from betterbench.certification.certificate import Certificate, CertificateVersions, TrialCertificate, certificate_path
 from betterbench.certification.coverage import Coverage
 from betterbench.certification.examine import examine
@@ -31,6 +30,7 @@ from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
 from betterbench.tasks.interventions import resolve_condition
+from betterbench.version import __version__
 
 FoundT = TypeVar("FoundT")
 
@@ -51,7 +51,7 @@ class CertificationProgress:
 def versions_in_use(tasks: Sequence[str]) -> CertificateVersions:
     """Return the versions that a certificate of some tasks depends on."""
     numbers = {name: get_task(name).version for name in sorted(set(tasks))}
-    return CertificateVersions(betterbench.__version__, SUITE_VERSION, engine_version(), numbers)
+    return CertificateVersions(__version__, SUITE_VERSION, engine_version(), numbers)
 
 
 def certify(

@@ -41,7 +41,7 @@ def _ignore_too_late() -> None:
 def main() -> None:
     """Entry point of the command ``better``."""
     if sys.argv[1:] == ["--version"]:
-        from betterbench import __version__
+        from betterbench.version import __version__
 
         sys.stdout.write(f"betterbench {__version__}\n")
         return

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from betterbench import __version__
 from betterbench.errors import BetterError
 from betterbench.installation import EXTRAS, better_command, extra_command
 from betterbench.interface.actions import EE_DELTA
 from betterbench.sim.worlds import WORLDS
 from betterbench.tasks import all_tasks, get_task
+from betterbench.version import __version__
 
 if TYPE_CHECKING:
     from betterbench.sim.scenes import Scene

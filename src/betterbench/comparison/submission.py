@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
-import betterbench
 from betterbench.comparison.conventions import side_conventions
 from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, diagnose_run
 from betterbench.diagnosis.measures.metrics import compute_metrics
@@ -23,6 +22,7 @@ from betterbench.records import RunFolder, first_difference
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
 from betterbench.tasks.labels import Label, all_labels
+from betterbench.version import __version__
 
 SUBMISSION_FORMAT = "betterbench-submission"
 SUBMISSION_SCHEMA_VERSION = 1
@@ -177,7 +177,7 @@ def submission_of(
         "name": called,
         "policy": diagnosis.policy,
         "declared": declared,
-        "betterbench": betterbench.__version__,
+        "betterbench": __version__,
         "conventions": side_conventions(run.plan, diagnosis.versions),
         "thresholds": diagnosis.thresholds,
         "plan_sha256": _hash_of(run.plan),

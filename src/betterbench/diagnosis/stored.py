@@ -10,12 +10,12 @@ from typing import Annotated, Any
 
 from pydantic import AliasPath, BeforeValidator, Field, TypeAdapter
 
-import betterbench
 from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import RecordError
 from betterbench.jobs import write_durably
 from betterbench.json_form import dump_json, open_form, open_seal, read_bounded, read_form, sealed_form
 from betterbench.records import RunFolder
+from betterbench.version import __version__
 
 STORED_SCHEMA_VERSION = 2
 """Version of ``diagnosis.json``; the second has a seal, and the first is read with a warning."""
@@ -132,7 +132,7 @@ class StoredDiagnosis:
 
 
 def _stored_form(diagnosis: RunDiagnosis) -> dict[str, Any]:
-    versions = {"schema_version": STORED_SCHEMA_VERSION, "package_version": betterbench.__version__}
+    versions = {"schema_version": STORED_SCHEMA_VERSION, "package_version": __version__}
     return sealed_form(json.loads(dump_json({**versions, **diagnosis.to_json()})))
 
 

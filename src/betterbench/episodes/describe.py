@@ -6,11 +6,11 @@ import platform
 from dataclasses import dataclass
 from typing import Any
 
-import betterbench
 from betterbench.records import Demonstrator, RecordMetadata
 from betterbench.sim.scenes import Scene, engine_version
 from betterbench.sim.worlds import ForeignScene
 from betterbench.tasks import SUITE_VERSION, GoalTracker
+from betterbench.version import __version__
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ def _of_trial(scene: Scene | ForeignScene, context: TrialContext) -> dict[str, A
     """Return what is said of a trial in every world."""
     return {
         "task": scene.task.id,
-        "package_version": betterbench.__version__,
+        "package_version": __version__,
         "condition": scene.condition.name,
         "variation": context.variation,
         "axis": context.axis,

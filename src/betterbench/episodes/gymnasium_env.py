@@ -1,4 +1,4 @@
-"""Every task as a Gymnasium environment: ``gymnasium.make("BeTTER/FastFood-v0", variation="T1")``."""
+"""Every task as a Gymnasium environment: ``gymnasium.make("betterbench:BeTTER/FastFood-v0", variation="T1")``."""
 
 from __future__ import annotations
 

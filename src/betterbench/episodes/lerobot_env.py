@@ -19,6 +19,8 @@ from betterbench.episodes.lerobot_task import LeRobotTaskEnv
 from betterbench.episodes.selection import select_conditions
 from betterbench.errors import InvalidInputError
 
+__all__ = ["ENVIRONMENT_ID", "SETTINGS", "make_env"]
+
 ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
 """Id under which Gymnasium makes one of these environments, without any wrapper."""
 

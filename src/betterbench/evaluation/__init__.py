@@ -8,8 +8,9 @@ run) and ``integrations`` (the tasks in other harnesses). ``figures`` renders im
 Each public name is imported from its module when it is first used.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from betterbench.evaluation.figures.films import Shot, probe_encoder, render_shots, write_video
@@ -60,30 +61,26 @@ __all__ = [
     "write_video",
 ]
 
-_MODULES = {
-    "figures.films": ("Shot", "probe_encoder", "render_shots", "write_video"),
-    "figures.twin_film": (
-        "FilmLook",
-        "Panel",
-        "TwinFilm",
-        "render_paths",
-        "render_strips",
-        "render_twin_films",
-        "write_twin_film",
-    ),
-    "figures.show": ("show_comparison", "show_condition", "show_training"),
-    "planning.plan": ("Plan", "Trial", "make_plan", "named_trial"),
-    "preflight.check": ("Convention", "PreflightCheck", "run_preflight"),
-    "running.external_run": ("ExternalRun",),
-    "running.replay": ("ReplayCheck", "check_record"),
-    "running.runner": ("Progress", "evaluate"),
-    "serving.server": ("open_server",),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used; most of them need a simulator."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "figures.films": ("Shot", "probe_encoder", "render_shots", "write_video"),
+            "figures.twin_film": (
+                "FilmLook",
+                "Panel",
+                "TwinFilm",
+                "render_paths",
+                "render_strips",
+                "render_twin_films",
+                "write_twin_film",
+            ),
+            "figures.show": ("show_comparison", "show_condition", "show_training"),
+            "planning.plan": ("Plan", "Trial", "make_plan", "named_trial"),
+            "preflight.check": ("Convention", "PreflightCheck", "run_preflight"),
+            "running.external_run": ("ExternalRun",),
+            "running.replay": ("ReplayCheck", "check_record"),
+            "running.runner": ("Progress", "evaluate"),
+            "serving.server": ("open_server",),
+        },
+    )

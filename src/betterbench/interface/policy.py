@@ -160,3 +160,22 @@ class BatchPolicy(Policy, Protocol):
 
     def act_batch(self, observations: Sequence[Observation]) -> Sequence[np.ndarray]:
         """Return one array per observation, in their order, each as :meth:`Policy.act` returns it."""
+
+
+def require_policy(policy: object, where: str) -> None:
+    """Check that an object has what a :class:`Policy` needs.
+
+    Raises:
+        InvalidInputError: If it is a class and no instance, or lacks ``info``, ``reset`` or ``act``.
+    """
+    if isinstance(policy, type):
+        raise InvalidInputError(where, f"{policy.__name__} is a class", f"Give an instance: {policy.__name__}(...)")
+    name = type(policy).__name__
+    for needed in ("info", "reset", "act"):
+        if not hasattr(policy, needed):
+            raise InvalidInputError(
+                where, f"{name} has no {needed!r}", "Give it info, reset(start) and act(observation)"
+            )
+    info = getattr(policy, "info", None)
+    if not isinstance(info, PolicyInfo):
+        raise InvalidInputError(where, f"info of {name} is a {type(info).__name__}", "Make it a betterbench.PolicyInfo")

@@ -14,6 +14,7 @@ from betterbench.tasks.authoring.operations import Changes, Operation, operation
 from betterbench.tasks.authoring.registry import all_tasks, environment_id, get_task, suite_tasks, task_names
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.authoring.template import ObjectGroup, Template
+from betterbench.tasks.authoring.template_form import template_from_json, template_to_json
 from betterbench.tasks.authoring.templates import TEMPLATES
 from betterbench.tasks.authoring.training_distribution import TrainingDistribution, training_distribution_of
 from betterbench.tasks.authoring.variation import Variation
@@ -71,6 +72,8 @@ __all__ = [
     "suite",
     "suite_tasks",
     "task_names",
+    "template_from_json",
+    "template_to_json",
     "threshold",
     "threshold_table",
     "training_distribution_of",

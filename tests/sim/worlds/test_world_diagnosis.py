@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 from tests.resealing import rewrite
 
+from betterbench.api.report import ReportListener, build_report
 from betterbench.calibration.truth import true_label
-from betterbench.cli.output.page import build_report
 from betterbench.diagnosis import diagnose_run, favorite_thing, foreign
 from betterbench.diagnosis.foreign import untold_by
 from betterbench.diagnosis.instruction_effect import SAME_THING
@@ -132,14 +132,16 @@ def test_a_run_of_the_base_suite_gives_the_twins(plan_of, tmp_path, monkeypatch)
     assert shown.count("data:image/jpeg") >= 6
 
 
-def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_path, capsys):
+def test_a_run_of_a_base_suite_names_the_run_that_would_tell_more(plan_of, tmp_path):
     base = evaluate(plan_of("noop", suite="libero_object", steps=12), tmp_path / "base", workers=1, envs=1)
     found = diagnose_run(base)
     assert found.notes[-1].endswith(
         "run libero_object_swap by the same policy, and diagnose it with --twins naming the run of its base suite."
     )
-    built = build_report([base], tmp_path / "page", latex=False, films=2)
-    told = " ".join(capsys.readouterr().err.split())
+    told = []
+    listener = ReportListener(say=told.append)
+    built = build_report([base], tmp_path / "page", latex=False, films=2, listener=listener)
+    told = " ".join(told)
     assert "No films: they show trials of variations, and these 6 records are of training." in told
     assert "has a record" not in told
     (verdict,) = built.verdicts

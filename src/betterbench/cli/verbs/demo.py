@@ -31,11 +31,10 @@ def demo_command(
         films: Largest number of films in the report; other failures get one image. 0 renders nothing.
         overwrite: Write to a folder OUT/report that better did not make, and replace files of the same names there.
     """
-    from betterbench.cli.output.page import build_report, print_verdicts
+    from betterbench.api.report import report_into
+    from betterbench.cli.output.page import LISTENER, print_verdicts
     from betterbench.cli.verbs.evaluate import default_folder, run_with_bar
     from betterbench.evaluation import make_plan
-    from betterbench.jobs.outputs import OutputFolder
-    from betterbench.report.pages.page import is_report
 
     runs = []
     for number, policy in enumerate(POLICIES, 1):
@@ -43,8 +42,6 @@ def demo_command(
         which = f"policy {number} of {len(POLICIES)}: {policy}"
         say(f"{which}, {len(plan.trials)} trials")
         runs.append(run_with_bar(plan, out / default_folder(policy), label=which, workers=workers))
-    place = out / "report"
-    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
-        page, verdicts = build_report(runs, place, latex=True, films=films)
+    page, verdicts = report_into(runs, out / "report", films=films, overwrite=overwrite, listener=LISTENER)
     OUT.print(f"report: {page}", markup=False, soft_wrap=True)
     print_verdicts(verdicts)

@@ -183,7 +183,7 @@ def evaluate_command(
         _refuse_changed(world, "it is for a foreign world", "Leave out {option}, or give --suite calvin")
         plan = _plan(policy, from_run, chosen, allow_other_versions=allow_other_versions, trust=trust)
         if not uncertified:
-            require_certified(plan, certificate)
+            _require_certified(plan, certificate)
         out = out or Path("runs") / default_folder(plan.policy)
         certified = ([] if certificate is None else ["--certificate", str(certificate)]) + [
             "--uncertified"
@@ -404,25 +404,13 @@ def _refuse_changed(given: TrialOptions | RayOptions | WorldOptions, problem: st
             raise InvalidInputError(option, problem, cure.format(option=option))
 
 
-def require_certified(plan: Plan, certificate: Path | None) -> None:
-    """Check that a certificate covers every trial of a plan, and name those that the expert did not solve.
+def _require_certified(plan: Plan, certificate: Path | None) -> None:
+    """Check that a certificate covers every trial of a plan, and say what it does not prove."""
+    from betterbench.certification.refusal import require_certified
 
-    Without a path, it is the certificate that ships with the suite. It covers the seen looks: unseen ones without a
-    certificate of their own are run, and a line says that they are not certified.
-    """
-    from betterbench.certification import load_coverage, packaged_coverage
-    from betterbench.certification.refusal import require_coverage
-    from betterbench.evaluation.planning.plan import plan_extent
-
-    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
-    if certificate is None and plan.looks != coverage.versions.looks:
-        say(f"These trials are not certified: the packaged certificate covers the {coverage.versions.looks} looks.")
-        return
-    seed, trials = plan_extent(plan)
-    planned = [t.id for t in plan.trials]
-    unsolved = require_coverage(coverage, planned, seed=seed, trials_per_variation=trials, looks=plan.looks)
-    if unsolved:
-        say(unsolved)
+    remark = require_certified(plan, certificate)
+    if remark:
+        say(remark)
 
 
 def default_folder(policy: str) -> str:
@@ -550,7 +538,7 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
 
 def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     """Print how many trials succeeded and how many broke down, and the verdicts of a run until decided."""
-    from betterbench.evaluation.running.summary import run_counts, run_times
+    from betterbench.evaluation.running.summary import require_a_trial, run_counts, run_times
     from betterbench.statistics import Rate, percent
     from betterbench.tasks.user_files import options_for
 
@@ -560,7 +548,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
         times = run_times(run.entries())
         told = {"times": None if times is None else times.to_json()}
         print_json({**counts, **told, **({} if decided is None else {"until_decided": decided.to_json()})})
-        _require_a_trial(run)
+        require_a_trial(run)
         return
     if decided is not None:
         trials = sum(e.status == "done" for e in run.entries())
@@ -585,7 +573,7 @@ def _print_counts(run: RunFolder, plan: Plan, *, json: bool) -> None:
     OUT.print(f"run         {run.path}", markup=False, soft_wrap=True)
     if plan.world is None:
         OUT.print(f"next        {following}", markup=False, soft_wrap=True)
-    _require_a_trial(run)
+    require_a_trial(run)
 
 
 def _print_expert(run: RunFolder) -> None:
@@ -602,18 +590,6 @@ def _print_expert(run: RunFolder) -> None:
     record = shell_word(run.record_path(first.task, first.condition, first.seed))
     shown = f"better replay {record}{options_for([first.task])} --out expert.mp4"
     OUT.print(f"look at it  {shown}", markup=False, soft_wrap=True)
-
-
-def _require_a_trial(run: RunFolder) -> None:
-    """Raise PolicyError, with what broke first, if every trial broke: in the policy, its server or outside of both."""
-    from betterbench.errors import PolicyError
-    from betterbench.evaluation.running.summary import broken_trials
-
-    broken = broken_trials(run)
-    if broken and len(broken) == len(run.entries()):
-        first = broken[0]
-        counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
-        raise PolicyError(f"{counted} broke, so nothing was measured. {first.key}: {first.message or 'no message'}")
 
 
 def _decided(run: RunFolder, plan: Plan) -> UntilDecided | None:

@@ -105,8 +105,8 @@ def _video(record: Path, out: Path | None, *, camera: str, size: int | None, ove
 
 
 def _twin_video(record: Path, out: Path | None, *, camera: str, size: int | None, overwrite: bool) -> Path:
+    from betterbench.api.report import panel_of
     from betterbench.cli.output.diagnosis import diagnosed
-    from betterbench.cli.output.page import panel_of
     from betterbench.evaluation import FilmLook, write_twin_film
     from betterbench.jobs.outputs import OutputFile
     from betterbench.tasks import TrialId

@@ -8,7 +8,6 @@ from typing import Annotated
 import tyro
 
 from betterbench.cli.console import OUT
-from betterbench.errors import InvalidInputError
 
 
 def report_command(
@@ -36,16 +35,19 @@ def report_command(
         films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
         overwrite: Write to a folder that better report did not make, and replace files of the same names there.
     """
-    from betterbench.cli.output.page import build_report, print_verdicts
-    from betterbench.jobs.outputs import OutputFolder
+    from betterbench.api.report import report_into
+    from betterbench.cli.output.page import LISTENER, print_verdicts
     from betterbench.records import RunFolder
-    from betterbench.report.pages.page import is_report
 
-    if not run:
-        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
-    runs = [RunFolder.open(path) for path in run]
-    place = runs[0].report_path if out is None else out
-    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
-        page, verdicts = build_report(runs, place, names=name, twins=twins, latex=latex, films=films)
+    page, verdicts = report_into(
+        [RunFolder.open(path) for path in run],
+        out,
+        names=name,
+        twins=twins,
+        latex=latex,
+        films=films,
+        overwrite=overwrite,
+        listener=LISTENER,
+    )
     OUT.print(str(page), markup=False, soft_wrap=True)
     print_verdicts(verdicts)

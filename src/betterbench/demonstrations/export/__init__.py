@@ -5,8 +5,9 @@
 - ``check``, ``expected``, ``comparing``, ``lerobot_check``, ``robomimic_check``: an export compared with its records.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from betterbench.demonstrations.export.check import check_export
@@ -25,21 +26,13 @@ __all__ = [
     "select_demonstrations",
 ]
 
-_MODULES = {
-    "check_export": "check",
-    "ExportPlan": "job",
-    "Exported": "job",
-    "export_dataset": "job",
-    "DatasetLayout": "layout",
-    "layout_of": "layout",
-    "Selection": "selection",
-    "select_demonstrations": "selection",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a public name when it is first used."""
-    if name not in _MODULES:
-        msg = f"module {__name__!r} has no attribute {name!r}"
-        raise AttributeError(msg)
-    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "check": ("check_export",),
+            "job": ("ExportPlan", "Exported", "export_dataset"),
+            "layout": ("DatasetLayout", "layout_of"),
+            "selection": ("Selection", "select_demonstrations"),
+        },
+    )

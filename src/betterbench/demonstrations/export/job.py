@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-import betterbench
 from betterbench.demonstrations.export.card import card
 from betterbench.demonstrations.export.episodes import Dataset, DatasetEpisode
 from betterbench.demonstrations.export.layout import DatasetLayout
@@ -41,6 +40,7 @@ from betterbench.records import Record, RunFolder
 from betterbench.records.twins import read_pairs
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId, suite_tasks
+from betterbench.version import __version__
 
 Format = Literal["lerobot", "lerobot-v2.1", "robomimic"]
 
@@ -399,7 +399,7 @@ def origin_of(
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,
-        "package_version": betterbench.__version__,
+        "package_version": __version__,
         "suite_version": ", ".join(sorted({str(e.about["suite_version"]) for e in episodes})),
         "policies": sorted({str(e.about["policy"]) for e in episodes}),
         "looks": sorted({str(e.about["looks"]) for e in episodes}),

@@ -9,7 +9,6 @@ from typing import Annotated
 
 from pydantic import Field, TypeAdapter
 
-import betterbench
 from betterbench.demonstrations.making.starts import FIRST_AMPLIFIED_SEED
 from betterbench.errors import InvalidInputError, RecordError, RunConflictError, require_between
 from betterbench.jobs import write_durably
@@ -20,6 +19,7 @@ from betterbench.records import first_difference
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.interventions.regimes import Regime
 from betterbench.tasks.randomness import FIRST_DEMONSTRATION_SEED
+from betterbench.version import __version__
 
 RECIPE_VERSION = 1
 """Version of how a recipe becomes a dataset."""
@@ -53,7 +53,7 @@ class SetRecipe:
     pairs: bool = False
     version: int = RECIPE_VERSION
     suite: str = SUITE_VERSION
-    betterbench: str = betterbench.__version__
+    betterbench: str = __version__
 
     @property
     def amplified(self) -> bool:

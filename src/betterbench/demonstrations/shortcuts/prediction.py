@@ -17,7 +17,6 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
-import betterbench
 from betterbench.demonstrations.shortcuts.examine import Finding, ShortcutAudit
 from betterbench.demonstrations.shortcuts.questions import (
     COUNT,
@@ -36,6 +35,7 @@ from betterbench.jobs.durable import write_durably
 from betterbench.json_form import dump_json, open_ordinary, read_bounded, read_form, read_ordinary, strict_form
 from betterbench.tasks import SUITE_VERSION, get_task, task_names
 from betterbench.tasks.labels import Label
+from betterbench.version import __version__
 
 WEIGHTS = {
     "word_place": 0.9,
@@ -175,7 +175,7 @@ def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
             )
     found.sort(key=lambda f: (-f.risk, f.task, f.variation))
     ranked = tuple(replace(forecast, rank=rank) for rank, forecast in enumerate(found, start=1))
-    version, suite = betterbench.__version__, str(SUITE_VERSION)
+    version, suite = __version__, str(SUITE_VERSION)
     return Prediction(
         "betterbench-prediction",
         1,

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-import betterbench
 from betterbench.errors import InvalidInputError, UnknownNameError, require_between
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import ACTION_SPACES
@@ -32,6 +31,7 @@ from betterbench.tasks import (
 )
 from betterbench.tasks.interventions import ResolvedCondition, resolve_condition
 from betterbench.tasks.user_files import origins_of
+from betterbench.version import __version__
 
 PLAN_VERSION = 1
 
@@ -106,7 +106,7 @@ class Plan:
             return self._foreign_json(self.world)
         return {
             "plan_version": PLAN_VERSION,
-            "package_version": betterbench.__version__,
+            "package_version": __version__,
             "suite_version": SUITE_VERSION,
             "engine": {"mujoco": engine_version()},
             "task_versions": {name: get_task(name).version for name in sorted({t.task for t in self.trials})},
@@ -126,7 +126,7 @@ class Plan:
         """Return the JSON form of a plan in a foreign world, whose suite and engine are not ours."""
         return {
             "plan_version": PLAN_VERSION,
-            "package_version": betterbench.__version__,
+            "package_version": __version__,
             "world": world.to_json(),
             "policy": self.policy,
             "action_space": self.action_space,

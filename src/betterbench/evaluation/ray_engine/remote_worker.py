@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import betterbench
 from betterbench.errors import BetterError, InvalidInputError
 from betterbench.evaluation.planning.plan import Trial
 from betterbench.evaluation.trials.trial import RunSettings
@@ -20,6 +19,7 @@ from betterbench.sim.graphics import take_device
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION
 from betterbench.tasks.user_files import load_sources
+from betterbench.version import __version__
 
 TURN_S = 2.0
 """How long a worker goes on before it reports, even if no trial has ended [s]."""
@@ -55,7 +55,7 @@ class Turn:
 def versions_here() -> dict[str, str]:
     """Return what has to be equal on all machines of a run for a trial to have the same bits on each."""
     return {
-        "betterbench": betterbench.__version__,
+        "betterbench": __version__,
         "suite": SUITE_VERSION,
         "mujoco": engine_version(),
         "architecture": platform.machine(),

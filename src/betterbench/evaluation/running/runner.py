@@ -79,22 +79,21 @@ def evaluate(
     policy_timeout_s: float = POLICY_TIMEOUT_S,
     allow_changed_policy: bool = False,
     repeats: Path | None = None,
+    policies: PolicyFactory | None = None,
     on_progress: Callable[[Progress], None] | None = None,
     on_steps: Callable[[int], None] | None = None,
 ) -> RunFolder:
     """Run every trial of a plan that is not in the journal yet; with ``until_decided``, as many as its verdicts need.
 
-    Trials whose record is missing or damaged are run again.
-
-    The policy is asked for its conventions before anything is written. Results do not depend on the number of workers
-    and environments, nor on the engine.
+    Trials whose record is missing or damaged are run again. The policy is asked for its conventions before anything is
+    written. Results do not depend on the number of workers and environments, nor on the engine.
 
     Args:
         plan: The same plan resumes an unfinished run.
         out: Folder of the run.
         workers: Worker processes; with 1 the trials run in this process, but for a policy that is not ours, which is
-            always asked in a process of its own. None for one per processor of this machine
-            or of the cluster, or for a single one if each would load the weights of a policy again.
+            always asked in a process of its own. None for one per processor of this machine or of the cluster, or for a
+            single one if each would load the weights of a policy again.
         envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
             chooses the number from what the policy and the simulation take, within the memory that is free.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
@@ -102,6 +101,7 @@ def evaluate(
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
         allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
+        policies: Factory of a policy that has no address, for one worker; None for the address of the plan.
         on_progress: Called once at the start and after every trial.
         on_steps: Called about twice a second with the control steps of this session.
 
@@ -122,7 +122,7 @@ def evaluate(
     with ExitStack() as stack:
         processors = min(os.cpu_count() or 1, MAX_WORKERS)
         alone = engine == "local" and (workers or processors) == 1
-        asked = _ask_policy(plan, stack, alone=alone, engine=engine, timeout_s=policy_timeout_s)
+        asked = _ask_policy(plan, stack, policies, alone=alone, engine=engine, timeout_s=policy_timeout_s)
         _check_policy(plan, asked.info, engine)
         if workers is None and asked.one_worker:
             workers = 1
@@ -211,8 +211,12 @@ class _Asked:
     one_worker: bool = False  # each worker would load the weights again
 
 
-def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
+def _ask_policy(
+    plan: Plan, stack: ExitStack, given: PolicyFactory | None, *, alone: bool, engine: Engine, timeout_s: float
+) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
+    if given is not None:
+        return _Asked(given.check(plan.action_space, plan.observation), 1, given)
     address, world = plan.policy, "" if plan.world is None else plan.world.world
     needs = needs_of(address)
     if alone or needs.server or not needs.thread:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from betterbench.errors import PolicyError
 from betterbench.records import JournalEntry, RunFolder
 
 
@@ -30,6 +31,15 @@ def run_counts(run: RunFolder, *, seeds: Collection[int] | None = None) -> dict[
 def broken_trials(run: RunFolder) -> tuple[JournalEntry, ...]:
     """Return the entries of the trials that broke: without a record, or with an error of the policy at its end."""
     return tuple(e for e in run.entries() if e.status == "error" or e.message is not None)
+
+
+def require_a_trial(run: RunFolder) -> None:
+    """Raise PolicyError, with what broke first, if every trial broke: in the policy, its server or outside of both."""
+    broken = broken_trials(run)
+    if broken and len(broken) == len(run.entries()):
+        first = broken[0]
+        counted = "the only trial" if len(broken) == 1 else f"all {len(broken)} trials"
+        raise PolicyError(f"{counted} broke, so nothing was measured. {first.key}: {first.message or 'no message'}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-import betterbench
 from betterbench.errors import InvalidInputError
 from betterbench.evaluation.serving.memory import return_memory
 from betterbench.evaluation.serving.sessions import PolicySession, ShadowSession
@@ -28,6 +27,7 @@ from betterbench.sim.scenes import engine_version
 from betterbench.sim.scenes.scene import CONTROL_RATE_HZ
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
+from betterbench.version import __version__
 
 logger = logging.getLogger(__name__)
 
@@ -232,7 +232,7 @@ def declare(
             "control_rate_hz": CONTROL_RATE_HZ,
             "batch": batch,
             "execution": asdict(execution),
-            "version": betterbench.__version__,
+            "version": __version__,
             "engine": f"mujoco {engine_version()}",
             "machine": platform.machine(),
         }

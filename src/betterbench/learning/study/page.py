@@ -10,7 +10,6 @@ from typing import Any
 
 from markupsafe import Markup
 
-import betterbench
 from betterbench.demonstrations.shortcuts.prediction import read_prediction
 from betterbench.jobs import write_durably
 from betterbench.jobs.durable import on_disk
@@ -25,6 +24,7 @@ from betterbench.report.tables.table import Scalar, Table, to_csv
 from betterbench.report.wording import Figure
 from betterbench.statistics.wording import p_text, plural
 from betterbench.tasks import get_task
+from betterbench.version import __version__
 
 FILES = ("study.html", "study.json", "numbers.csv", "trials.csv")
 
@@ -98,7 +98,7 @@ def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
     """Return everything that was found as a JSON document, the same whatever interrupted the study."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
-        "betterbench": betterbench.__version__,
+        "betterbench": __version__,
         "plan": outcome.plan.to_json(),
         "task_versions": {task: get_task(task).version for task in outcome.plan.tasks},
         "learners": len(outcome.learners),

@@ -19,8 +19,7 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
-from betterbench.certification import load_coverage, packaged_coverage
-from betterbench.certification.refusal import require_coverage
+from betterbench.certification.refusal import require_certified
 from betterbench.demonstrations.sets.recipe import SetRecipe
 from betterbench.errors import RecordError
 from betterbench.evaluation import make_plan
@@ -153,7 +152,7 @@ def run_study(
         BetterError: Whatever stops a stage; what was done before stays.
     """
     out = out.absolute()
-    _require_certified(plan, certificate)
+    require_certified(make_plan("expert", tasks=plan.tasks, trials=plan.trials), certificate)
     with ExitStack() as stack:
         with on_disk(out):
             lock = stack.enter_context(RunLock(out / LOCK_NAME))
@@ -161,13 +160,6 @@ def run_study(
         result = _Study(plan, out, workshop, on_progress).run()
         lock.require_in_place()
         return result
-
-
-def _require_certified(plan: StudyPlan, certificate: Path | None) -> None:
-    """Refuse trials that no certificate covers before anything is begun."""
-    trials = [t.id for t in make_plan("expert", tasks=plan.tasks, trials=plan.trials).trials]
-    coverage = packaged_coverage() if certificate is None else load_coverage(certificate)
-    require_coverage(coverage, trials, seed=0, trials_per_variation=plan.trials)
 
 
 @dataclass(frozen=True, slots=True)

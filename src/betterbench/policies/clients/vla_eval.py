@@ -14,7 +14,6 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-import betterbench
 from betterbench.errors import HandshakeError, PolicyError, one_line
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.interface.actions import (
@@ -32,6 +31,7 @@ from betterbench.policies.conventions.presets import VLA_EVAL, adapter_of
 from betterbench.policies.conventions.proprioception import StatePart, StateRule
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
+from betterbench.version import __version__
 
 PROTOCOL_VERSION = 1
 """Version of the protocol that is spoken here."""
@@ -129,7 +129,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         said = {
-            "harness_version": f"betterbench {betterbench.__version__}",
+            "harness_version": f"betterbench {__version__}",
             "protocol_version": PROTOCOL_VERSION,
             "benchmark": "betterbench",
         }

@@ -14,7 +14,8 @@ from typing import Any
 from urllib.parse import unquote
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
-from betterbench.interface import Policy, PolicyInfo
+from betterbench.interface import Policy
+from betterbench.interface.policy import require_policy
 from betterbench.policies.address import AddressForm, PolicyAddress
 from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 
@@ -37,19 +38,7 @@ def load_plugin(address: str) -> Policy:
             f"policy python:{address}", f"{where} has no {name!r}", "Name a class of that module"
         ) from None
     policy = _instance(address, name, made, arguments)
-    for needed in ("info", "reset", "act"):
-        if not hasattr(policy, needed):
-            raise InvalidInputError(
-                f"policy python:{address}",
-                f"{name} has no {needed!r}",
-                "Give it info, reset(start) and act(observation)",
-            )
-    if not isinstance(policy.info, PolicyInfo):
-        raise InvalidInputError(
-            f"policy python:{address}",
-            f"info of {name} is a {type(policy.info).__name__}",
-            "Make it a betterbench.interface.PolicyInfo",
-        )
+    require_policy(policy, f"policy python:{address}")
     return policy
 
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from betterbench.json_form import strict_form
 
-ABSENT, UNKNOWN = 0, 1
-"""Numbers of what is not there, and of what training never showed."""
+ABSENT = 0
+"""Number of a word or an object that is not there."""
+UNKNOWN = 1
+"""Number of a word that training never showed."""
 _FIRST = 2
 MOST_WORDS = 40
 """Words of an instruction that are read; those after them are left out."""

@@ -3,9 +3,9 @@
 The controller and the inverse kinematics are imported when they are first used: who only draws needs neither.
 """
 
-import importlib
 from typing import TYPE_CHECKING
 
+from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import require_engine
 
 require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
@@ -30,11 +30,5 @@ __all__ = [
     "robot_names",
 ]
 
-_HOMES = {"ArmController": "control", "ControllerState": "control", "ArmIK": "ik", "IKResult": "ik"}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(__name__, {"control": ("ArmController", "ControllerState"), "ik": ("ArmIK", "IKResult")})

@@ -9,17 +9,19 @@ show.
 Each public name is imported from its module when it is first used: a process that only draws builds no scene.
 """
 
-import importlib
 from typing import TYPE_CHECKING
 
+from betterbench.lazy_names import lazy_names
 from betterbench.sim.graphics import gl_backend, require_engine
 
 if TYPE_CHECKING:
     from betterbench.sim.scenes.builder import CompiledScene, Placement, engine_version, place_objects
     from betterbench.sim.scenes.clearance import Clearance
     from betterbench.sim.scenes.gl_context import renderer_fingerprint
+    from betterbench.sim.scenes.objects import add_asset, rest_pose
     from betterbench.sim.scenes.rendering import Images, Renderer
     from betterbench.sim.scenes.scene import CONTROL_RATE_HZ, TIMESTEP_S, Scene, SceneSnapshot
+    from betterbench.sim.scenes.stage import quality_preset
     from betterbench.sim.scenes.stored import StoredView, load_model
 
 require_engine()  # MuJoCo reads these variables when it is imported, and its error would name no cure
@@ -35,26 +37,27 @@ __all__ = [
     "Scene",
     "SceneSnapshot",
     "StoredView",
+    "add_asset",
     "engine_version",
     "gl_backend",
     "load_model",
     "place_objects",
+    "quality_preset",
     "renderer_fingerprint",
+    "rest_pose",
 ]
 
-_MODULES = {
-    "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
-    "clearance": ("Clearance",),
-    "gl_context": ("renderer_fingerprint",),
-    "rendering": ("Images", "Renderer"),
-    "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
-    "stored": ("StoredView", "load_model"),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "builder": ("CompiledScene", "Placement", "engine_version", "place_objects"),
+            "clearance": ("Clearance",),
+            "gl_context": ("renderer_fingerprint",),
+            "objects": ("add_asset", "rest_pose"),
+            "rendering": ("Images", "Renderer"),
+            "scene": ("CONTROL_RATE_HZ", "TIMESTEP_S", "Scene", "SceneSnapshot"),
+            "stage": ("quality_preset",),
+            "stored": ("StoredView", "load_model"),
+        },
+    )

@@ -27,7 +27,10 @@ from betterbench.sim.scenes.stage import QUALITIES, Quality
 from betterbench.sim.scenes.stored import scene_files
 from betterbench.tasks import Condition, Expected, Looks, Task, broken_premises, training_distribution_of
 
-TIMESTEP_S, CONTROL_RATE_HZ = PHYSICS.timestep_s, PHYSICS.control_rate_hz
+TIMESTEP_S = PHYSICS.timestep_s
+"""Step of the simulation [s]."""
+CONTROL_RATE_HZ = PHYSICS.control_rate_hz
+"""Rate at which actions are executed [Hz]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

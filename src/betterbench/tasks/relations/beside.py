@@ -234,3 +234,4 @@ BESIDE = register(
         wide=True,
     )
 )
+"""Relation of an object that is on a named side of its target."""

@@ -87,3 +87,4 @@ CLOSED = register(
         pairwise=True,
     )
 )
+"""Relation of a drawer that is pushed home in its cabinet."""

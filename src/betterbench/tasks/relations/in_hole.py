@@ -85,3 +85,4 @@ IN_HOLE = register(
         pairwise=True,
     )
 )
+"""Relation of an object that stands in a hole of a rack."""

@@ -137,3 +137,4 @@ INSIDE = register(
         pairwise=True,
     )
 )
+"""Relation of an object that is inside a container."""

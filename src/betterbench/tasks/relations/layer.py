@@ -134,3 +134,4 @@ LAYER = register(
         counted=True,
     )
 )
+"""Relation of an object that is a layer of a stack."""

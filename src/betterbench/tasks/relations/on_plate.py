@@ -66,3 +66,4 @@ ON_PLATE = register(
         pairwise=True,
     )
 )
+"""Relation of an object that stands on a plate."""

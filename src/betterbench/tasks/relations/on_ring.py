@@ -123,3 +123,4 @@ ON_RING = register(
         pairwise=True,
     )
 )
+"""Relation of an object that stands on a marked ring."""

@@ -128,6 +128,7 @@ class Relation:
 
 
 RELATIONS: dict[str, Relation] = {}
+"""All relations by name."""
 
 
 def register(relation: Relation) -> Relation:

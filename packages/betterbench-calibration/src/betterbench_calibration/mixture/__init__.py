@@ -3,7 +3,7 @@
 from betterbench_calibration.mixture.budget import Budget, TokenPrices, budget_of
 from betterbench_calibration.mixture.pretraining import PaperMixture, PretrainingRun, paper_mixture
 from betterbench_calibration.mixture.sampler import MixtureDraw, MixtureSampler
-from betterbench_calibration.mixture.shares import MixturePart, Within, shares_of
+from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, Within, shares_of
 from betterbench_calibration.mixture.sources import FileMixture, ItemSource, mixture_of_files
 
 __all__ = [
@@ -16,6 +16,7 @@ __all__ = [
     "PaperMixture",
     "PretrainingRun",
     "TokenPrices",
+    "WeightedGroup",
     "Within",
     "budget_of",
     "mixture_of_files",

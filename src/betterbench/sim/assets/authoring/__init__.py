@@ -22,7 +22,7 @@ from betterbench.sim.assets.authoring.mesh import (
     sweep,
 )
 from betterbench.sim.assets.authoring.paint import PALETTE, Canvas, Rgb, jittered, mixed, shaded, uniforms
-from betterbench.sim.assets.authoring.registry import generator, unregister
+from betterbench.sim.assets.authoring.registry import generator, generator_of, unregister
 from betterbench.sim.assets.authoring.solids import (
     foot_square,
     leaning_box,
@@ -55,6 +55,7 @@ __all__ = [
     "disc",
     "foot_square",
     "generator",
+    "generator_of",
     "glazed",
     "grip",
     "grip_across",

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 Rgb = tuple[float, float, float]
+"""Red, green and blue, from 0 to 1."""
 
 # Each picture is drawn at this many times its size and averaged down, which smooths its edges.
 _OVERSAMPLING = 2
@@ -192,6 +193,7 @@ PALETTE: dict[str, Rgb] = {
     "purple": (0.42, 0.14, 0.52),
     "pink": (0.90, 0.48, 0.58),
 }
+"""Colors by the words of instructions."""
 
 
 STEEL: Rgb = (0.74, 0.75, 0.77)

@@ -82,6 +82,15 @@ def _origin(make: Generator) -> str:
     return f"{getattr(make, '__qualname__', make)} in {getattr(code, 'co_filename', 'a file that it does not tell')}"
 
 
+def generator_of(category: str) -> Generator:
+    """Return the generator of a category, for a generator of your own that changes what it makes.
+
+    Raises:
+        UnknownNameError: If there is no such category.
+    """
+    return _entry(category).make
+
+
 def categories() -> tuple[str, ...]:
     """Return the names of all categories, sorted."""
     load_declared()

@@ -1,0 +1,60 @@
+"""Tasks as environments of Gymnasium, also those that a user's files define."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from betterbench.episodes.gymnasium_env import TaskEnv
+from betterbench.tasks import user_files
+
+
+def make_env(
+    task: str,
+    variation: str | None = None,
+    *,
+    observation: str = "default",
+    action_space: str = "ee_delta",
+    quality: str = "standard",
+    looks: str = "seen",
+    render_mode: str | None = None,
+) -> TaskEnv:
+    """Return one task as an environment of Gymnasium, without a wrapper; ``gymnasium.make`` adds its wrappers.
+
+    Args:
+        task: Id of the task ("fast_food").
+        variation: Variation ("T1") or training condition ("train2"); the first training condition if not given.
+        observation: Observation preset; "state_only" renders no images.
+        action_space: Action space.
+        quality: Render preset.
+        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
+        render_mode: "rgb_array" for images of the front camera.
+
+    Raises:
+        UnknownNameError: If a name is unknown; the message lists the closest ones.
+    """
+    return TaskEnv(
+        task,
+        variation=variation,
+        observation=observation,
+        action_space=action_space,
+        quality=quality,
+        looks=looks,
+        render_mode=render_mode,
+    )
+
+
+def load_task_files(paths: Path | str | Iterable[Path | str]) -> None:
+    """Load Python files of your own with tasks, assets, relations, failure modes or learners, as ``--task-file`` does.
+
+    Each is loaded once, and worker processes load it too. If Gymnasium is imported, their tasks are registered with it.
+
+    Raises:
+        InvalidInputError: If a file is missing, raises an error or takes a name that exists.
+    """
+    user_files.load_task_files([paths] if isinstance(paths, str | Path) else paths)
+    if "gymnasium" in sys.modules:
+        from betterbench.api.registration import register_environments  # noqa: PLC0415 - it imports Gymnasium
+
+        register_environments()

@@ -1,0 +1,17 @@
+"""Registration of every task with Gymnasium."""
+
+import gymnasium
+
+from betterbench.tasks import environment_id, task_names
+
+
+def register_environments() -> None:
+    """Register every task with Gymnasium that is not registered yet ("BeTTER/FastFood-v0").
+
+    Importing betterbench does this if Gymnasium has been imported before, as
+    ``gymnasium.make("betterbench:BeTTER/FastFood-v0")`` has it. Call it where betterbench is imported first.
+    """
+    for task in task_names():
+        name = environment_id(task)
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point="betterbench.episodes.gymnasium_env:TaskEnv", kwargs={"task": task})

@@ -1,0 +1,334 @@
+"""The report of runs with its films, which are rendered from the records."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from itertools import zip_longest
+from pathlib import Path
+from typing import NamedTuple
+
+from betterbench.api.arguments import options_as_arguments
+from betterbench.diagnosis import RunDiagnosis, TrialDiagnosis, diagnose_run
+from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, require_between
+from betterbench.evaluation import Panel, Shot, render_paths, render_shots, render_twin_films
+from betterbench.jobs.outputs import OutputFolder
+from betterbench.records import RunFolder, run_names
+from betterbench.report.figures.film import Film, Frame, Showing, failures_in_question, film_key, trials_worth_showing
+from betterbench.report.figures.media import Media, Thumbnails
+from betterbench.report.headline import headline_of, verdict_line
+from betterbench.report.legend import LEGEND
+from betterbench.report.outcomes import is_abroad
+from betterbench.report.pages.page import is_report
+from betterbench.report.pages.page import write_report as write_page
+from betterbench.report.pages.trust import trust_of
+from betterbench.sim.worlds import WorldError
+from betterbench.statistics.wording import plural
+from betterbench.tasks.user_files import options_for
+from betterbench.vqa.knowing import read_knowledge
+
+logger = logging.getLogger(__name__)
+
+THUMBNAIL_PX = 200
+"""Side of the images on the cards of variations [px]."""
+
+FILMS = 40
+"""Largest number of trials that are shown as films unless another one is asked for."""
+
+SOLVED_FILMS = 2
+"""Largest number of solved trials per run that are shown as films: they look much alike."""
+
+
+@contextmanager
+def _no_bar(_what: str) -> Iterator[Callable[[int, int], None]]:
+    yield lambda _done, _planned: None
+
+
+@dataclass(frozen=True, slots=True)
+class ReportListener:
+    """Receiver of messages while a report is built.
+
+    Attributes:
+        say: Takes a message of one line.
+        warn: Takes the message that no films can be rendered here.
+        bar: Opens a step by its name; the function that it gives takes how much of the step is done, and of how much.
+    """
+
+    say: Callable[[str], None] = logger.info
+    warn: Callable[[str], None] = logger.warning
+    bar: Callable[[str], AbstractContextManager[Callable[[int, int], None]]] = _no_bar
+
+
+class BuiltReport(NamedTuple):
+    """The page of a report, and the verdict on each of its runs in one line."""
+
+    page: Path
+    verdicts: tuple[str, ...]
+
+
+def build_report(
+    runs: Sequence[RunFolder],
+    out: Path,
+    *,
+    names: Sequence[str] = (),
+    twins: Sequence[Path] = (),
+    latex: bool = True,
+    films: int = FILMS,
+    listener: ReportListener = ReportListener(),
+) -> BuiltReport:
+    """Diagnose runs, render the moments that show their failures, and return the page with the verdicts.
+
+    The ``films`` trials that are shown as films, at most, are shared by the runs; with 0 nothing is rendered.
+    ``twins`` are the runs of the base suite, one for each run in LIBERO-PRO, or none.
+    """
+    if twins and len(twins) != len(runs):
+        problem = f"there are {len(twins)} for {plural(len(runs), 'run')}"
+        raise InvalidInputError("--twins", problem, "Give it once per run, in the same order")
+    called = run_names(runs, names)
+    say = listener.say
+    bases: list[RunFolder | None] = [RunFolder.open(path) for path in twins] or [None] * len(runs)
+    diagnoses = []
+    for run, base, name in zip(runs, bases, called, strict=True):
+        with listener.bar(f"diagnosing {run.path.name}") as told:
+            diagnoses.append(diagnose_run(run, twins_in=base, on_progress=told).named(name))
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        if diagnosis.pending:
+            say(f"{run.path}: still going, {len(diagnosis.trials)} of {diagnosis.planned} trials are done")
+    media = Media()
+    if films > 0:
+        try:
+            media = _media(runs, diagnoses, films, listener)
+        except (MissingDependencyError, RecordError, WorldError) as error:
+            listener.warn(f"no films: {error}")
+    ours = [(d, run) for d, run in zip(diagnoses, runs, strict=True) if not is_abroad(d)]  # what replay knows
+    media = replace(media, folders={d.policy: str(run.path) for d, run in ours})
+    media = replace(media, options=options_for({t.task for d in diagnoses for t in d.trials}))
+    stored = [(read_knowledge(run), name) for run, name in zip(runs, called, strict=True)]
+    knowledge = [replace(known, policy=name) for known, name in stored if known is not None]
+    page = write_page(
+        diagnoses, out, media=media, latex=latex, machine=_machine(runs), trust=trust_of(diagnoses), knowledge=knowledge
+    )
+    verdicts = []
+    for diagnosis in diagnoses:
+        claim = headline_of(diagnosis).claim
+        verdicts += [line for line in (verdict_line(diagnosis), claim.deciding, claim.command) if line]
+    return BuiltReport(page, tuple(verdicts))
+
+
+def write_report(
+    *runs: RunFolder | Path | str,
+    out: Path | str | None = None,
+    names: Sequence[str] = (),
+    twins: Sequence[Path | str] = (),
+    latex: bool = True,
+    films: int = FILMS,
+    overwrite: bool = False,
+) -> Path:
+    """Write the report of a run, or of several side by side, as ``better report`` does, and return its page.
+
+    The page needs no network and no other file; its tables stand beside it as CSV and LaTeX.
+
+    Args:
+        *runs: The runs, or their folders.
+        out: Folder of the report; ``report`` in the folder of the first run if not given.
+        names: Name of each run on the page, in their order; that of its policy if not given.
+        twins: For runs in LIBERO-PRO: folders of the runs of the base suite by the same policies, one for each run.
+        latex: True to write LaTeX tables too.
+        films: Largest number of trials to show as films; other failures get one image. 0 renders nothing.
+        overwrite: True to write to a folder that holds something else than a report.
+
+    Raises:
+        InvalidInputError: If no run is given, a number is out of range, or names or twins do not fit.
+        RecordError: If a run or a record cannot be read.
+        RunConflictError: If the folder holds something else, and that may not be overwritten.
+    """
+    require_between("films", films, 0, math.inf)
+    folders = [run if isinstance(run, RunFolder) else RunFolder.open(Path(run)) for run in runs]
+    with options_as_arguments():
+        return report_into(
+            folders,
+            None if out is None else Path(out),
+            names=names,
+            twins=[Path(run) for run in twins],
+            latex=latex,
+            films=films,
+            overwrite=overwrite,
+        ).page
+
+
+def report_into(
+    runs: Sequence[RunFolder],
+    out: Path | None,
+    *,
+    names: Sequence[str] = (),
+    twins: Sequence[Path] = (),
+    latex: bool = True,
+    films: int = FILMS,
+    overwrite: bool = False,
+    listener: ReportListener = ReportListener(),
+) -> BuiltReport:
+    """Build a report in a folder of its own, which is that of the first run if None; see :func:`build_report`.
+
+    Raises:
+        InvalidInputError: If no run is given.
+        RunConflictError: If the folder holds something else, and that may not be overwritten.
+    """
+    if not runs:
+        raise InvalidInputError("runs", "no run is named", "Give the folder that --out of better eval named")
+    place = runs[0].report_path if out is None else out
+    with OutputFolder(place, "report", overwrite=overwrite, is_ours=lambda: is_report(place)):
+        return build_report(runs, place, names=names, twins=twins, latex=latex, films=films, listener=listener)
+
+
+def _choice(diagnosis: RunDiagnosis) -> list[Showing]:
+    """Return the trials to film, the most telling first: failures, and a few solved ones for comparison."""
+    solved = {t.key for t in diagnosis.trials if t.success}
+    showings = trials_worth_showing(diagnosis, len(diagnosis.trials), repeats=True)
+    failed = [s for s in showings if s.trial not in solved]
+    return failed + [s for s in showings if s.trial in solved][:SOLVED_FILMS]
+
+
+def _media(runs: Sequence[RunFolder], diagnoses: Sequence[RunDiagnosis], films: int, listener: ReportListener) -> Media:
+    """Render films of at most so many trials, shared by the runs, and one image of each other failure.
+
+    In LIBERO no path is drawn: where its camera stands is not recorded.
+    """
+    say = listener.say
+    one_each = zip_longest(*(_choice(diagnosis) for diagnosis in diagnoses))
+    chosen = [showing for turn in one_each for showing in turn if showing is not None][:films]
+    failed = {d.policy: [] if is_abroad(d) else failures_in_question(d) for d in diagnoses}
+    filmed, count = {s.key for s in chosen}, sum(map(len, failed.values()))
+    more = sum(film_key(policy, t.key) not in filmed for policy, trials in failed.items() for t in trials)
+    if not chosen and not more:
+        trials = [trial for diagnosis in diagnoses for trial in diagnosis.trials]
+        varied = any(trial.variation is not None for trial in trials)
+        recorded = sum(trial.record is not None for trial in trials)
+        if varied or not recorded:
+            say("No films: no trial of a variation has a record." if varied else "No films: no trial has a record.")
+        else:
+            say(f"No films: they show trials of variations, and these {plural(recorded, 'record')} are of training.")
+        return Media()
+    rest = f", and the start of {plural(more, 'more failure')} with the path of the gripper" if more else ""
+    say(
+        f"Rendering {plural(len(chosen), 'film')}{rest}: this takes most of the time of a report. "
+        f"{f'--films {count} makes a film of every failure, ' if more else ''}--films 0 renders nothing."
+    )
+    shown: dict[str, Film] = {}
+    paths: dict[str, bytes] = {}
+    thumbnails: dict[str, Thumbnails] = {}
+    for run, diagnosis in zip(runs, diagnoses, strict=True):
+        mine = [s for s in chosen if s.policy == diagnosis.policy]
+        shown |= _films(run, diagnosis, mine, listener)
+        left = [t for t in failed[diagnosis.policy] if film_key(diagnosis.policy, t.key) not in filmed]
+        paths |= _paths(run, diagnosis, left, listener)
+        thumbnails |= _thumbnails(run, diagnosis, thumbnails, listener)
+    return Media(shown, paths, thumbnails)
+
+
+def _films(
+    run: RunFolder, diagnosis: RunDiagnosis, showings: Sequence[Showing], listener: ReportListener
+) -> dict[str, Film]:
+    wanted = list(dict.fromkeys(_shot(key, time) for s in showings for key, time in _moments(s)))
+    trials = {t.key: t for t in diagnosis.trials}
+    with listener.bar(f"film strips of {diagnosis.policy}") as told:
+        images = render_shots(run, wanted, on_progress=told)
+    if is_abroad(diagnosis):
+        return {s.key: _film(s, images) for s in showings}
+    with listener.bar(f"films of {diagnosis.policy}") as told:
+        clips = render_twin_films(
+            run,
+            [[panel_of(trials[key], heading) for key, heading in _sides(s)] for s in showings],
+            on_progress=told,
+        )
+    return {s.key: replace(_film(s, images), clip=film.clip) for s, film in zip(showings, clips, strict=True)}
+
+
+def _sides(showing: Showing) -> list[tuple[str, str]]:
+    twin = [] if showing.twin is None else [(showing.twin, "training twin")]
+    return [(showing.trial, "this trial"), *twin]
+
+
+def panel_of(trial: TrialDiagnosis, what: str) -> Panel:
+    """Return the side of a twin film that shows a trial."""
+    place = trial.variation or trial.condition
+    return Panel(trial.task, place, trial.seed, f"{what}, {trial.key}", LEGEND[trial.label].name, trial.success)
+
+
+def _paths(
+    run: RunFolder, diagnosis: RunDiagnosis, failed: Sequence[TrialDiagnosis], listener: ReportListener
+) -> dict[str, bytes]:
+    """Return the start image with the path of each trial, and of its twin if the run has its record."""
+    if not failed:
+        return {}
+    recorded = {t.key for t in diagnosis.trials if t.record is not None}
+    twins = [t.twin_key for t in failed if t.twin_key in recorded]
+    wanted = list(dict.fromkeys([*(t.key for t in failed), *twins]))
+    places = {key: _shot(key, 0.0) for key in wanted}
+    with listener.bar(f"paths of {diagnosis.policy}") as told:
+        images = render_paths(
+            run,
+            [(s.task, s.condition, s.seed) for s in places.values()],
+            on_progress=told,
+        )
+    return {film_key(diagnosis.policy, key): images[s.task, s.condition, s.seed] for key, s in places.items()}
+
+
+def _thumbnails(
+    run: RunFolder, diagnosis: RunDiagnosis, made: Mapping[str, Thumbnails], listener: ReportListener
+) -> dict[str, Thumbnails]:
+    """Return the scenes of variations that have none yet: one trial at reset, beside its twin."""
+    recorded = {t.key for t in diagnosis.trials if t.record is not None}
+    chosen: dict[str, TrialDiagnosis] = {}
+    for trial in diagnosis.trials:
+        name = f"{trial.task}/{trial.variation}"
+        if trial.variation is None or trial.record is None or name in made:
+            continue
+        if name not in chosen or (trial.twin_key in recorded and chosen[name].twin_key not in recorded):
+            chosen[name] = trial
+    twins = [t.twin_key for t in chosen.values() if t.twin_key in recorded]
+    wanted = [_shot(key, 0.0) for key in dict.fromkeys([*(t.key for t in chosen.values()), *twins])]
+    with listener.bar("scenes of the variations") as told:
+        images = render_shots(run, wanted, size=THUMBNAIL_PX, on_progress=told)
+    by_key = {f"{shot.task}/{shot.condition}/{shot.seed}": image for shot, image in images.items()}
+    return {name: Thumbnails(by_key[t.key], by_key.get(t.twin_key or "")) for name, t in chosen.items()}
+
+
+def _moments(showing: Showing) -> list[tuple[str, float]]:
+    twin = [] if showing.twin is None else [(showing.twin, t) for t in showing.twin_times_s]
+    return [(showing.trial, t) for t in showing.times_s] + twin
+
+
+def _shot(key: str, time_s: float) -> Shot:
+    task, condition, seed = key.split("/")
+    return Shot(task, condition, int(seed), time_s)
+
+
+def _film(showing: Showing, images: dict[Shot, bytes]) -> Film:
+    def frames(key: str, times: Sequence[float], captions: Sequence[str]) -> tuple[Frame, ...]:
+        return tuple(Frame(t, images[_shot(key, t)], c) for t, c in zip(times, captions, strict=True))
+
+    twin = () if showing.twin is None else frames(showing.twin, showing.twin_times_s, showing.twin_captions)
+    return Film(
+        showing.policy,
+        showing.trial,
+        frames(showing.trial, showing.times_s, showing.captions),
+        showing.twin,
+        twin,
+        showing.evidence_s,
+    )
+
+
+def _machine(runs: Sequence[RunFolder]) -> dict[str, str]:
+    context = runs[0].context
+    shown = {name: str(context[name]) for name in ("platform", "processors", "python") if name in context}
+    machine, renderer = context.get("machine"), context.get("renderer")
+    if isinstance(machine, dict):
+        shown["cpu"] = str(machine.get("cpu", "unknown"))
+        cards = machine.get("graphics_cards")
+        shown["graphics cards"] = ", ".join(map(str, cards)) if isinstance(cards, list) and cards else "none"
+    if isinstance(renderer, dict) and "renderer" in renderer:
+        shown["renderer"] = str(renderer["renderer"])
+    return shown

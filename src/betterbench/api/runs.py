@@ -1,0 +1,190 @@
+"""Evaluate a policy, and open, diagnose and compare runs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from betterbench.api.arguments import options_as_arguments
+from betterbench.certification.refusal import require_certified
+from betterbench.comparison import Comparison, load_sides
+from betterbench.comparison import compare as compare_sides
+from betterbench.comparison.across import is_across
+from betterbench.diagnosis import RunDiagnosis, diagnose_run
+from betterbench.errors import InvalidInputError
+from betterbench.evaluation import Plan, Progress, make_plan
+from betterbench.evaluation import evaluate as run_plan
+from betterbench.evaluation.running.summary import require_a_trial
+from betterbench.evaluation.trials.given_policy import GivenPolicy
+from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
+from betterbench.interface import Policy
+from betterbench.quoting import default_name
+from betterbench.records import RunFolder
+
+logger = logging.getLogger(__name__)
+
+
+def evaluate(
+    policy: str | Policy,
+    *,
+    tasks: str | Sequence[str] = (),
+    variations: str | Sequence[str] = (),
+    trials: int = 20,
+    seed: int = 0,
+    out: Path | str | None = None,
+    action_space: str | None = None,
+    observation: str = "default",
+    quality: str = "standard",
+    looks: str = "seen",
+    until_decided: bool = False,
+    workers: int | None = 1,
+    policy_timeout_s: float = POLICY_TIMEOUT_S,
+    certificate: Path | str | None = None,
+    uncertified: bool = False,
+    allow_changed_policy: bool = False,
+    on_progress: Callable[[Progress], None] | None = None,
+) -> RunFolder:
+    """Evaluate a policy, as ``better eval`` does, and return the run. The same call resumes an unfinished run.
+
+    Every variation runs with the seeds ``seed … seed + trials - 1``, and the training conditions with as many trials in
+    all, of which the first are the counterfactual twins. Suites of LIBERO and CALVIN are evaluated by ``better eval``.
+
+    Args:
+        policy: Address of a policy ("expert", "openpi://gpu-box:8000?preset=openpi_libero", "python:my.py:MyPolicy";
+            see ``better list policies``), or an instance of your own, which answers in this process.
+        tasks: Tasks to run; those of better60 if none is named.
+        variations: Variations to run ("L1", "fast_food/T1"); all if none is named.
+        trials: Trials per variation.
+        seed: First seed.
+        out: Folder of the run; ``runs/POLICY`` if not given.
+        action_space: Action space of the policy; that of its ``info``, and ee_delta for an address, if not given.
+        observation: Observation preset.
+        quality: Render preset.
+        looks: Looks of objects and rooms: "seen", or "unseen" for those that no demonstration shows.
+        until_decided: True to give a variation no more trials once its verdict is certain; ``trials`` is then the most.
+        workers: Worker processes, for an address; None for one per processor. A script that asks for more than one
+            starts under ``if __name__ == "__main__":``, because each worker imports it again.
+        policy_timeout_s: Deadline of an answer of a policy that is not on a server [s].
+        certificate: Certificate of ``better certify``, or its folder; the packaged one if not given.
+        uncertified: True to run trials that no certificate covers, too.
+        allow_changed_policy: True to resume although the policy declares something else than when the run began.
+        on_progress: Called at the start and after every trial.
+
+    Raises:
+        InvalidInputError: If an argument is out of range, or a trial is not certified.
+        UnknownNameError: If a name is unknown; the message lists the closest ones.
+        PolicyError: If every trial broke, so that nothing was measured; also what cannot be reached.
+        RunConflictError: If the folder holds another run, or another process writes to it.
+    """
+    given = None if isinstance(policy, str) else GivenPolicy(policy)
+    if given is not None and workers != 1:
+        cure = "Give one worker, or the address of its class: python:FILE.py:CLASS"
+        raise InvalidInputError("workers", "an instance answers in this process alone", cure)
+    with options_as_arguments():
+        plan = make_plan(
+            policy if isinstance(policy, str) else policy.info.name,
+            tasks=_names(tasks),
+            variations=_names(variations),
+            trials=trials,
+            seed=seed,
+            action_space=action_space or (given.info.action_space if given else "ee_delta"),
+            observation=observation,
+            quality=quality,
+            looks=looks,
+            until_decided=until_decided,
+        )
+        if not uncertified:
+            _require_certified(plan, None if certificate is None else Path(certificate))
+        run = run_plan(
+            plan,
+            Path("runs") / default_name(plan.policy, otherwise="policy") if out is None else Path(out),
+            workers=workers,
+            policy_timeout_s=policy_timeout_s,
+            allow_changed_policy=allow_changed_policy,
+            policies=given,
+            on_progress=on_progress,
+        )
+    require_a_trial(run)
+    return run
+
+
+def load_run(path: Path | str) -> RunFolder:
+    """Open an existing run for reading, from Python or from the command line.
+
+    Raises:
+        RecordError: If the folder holds no run, a damaged one or one of another version.
+    """
+    return RunFolder.open(Path(path))
+
+
+def diagnose(
+    run: RunFolder | Path | str,
+    *,
+    twins: RunFolder | Path | str | None = None,
+    allow_mixed: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> RunDiagnosis:
+    """Diagnose every trial of a run from its records alone; nothing is written.
+
+    Args:
+        run: The run, or its folder. One that is still going can be diagnosed too.
+        twins: Run of the base suite by the same policy, for a run in LIBERO-PRO; its trials are the twins.
+        allow_mixed: True to diagnose records of several versions, engines or policies together.
+        on_progress: Called with the number of planned trials that have been looked at, and that of all of them.
+
+    Raises:
+        RecordError: If the run or a record cannot be read.
+        RunConflictError: If versions, engines or policies are mixed and that is not allowed.
+    """
+    return diagnose_run(
+        _opened(run),
+        allow_mixed=allow_mixed,
+        twins_in=None if twins is None else _opened(twins),
+        on_progress=on_progress,
+    )
+
+
+def compare(
+    *runs: RunFolder | Path | str,
+    names: Sequence[str] = (),
+    alpha: float = 0.05,
+    sequential: bool = False,
+    allow_mixed: bool = False,
+) -> Comparison:
+    """Compare policies, two by two, on the trials that their runs share.
+
+    Args:
+        *runs: Two or more runs, their folders, or files of ``better export``.
+        names: What each run is called, in their order; after its policy if not given.
+        alpha: Level of the tests; intervals have confidence 1 - alpha.
+        sequential: True to add tests that stay valid however often you look at runs that are still going.
+        allow_mixed: True to compare runs of different versions or engines all the same.
+
+    Raises:
+        InvalidInputError: If an argument is out of range, the runs share nothing, or they are of several suites.
+        RecordError: If a run or a record cannot be read.
+        RunConflictError: If versions or engines differ and that is not allowed.
+    """
+    paths = [run.path if isinstance(run, RunFolder) else Path(run) for run in runs]
+    folders = [RunFolder.open(path) for path in paths if path.is_dir()]
+    if len(folders) == len(paths) and is_across(folders):
+        cure = "Give them to `better compare`, or to world_table and gaps_of of betterbench.comparison.across"
+        raise InvalidInputError("runs", "these are of several suites, or in CALVIN", cure)
+    with options_as_arguments():
+        sides = load_sides(paths, names=names, allow_mixed=allow_mixed)
+        return compare_sides(sides, alpha=alpha, sequential=sequential, allow_mixed=allow_mixed)
+
+
+def _opened(run: RunFolder | Path | str) -> RunFolder:
+    return run if isinstance(run, RunFolder) else load_run(run)
+
+
+def _names(given: str | Sequence[str]) -> Sequence[str]:
+    return (given,) if isinstance(given, str) else given
+
+
+def _require_certified(plan: Plan, certificate: Path | None) -> None:
+    remark = require_certified(plan, certificate)
+    if remark:
+        logger.warning("%s", remark)

@@ -1,0 +1,24 @@
+"""Public names of a package that are imported when they are first used."""
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+
+
+def lazy_names(package: str, names: Mapping[str, Sequence[str]]) -> Callable[[str], object]:
+    """Return the ``__getattr__`` of a package whose names are imported from other modules when they are first used.
+
+    Assign it where no type checker looks, so that unknown names stay errors, and import the names under
+    ``TYPE_CHECKING``.
+
+    Args:
+        package: Name of the package.
+        names: Names by module; the modules are named as seen from the package.
+    """
+    homes = {name: module for module, of_module in names.items() for name in of_module}
+
+    def get(name: str) -> object:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(importlib.import_module(f"{package}.{homes[name]}"), name)
+
+    return get
