@@ -30,7 +30,7 @@ from typing import Any, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
 
-from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.errors import BetterError, InvalidInputError, encodable, one_line
 
 logger = logging.getLogger(__name__)
 
@@ -374,6 +374,10 @@ def dump_json(form: object) -> bytes:
     try:
         text = json.dumps(form, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         return text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        shown = one_line(encodable(error.object[max(0, error.start - 20) : error.end + 20]), most=80)
+        problem = f"holds half of a character, which has no encoding, in {shown!r}"
+        raise InvalidInputError("metadata", problem, "Write the text in UTF-8") from error
     except (TypeError, ValueError) as error:
         raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
 

@@ -16,10 +16,13 @@ import pytest
 from markdown_it import MarkdownIt
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
+from betterbench.json_form import dump_json
 from betterbench.quoting import (
     LONGEST_TEXT,
     ShellText,
     csv_text,
+    json_line,
+    json_text,
     latex_text,
     markdown_code,
     markdown_table,
@@ -101,8 +104,36 @@ def test_markup(text):
 def test_script(text):
     source = script_json({"name": text, text: [text]})
     assert not re.search(r"[<>&\u2028\u2029]", source)
+    assert not UNPRINTABLE.search(source)
     source.encode("utf-8")
     assert json.loads(source) == {"name": text, text: [text]}
+
+
+STEERING = tuple(chr(point) for point in range(0x110000) if UNPRINTABLE.fullmatch(chr(point)))
+
+
+@pytest.mark.parametrize("indent", [None, 1])
+def test_json_holds_no_character_that_steers_and_says_the_same(indent):
+    value = {" ".join(STEERING): list(STEERING), "letters": "caf\u00e9 \u673a \U0001f600", "n": [1, 2.5, None]}
+    source = json_text(value, indent=indent)
+    assert not UNPRINTABLE.search(source)
+    source.encode("utf-8")
+    assert json.loads(source) == value
+    assert "caf\u00e9 \u673a \U0001f600" in source
+    assert json_text(value, ascii_only=True).isascii()
+
+
+@SHOWN
+def test_a_line_of_json(text):
+    if re.search("[\ud800-\udfff]", text):
+        with pytest.raises(InvalidInputError, match="half of a character"):
+            dump_json({"name": text})
+        return
+    line = json_line(dump_json({"name": text}))
+    assert not UNPRINTABLE.search(line.decode("utf-8"))
+    assert json.loads(line) == {"name": text}
+    if not UNPRINTABLE.search(text):
+        assert line == dump_json({"name": text}) + b"\n"
 
 
 def _texts(source):
