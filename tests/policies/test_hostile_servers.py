@@ -16,12 +16,21 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
+from pydantic import TypeAdapter
 from websockets.sync.server import serve
 
-from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
+from betterbench.errors import (
+    BetterError,
+    HandshakeError,
+    InvalidInputError,
+    PolicyError,
+    last_line,
+    one_line,
+    printable,
+)
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.json_form import dump_json
+from betterbench.json_form import dump_json, read_form
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.request_client import RequestClient
@@ -30,6 +39,7 @@ from betterbench.policies.kinds.factory import PolicyFactory, close_policy
 from betterbench.policies.protocols.json_wire import decode_body
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import MAX_DECLARED_BYTES
+from betterbench.records import RunFolder
 
 PATIENCE_S = 20.0
 
@@ -430,3 +440,30 @@ def test_half_a_character_in_a_declared_document_ends_no_run():
         found = describe_policy("a", policy.info)
     assert found["metadata"]["server: doc"] == {"\\ud800": ["\\udfff\x9b\u202e", {"a": "\U0001f600"}]}
     assert json.loads(dump_json(found)) == found
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        '{"n": 123456789012345678901234567890}',
+        '{"n": [-18446744073709551616, 1e999]}',
+        '["step:12345678901234567890123"]',
+    ],
+)
+def test_a_run_can_be_read_whatever_number_its_server_declared(document, tmp_path):
+    with (
+        websocket_server(lambda link: link.send(msgpack.packb({"doc": document, "d": f"[{2**80}"}))) as port,
+        contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5")) as policy,
+    ):
+        declared = describe_policy("a", policy.info)
+    RunFolder.start(tmp_path / "run", {"policy": "a", "trials": []}, context={"policy": declared})
+    assert RunFolder.open(tmp_path / "run").context["policy"] == declared
+
+
+def test_a_number_beyond_64_bits_is_refused_where_it_is_a_number():
+    adapter = TypeAdapter(dict[str, str | int])
+    told = {"a": f"x:{10**30}", "b": f"[{10**30}", "c": 2**62}
+    assert read_form(adapter, dump_json(told), where="f", cure="c") == told
+    for number in (10**19, -(10**25)):
+        with pytest.raises(InvalidInputError, match="20 digits"):
+            read_form(adapter, dump_json({"a": "b", "n": number}), where="f", cure="c")

@@ -63,6 +63,8 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
         return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # which no reader of a run takes
+        return f"{value:#x}"
     return value if value is None or isinstance(value, bool | int) else encodable(str(value))
 
 
