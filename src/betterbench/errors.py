@@ -49,6 +49,11 @@ def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
+def encodable(text: str) -> str:
+    """Return a text with what has no encoding, such as half of a pair of surrogates, written by its number."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
 def line_start(stream: TextIO) -> str:
     """Return what begins a message on a stream: on a terminal, what wipes a progress bar off the line it stands in."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""

@@ -30,7 +30,7 @@ from typing import Any, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError, with_config
 
-from betterbench.errors import BetterError, InvalidInputError, one_line
+from betterbench.errors import BetterError, InvalidInputError, encodable, one_line
 
 logger = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ def read_form(
     with form_errors(where, cure, raises):
         text = form if isinstance(form, bytes | str) else json.dumps(form)
         if _HUGE.search(text if isinstance(text, bytes) else text.encode("utf-8", "replace")):
-            raise InvalidInputError("", "holds a number of 20 digits or more", "Give numbers that mean something")
+            json.loads(text, parse_int=_whole_number)  # it may be digits in a text
         value = adapter.validate_json(text)
         if not sealed and isinstance(form, bytes | str):
             json.loads(text, object_pairs_hook=unique_keys)
@@ -196,8 +196,17 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
     return found
 
 
-_HUGE = re.compile(rb"[\[,:]\s*-?\d{20}")
-"""A number that does not fit into 64 bits; nothing here counts so far, and arithmetic with it breaks in odd places."""
+_HUGE_DIGITS = 20
+_HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
+"""What may be a number that does not fit into 64 bits: nothing here counts so far, and arithmetic with it breaks in
+odd places."""
+
+
+def _whole_number(digits: str) -> int:
+    """Return an integer, or raise InvalidInputError if it does not fit into 64 bits by far."""
+    if len(digits.lstrip("-")) >= _HUGE_DIGITS:
+        raise InvalidInputError("", "holds a number of 20 digits or more", "Give numbers that mean something")
+    return int(digits)
 
 
 @contextmanager
@@ -374,6 +383,10 @@ def dump_json(form: object) -> bytes:
     try:
         text = json.dumps(form, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         return text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        shown = one_line(encodable(error.object[max(0, error.start - 20) : error.end + 20]), most=80)
+        problem = f"holds half of a character, which has no encoding, in {shown!r}"
+        raise InvalidInputError("metadata", problem, "Write the text in UTF-8") from error
     except (TypeError, ValueError) as error:
         raise InvalidInputError("metadata", str(error), "Use texts, finite numbers, lists and mappings only") from error
 

@@ -4,7 +4,7 @@ A name in a stranger's data set, run, record, plan or answer may hold anything. 
 program (a shell, a browser, a spreadsheet, LaTeX), so each place has its rules, and each rule stands here once. Lines
 of a terminal and of messages have :func:`betterbench.errors.printable` and :func:`betterbench.errors.one_line`; names
 of files that are read are refused rather than quoted (``betterbench.records``). Source of Python is written with
-``repr``, JSON and strings of YAML with ``json.dumps``.
+``repr``, strings of YAML with ``json.dumps``, and JSON that people open with :func:`json_text`.
 """
 
 from __future__ import annotations
@@ -98,12 +98,50 @@ def markup_text(text: str) -> str:
 
 
 def script_json(value: object) -> str:
-    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, no line separators, no NaN."""
-    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return _UNSAFE_IN_SCRIPT.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    """Return JSON that is safe inside a script element: no ``<``, ``>`` or ``&``, nothing unprintable, no NaN."""
+    return _UNSAFE_IN_SCRIPT.sub(_escaped, json_text(value, separators=(",", ":"), allow_nan=False))
 
 
-_UNSAFE_IN_SCRIPT = re.compile(r"[<>&\u2028\u2029\ud800-\udfff]")
+_UNSAFE_IN_SCRIPT = re.compile(r"[<>&]")
+
+
+# --------------------------------------------------------------------------------------------------------------- JSON
+def json_text(
+    value: object,
+    *,
+    indent: int | None = None,
+    separators: tuple[str, str] | None = None,
+    sort_keys: bool = False,
+    allow_nan: bool = True,
+    ascii_only: bool = False,
+) -> str:
+    """Return JSON for a file that people open or a terminal, with the options of ``json.dumps``.
+
+    Letters stay readable, and what :func:`escaped_json` escapes can be printed and encoded.
+    """
+    text = json.dumps(
+        value, indent=indent, separators=separators, sort_keys=sort_keys, allow_nan=allow_nan, ensure_ascii=ascii_only
+    )
+    return escaped_json(text)
+
+
+def escaped_json(text: str) -> str:
+    """Return JSON in which what steers a terminal, hides or reorders letters, or has no encoding is written by number.
+
+    It is read back as the same value.
+    """
+    return UNPRINTABLE.sub(_escaped, text)
+
+
+def json_line(canonical: bytes) -> bytes:
+    """Return a line of a file of JSON lines from the one byte sequence that stands for its value."""
+    return escaped_json(canonical.decode("utf-8")).encode("utf-8") + b"\n"
+
+
+def _escaped(found: re.Match[str]) -> str:
+    """Return a character as JSON writes it by number: in UTF-16, beyond U+FFFF as two halves."""
+    units = found[0].encode("utf-16-be", "surrogatepass").hex()
+    return "".join(f"\\u{units[at : at + 4]}" for at in range(0, len(units), 4))
 
 
 # ----------------------------------------------------------------------------------------------------------- markdown
@@ -182,12 +220,15 @@ _LATEX = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
+    '"': r"\char34{}",  # \textquotedbl needs another encoding of fonts than the usual one
+    "\N{REPLACEMENT CHARACTER}": "?",
     "→": r"$\rightarrow$",
     "−": r"$-$",
     "Δ": r"$\Delta$",
     "π": r"$\pi$",
     "×": r"$\times$",
+    "≥": r"$\geq$",
+    "≤": r"$\leq$",
     "–": "--",
     "…": r"\dots{}",
     "\N{NARROW NO-BREAK SPACE}": r"\,",

@@ -11,7 +11,7 @@ import pytest
 from betterbench.cli.main import main
 from betterbench.comparison import Submission, compare, load_sides, read_submission, require_same, submission_of
 from betterbench.comparison.submission import SubmittedTrial
-from betterbench.errors import BetterError, InvalidInputError, RunConflictError
+from betterbench.errors import UNPRINTABLE, BetterError, InvalidInputError, RunConflictError
 from betterbench.records import JournalEntry, RunFolder
 
 HASH = "0" * 64
@@ -69,6 +69,20 @@ def test_what_is_written_is_what_is_read(files):
         assert found.file_bytes() == path.read_bytes()
         assert json.loads(path.read_text())["sha256"] == found.sha256
         assert path.read_text().count("\n") > len(found.trials)
+
+
+def test_what_a_server_declared_steers_nobody_who_opens_the_file(tmp_path):
+    hostile = "\x1b]0;x\x07\x9b2J\u202egnp.exe\u2066\u200f\u061c\x85\U000e0041"
+    declared = {"name": f"p {hostile}", "metadata": {hostile: [hostile, {"a": hostile}]}}
+    plan = {
+        "policy": "p://host",
+        "trials": [{"task": "fast_food", "condition": "train1", "variation": None, "seed": 0}],
+    }
+    run = RunFolder.start(tmp_path / "run", plan, context={"policy": declared})
+    path = tmp_path / "s.json"
+    path.write_bytes(submission_of(run, name="p").file_bytes())
+    assert not UNPRINTABLE.search(path.read_text(encoding="utf-8"))
+    assert read_submission(path).declared == declared
 
 
 def test_a_run_is_submitted_with_every_planned_trial(run, tmp_path):

@@ -6,6 +6,7 @@ import base64
 import contextlib
 import hashlib
 import http.server
+import json
 import socket
 import struct
 import threading
@@ -15,15 +16,29 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
+from pydantic import TypeAdapter
 from websockets.sync.server import serve
 
-from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
+from betterbench.errors import (
+    BetterError,
+    HandshakeError,
+    InvalidInputError,
+    PolicyError,
+    last_line,
+    one_line,
+    printable,
+)
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import action_space
+from betterbench.json_form import dump_json, read_form
 from betterbench.policies.clients.request_client import RequestClient
+from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory, close_policy
 from betterbench.policies.kinds import make_policy, read_address
+from betterbench.policies.protocols.json_wire import decode_body
 from betterbench.policies.protocols.websocket import WebSocket
+from betterbench.policies.protocols.wire import MAX_DECLARED_BYTES
+from betterbench.records import RunFolder
 
 PATIENCE_S = 20.0
 
@@ -310,3 +325,144 @@ def test_every_client_of_a_run_asks_the_policy_that_the_run_began_with():
             pytest.raises(HandshakeError, match=r"checkpoint was .one. and is .two."),
         ):
             worker.check()
+
+
+# ------------------------------------------------------------------------------------- what declarations may be
+
+
+def nested(depth):
+    value = "x"
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+TOO_MUCH = {
+    "large": ({"notes": "x" * (MAX_DECLARED_BYTES + 1)}, r"declares \d{7} bytes about itself, where at most 4194304"),
+    "deep": ({"notes": nested(20)}, r"declares something about itself.*nested deeper than 16"),
+}
+
+
+@contextlib.contextmanager
+def speaking_first(declared):
+    with websocket_server(lambda link: link.send(msgpack.packb(declared))) as port:
+        yield f"127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def saying_hello(declared):
+    def talk(link):
+        asked = msgpack.unpackb(link.recv())
+        hello = {"protocol_version": 1, **declared}
+        link.send(msgpack.packb({"type": "hello", "payload": hello, "seq": asked["seq"], "timestamp": 0.0}))
+
+    with websocket_server(talk) as port:
+        yield f"127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def over_zeromq(declared):
+    context = zmq.Context()
+    server = context.socket(zmq.REP)
+    port = server.bind_to_random_port("tcp://127.0.0.1")
+
+    over = threading.Event()
+
+    def talk():
+        while not over.is_set():
+            if server.poll(20):
+                asked = msgpack.unpackb(server.recv())["endpoint"]
+                server.send(msgpack.packb({"status": "ok"} if asked == "ping" else declared))
+        server.close(linger=0)
+
+    thread = threading.Thread(target=talk, daemon=True)
+    thread.start()
+    yield f"127.0.0.1:{port}"
+    over.set()
+    thread.join(PATIENCE_S)
+    context.term()
+
+
+@contextlib.contextmanager
+def over_http(declared):
+    class Declaring(Redirecting):
+        def do_GET(self):
+            body = json.dumps(declared).encode()
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+    here = http.server.HTTPServer(("127.0.0.1", 0), Declaring)
+    thread = threading.Thread(target=here.serve_forever, daemon=True)
+    thread.start()
+    yield f"127.0.0.1:{here.server_port}"
+    here.shutdown()
+    thread.join()
+    here.server_close()
+
+
+SERVERS = {
+    "openpi://{}?preset=native": speaking_first,
+    "starvla://{}": speaking_first,
+    "vla-eval://{}?preset=vla_eval": saying_hello,
+    "gr00t://{}": over_zeromq,
+    "http://{}/v1/infer?preset=dexbotic": over_http,
+}
+
+
+@pytest.mark.parametrize("address", SERVERS)
+@pytest.mark.parametrize("kind", TOO_MUCH)
+def test_a_declaration_too_large_or_too_deep_is_one_line(address, kind):
+    declared, text = TOO_MUCH[kind]
+    if kind == "large" and address.startswith("http"):
+        text = "4194304 bytes"  # no body may be larger
+    with SERVERS[address](declared) as server:
+        target = address.format(server)
+        with pytest.raises(BetterError, match=text) as caught:
+            make_policy(f"{target}{'&' if '?' in target else '?'}timeout=10&retries=0&patience=0.2")
+    assert one_line(caught.value, most=1000) == str(caught.value)
+
+
+@pytest.mark.parametrize("depth", [40, 900, 100_000])
+def test_a_deep_body_is_refused_before_anything_goes_through_it(depth):
+    with pytest.raises(PolicyError, match="cannot be read"):
+        decode_body(b'{"a":' + b"[" * depth + b"]" * depth + b"}")
+
+
+def test_half_a_character_in_a_declared_document_ends_no_run():
+    document = '{"\\ud800": ["\\udfff\\u009b\\u202e", {"a": "\\ud83d\\ude00"}]}'
+    with (
+        websocket_server(lambda link: link.send(msgpack.packb({"doc": document}))) as port,
+        contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5")) as policy,
+    ):
+        found = describe_policy("a", policy.info)
+    assert found["metadata"]["server: doc"] == {"\\ud800": ["\\udfff\x9b\u202e", {"a": "\U0001f600"}]}
+    assert json.loads(dump_json(found)) == found
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        '{"n": 123456789012345678901234567890}',
+        '{"n": [-18446744073709551616, 1e999]}',
+        '["step:12345678901234567890123"]',
+    ],
+)
+def test_a_run_can_be_read_whatever_number_its_server_declared(document, tmp_path):
+    with (
+        websocket_server(lambda link: link.send(msgpack.packb({"doc": document, "d": f"[{2**80}"}))) as port,
+        contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5")) as policy,
+    ):
+        declared = describe_policy("a", policy.info)
+    RunFolder.start(tmp_path / "run", {"policy": "a", "trials": []}, context={"policy": declared})
+    assert RunFolder.open(tmp_path / "run").context["policy"] == declared
+
+
+def test_a_number_beyond_64_bits_is_refused_where_it_is_a_number():
+    adapter = TypeAdapter(dict[str, str | int])
+    told = {"a": f"x:{10**30}", "b": f"[{10**30}", "c": 2**62}
+    assert read_form(adapter, dump_json(told), where="f", cure="c") == told
+    for number in (10**19, -(10**25)):
+        with pytest.raises(InvalidInputError, match="20 digits"):
+            read_form(adapter, dump_json({"a": "b", "n": number}), where="f", cure="c")

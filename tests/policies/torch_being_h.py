@@ -275,6 +275,7 @@ def laughing():
         (laughing(), "more than 200000 values"),
         (saved({1: 2}), "keys that are not texts"),
         (saved({"a": torch.zeros(1).expand(10**9)}), "too large"),
+        (saved({"a": torch.zeros(1).expand(10**7)}), "larger than its bytes"),
         (saved({"a": torch.zeros(3, 3).to_sparse()}), "sparse"),
         (saved({"a": {1, 2}}), "it holds a set"),
         (saved({"a": np.array(["text"])}), "not a plain number"),
@@ -323,6 +324,19 @@ def test_bad_answers_end_the_trial_with_a_reason(answer, text):
         with pytest.raises(PolicyError, match=text):
             client.act(seen())
         assert client.act(seen()).shape == (16, 7)
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        (saved({"status": "x" * 5_000_000}), "bytes about itself, where at most 4194304"),
+        (saved({"status": [[[[[[[[[[[[[[[[[["x"]]]]]]]]]]]]]]]]]]}), "nested deeper than 16"),
+    ],
+)
+def test_a_greeting_too_large_or_too_deep_is_one_line(answer, text, monkeypatch):
+    monkeypatch.setattr(Server, "_answer", lambda *_: answer)
+    with Server() as server, pytest.raises(HandshakeError, match=text), connected(server):
+        pass
 
 
 def test_the_token_is_shown(monkeypatch):

@@ -16,10 +16,13 @@ import pytest
 from markdown_it import MarkdownIt
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError, one_line, printable
+from betterbench.json_form import dump_json
 from betterbench.quoting import (
     LONGEST_TEXT,
     ShellText,
     csv_text,
+    json_line,
+    json_text,
     latex_text,
     markdown_code,
     markdown_table,
@@ -29,6 +32,7 @@ from betterbench.quoting import (
     shell_line,
     shell_word,
 )
+from betterbench.report.tables.latex import table_to_latex
 from betterbench.report.tables.table import Table, to_csv
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -101,8 +105,36 @@ def test_markup(text):
 def test_script(text):
     source = script_json({"name": text, text: [text]})
     assert not re.search(r"[<>&\u2028\u2029]", source)
+    assert not UNPRINTABLE.search(source)
     source.encode("utf-8")
     assert json.loads(source) == {"name": text, text: [text]}
+
+
+STEERING = tuple(chr(point) for point in range(0x110000) if UNPRINTABLE.fullmatch(chr(point)))
+
+
+@pytest.mark.parametrize("indent", [None, 1])
+def test_json_holds_no_character_that_steers_and_says_the_same(indent):
+    value = {" ".join(STEERING): list(STEERING), "letters": "caf\u00e9 \u673a \U0001f600", "n": [1, 2.5, None]}
+    source = json_text(value, indent=indent)
+    assert not UNPRINTABLE.search(source)
+    source.encode("utf-8")
+    assert json.loads(source) == value
+    assert "caf\u00e9 \u673a \U0001f600" in source
+    assert json_text(value, ascii_only=True).isascii()
+
+
+@SHOWN
+def test_a_line_of_json(text):
+    if re.search("[\ud800-\udfff]", text):
+        with pytest.raises(InvalidInputError, match="half of a character"):
+            dump_json({"name": text})
+        return
+    line = json_line(dump_json({"name": text}))
+    assert not UNPRINTABLE.search(line.decode("utf-8"))
+    assert json.loads(line) == {"name": text}
+    if not UNPRINTABLE.search(text):
+        assert line == dump_json({"name": text}) + b"\n"
 
 
 def _texts(source):
@@ -151,11 +183,21 @@ def test_cells_of_a_spreadsheet(text):
 def test_latex(text):
     source = latex_text(text)
     commands = re.findall(r"\\([A-Za-z]+|.)", source)
-    ours = {"textbackslash", "textasciicircum", "textasciitilde", "textless", "textgreater", "textbar", "textquotedbl"}
-    assert set(commands) <= ours | {"dots", "rightarrow", "Delta", "pi", "times"} | set("{}$&#%_,")
-    bare = re.sub(r"\\([A-Za-z]+\{\}|[^A-Za-z])", "", source)
+    ours = {"textbackslash", "textasciicircum", "textasciitilde", "textless", "textgreater", "textbar", "char"}
+    assert set(commands) <= ours | {"dots", "rightarrow", "Delta", "pi", "times", "geq", "leq"} | set("{}$&#%_,")
+    bare = re.sub(r"\\([A-Za-z]+\d*\{\}|[^A-Za-z])", "", source)
     assert not re.search(r"[\\{}#%&_^]", bare)
-    assert "\n" not in source
+    assert not re.search("[\n\ufffd]", source)  # pdflatex has no letter for the second
+
+
+@pytest.mark.parametrize("text", ["[1cm] x", "[", "*x", " [x", "\xa0[x"])
+def test_no_row_of_a_latex_table_begins_as_an_argument_of_what_ends_the_row_before(text):
+    for count in (2, 50):
+        lines = table_to_latex(Table("t", "c", (text, "n"), ((text, text),) * count)).splitlines()
+        rows = [line for line in lines if line.endswith(r"\\") and "&" in line]
+        assert len(rows) >= count + 1
+        assert not [row for row in rows if row.lstrip(" ~")[0] in "[*"]
+        assert sum(latex_text(text).strip(" ~") in row for row in rows) >= count + 1
 
 
 def test_ordinary_names_stay_as_they_are():

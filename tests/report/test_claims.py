@@ -113,7 +113,7 @@ def test_what_was_only_counted_needs_no_test():
 
 
 def test_what_would_decide_is_a_command_that_names_the_variation_new_seeds_and_enough_trials():
-    run = replace(lost(4), policy="openpi://localhost:8000")
+    run = replace(lost(4), address="openpi://localhost:8000")
     text, command = headline_of(run).claim.deciding, headline_of(run).claim.command
     assert "fast_food/T1" in text
     words = shlex.split(command)
@@ -123,6 +123,22 @@ def test_what_would_decide_is_a_command_that_names_the_variation_new_seeds_and_e
     assert (option["--tasks"], option["--variations"], option["--seed"]) == ("fast_food", "T1", "48")
     assert 5 <= int(option["--trials"]) <= 100
     assert {"tasks", "variations", "seed", "trials"} <= set(TrialOptions.__dataclass_fields__)
+
+
+def test_the_command_names_the_address_of_a_policy_whatever_it_is_called():
+    called = "pi0 'of today'; touch CANARY #\x1b[2J\u202e"
+    runs = [
+        lost(4),
+        diagnosis(varied(range(2))),
+        diagnosis(trained(range(9))),
+        diagnosis([*trained(range(3)), *trained(range(3, 7), SLIP), *varied(range(7))]),
+    ]
+    commands = [headline_of(replace(run, address="openpi://h:1").named(called)).claim.command for run in runs]
+    assert all(commands)
+    for command in commands:
+        assert shlex.split(command)[:4] == ["better", "eval", "--policy", "openpi://h:1"]
+    unsayable = replace(runs[0], address="openpi://h:1\0")
+    assert headline_of(unsayable).claim.command == ""
 
 
 @pytest.mark.parametrize(("count", "n"), [(1, 2), (2, 6), (1, 5), (4, 48)])

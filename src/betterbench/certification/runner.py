@@ -26,6 +26,7 @@ from betterbench.jobs import RetryLedger, write_durably
 from betterbench.jobs.lock import held_folders
 from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
 from betterbench.json_form import sealed_form
+from betterbench.quoting import json_text
 from betterbench.sim.scenes import engine_version
 from betterbench.tasks import SUITE_VERSION, Looks, TrialId, get_task
 from betterbench.tasks.demonstrated import demonstrated
@@ -113,7 +114,7 @@ def write_coverage(certificate: Certificate, path: Path) -> Path:
 
 def write_json(path: Path, form: object) -> None:
     """Write a JSON document durably."""
-    write_durably(path, (json.dumps(form, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    write_durably(path, (json_text(form, indent=1, allow_nan=False) + "\n").encode())
 
 
 def in_workers(trials: list[TrialId], workers: int, work: Callable[[TrialId], FoundT]) -> Iterator[FoundT]:

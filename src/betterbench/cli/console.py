@@ -5,7 +5,6 @@ from __future__ import annotations
 import codecs
 import contextlib
 import io
-import json
 import os
 import re
 import sys
@@ -16,8 +15,9 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from rich.console import Console
 
-from betterbench.errors import UNPRINTABLE, one_line, printable
+from betterbench.errors import one_line, printable
 from betterbench.installation import as_started_here
+from betterbench.quoting import json_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -128,8 +128,7 @@ def print_json(document: object) -> None:
     """Print one JSON document on standard output; what steers a terminal is written by its number, as JSON can."""
     out = _documents[-1] if _documents else sys.stdout
     plain = "utf" not in (getattr(out, "encoding", None) or "utf-8").lower()  # then other letters by their numbers
-    text = json.dumps(document, indent=2, ensure_ascii=plain, sort_keys=False)
-    out.write(UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n")
+    out.write(json_text(document, indent=2, ascii_only=plain) + "\n")
     out.flush()
 
 

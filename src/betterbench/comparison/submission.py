@@ -18,6 +18,7 @@ from betterbench.diagnosis import Evidence, Kind, RunDiagnosis, TrialDiagnosis, 
 from betterbench.diagnosis.measures.metrics import compute_metrics
 from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.json_form import dump_json, form_errors, open_ordinary, read_bounded, read_form, strict_form
+from betterbench.quoting import json_text
 from betterbench.records import RunFolder, first_difference
 from betterbench.tasks import TrialId
 from betterbench.tasks.interventions.resolve import ResolvedCondition, resolve_condition
@@ -117,9 +118,9 @@ class Submission:
         """Return the file: JSON with one field or one trial a line, so that two versions can be compared as text."""
         form = self.to_json()
         trials, seal = form.pop("trials"), form.pop("sha256")
-        fields = [f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in form.items()]
-        listed = ",\n".join(json.dumps(trial, ensure_ascii=False) for trial in trials)
-        text = ",\n".join([*fields, f'"trials": [\n{listed}\n]', f'"sha256": {json.dumps(seal)}'])
+        fields = [f"{json_text(key)}: {json_text(value)}" for key, value in form.items()]
+        listed = ",\n".join(json_text(trial) for trial in trials)
+        text = ",\n".join([*fields, f'"trials": [\n{listed}\n]', f'"sha256": {json_text(seal)}'])
         return f"{{\n{text}\n}}\n".encode()
 
     def sealed(self) -> Submission:

@@ -14,6 +14,7 @@ from betterbench.diagnosis.verdict import RunDiagnosis
 from betterbench.errors import RecordError
 from betterbench.jobs import write_durably
 from betterbench.json_form import dump_json, open_form, open_seal, read_bounded, read_form, sealed_form
+from betterbench.quoting import json_text
 from betterbench.records import RunFolder
 from betterbench.version import __version__
 
@@ -153,7 +154,7 @@ def store_diagnosis(run: RunFolder, diagnosis: RunDiagnosis) -> Path:
     path = stored_path(run)
     form = _stored_form(diagnosis)
     with run.locked():
-        write_durably(path, json.dumps(form, indent=1, ensure_ascii=False).encode() + b"\n")
+        write_durably(path, json_text(form, indent=1).encode() + b"\n")
     return path
 
 

@@ -193,6 +193,7 @@ class RunDiagnosis:
         waiting: Planned trials that a run in progress has not reached; they are in no number. Empty for a run that no
             process writes to any more: what it has not finished is then among the trials, as unfinished.
         until_decided: Verdict on each variation of a run until decided, or None. What such a run has spared is nowhere.
+        address: Address by which commands name the policy, whatever it is called; that of ``policy`` if not given.
     """
 
     policy: str
@@ -204,6 +205,12 @@ class RunDiagnosis:
     versions: dict[str, str]
     waiting: tuple[TrialDiagnosis, ...] = ()
     until_decided: UntilDecided | None = None
+    address: str = ""
+
+    def __post_init__(self) -> None:
+        """Take the name of the policy as its address, which it is until it is called something else."""
+        if not self.address:
+            object.__setattr__(self, "address", self.policy)
 
     @property
     def pending(self) -> tuple[str, ...]:

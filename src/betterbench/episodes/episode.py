@@ -14,7 +14,13 @@ from betterbench.episodes.chunks import Chunks
 from betterbench.episodes.describe import TrialContext, describe, describe_foreign
 from betterbench.episodes.heap import settled_heap
 from betterbench.episodes.observer import Observer
-from betterbench.errors import InvalidActionError, PolicyError, PolicyKilledError, PolicyUnavailableError
+from betterbench.errors import (
+    InvalidActionError,
+    PolicyError,
+    PolicyKilledError,
+    PolicyUnavailableError,
+    encodable,
+)
 from betterbench.interface import Execution
 from betterbench.interface.state import AnyPolicy, PrivilegedPolicy, WorldState
 from betterbench.records import Record, RecordBuilder, RecordMetadata, Termination
@@ -230,7 +236,7 @@ def _finished(
     success: bool,
 ) -> Record:
     if error is not None:
-        error = error.encode("utf-8", "backslashreplace").decode()  # file names may hold what a record cannot
+        error = encodable(error)  # file names may hold what a record cannot
         logger.warning("%s seed %d: %s", scene.condition.id, scene.seed, error)
     return builder.finish(
         termination=termination,

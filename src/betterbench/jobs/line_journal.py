@@ -19,6 +19,7 @@ from betterbench.jobs.durable import sync_folder, write_durably
 from betterbench.jobs.lock import LOCK_NAME, FileLock, RunLock, is_locked, require_held
 from betterbench.jobs.places import naming, open_in_place
 from betterbench.json_form import dump_json, form_errors, open_ordinary, parse_json, read_bounded, say_unsealed
+from betterbench.quoting import json_line
 
 MAX_BYTES = 1 << 30
 """Largest journal that is read; a line takes some 600 bytes."""
@@ -76,7 +77,7 @@ class LineJournal:
         require_held(self._path)
         if not self._stands_there(self._handle):
             self._write_again(self._handle)
-        line = dump_json(form) + b"\n"
+        line = json_line(dump_json(form))
         try:
             written = 0
             with naming(self._path):

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from betterbench.errors import encodable
 from betterbench.interface import PolicyInfo
 from betterbench.json_form import parse_json
 
@@ -27,8 +28,8 @@ def describe_policy(address: str, info: PolicyInfo) -> dict[str, Any]:
     """Return what a policy declares, as JSON; JSON documents in its metadata (adapter, handshake) are kept."""
     return {
         "address": address,
-        "name": info.name,
-        "action_space": info.action_space,
+        "name": encodable(info.name),
+        "action_space": encodable(info.action_space),
         "needs_images": info.needs_images,
         "heavy": info.heavy,
         "execution": asdict(info.execution),
@@ -55,14 +56,16 @@ def _plain(value: object, depth: int) -> Any:  # noqa: ANN401 -- JSON
         return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": _fingerprint(value.tobytes())}
     if isinstance(value, Mapping):
         named = {k.decode("utf-8", "replace") if isinstance(k, bytes) else str(k): v for k, v in value.items()}
-        return {name: _plain(inner, depth + 1) for name, inner in sorted(named.items())}
+        return {encodable(name): _plain(inner, depth + 1) for name, inner in sorted(named.items())}
     if isinstance(value, list | tuple | set | frozenset):
         return [_plain(inner, depth + 1) for inner in value]
     if isinstance(value, bytes | bytearray):
         return {"bytes": len(value), "sha256": _fingerprint(bytes(value))}
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:  # which no reader of a run takes
+        return f"{value:#x}"
+    return value if value is None or isinstance(value, bool | int) else encodable(str(value))
 
 
 def _document(text: str) -> object:

@@ -33,6 +33,7 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
+from betterbench.quoting import json_text
 from betterbench.records.journal import Journal, JournalEntry, read_journal
 from betterbench.records.metadata import Outcome, RecordMetadata
 from betterbench.records.parquet import AGAIN, RecordBrief, read_brief, read_record, write_record
@@ -624,5 +625,5 @@ def _shown(value: object) -> str:
     """Return a value for a message, shortened."""
     if value is _ABSENT:
         return "absent"
-    text = json.dumps(value, ensure_ascii=False)
+    text = json_text(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Annotated
@@ -11,6 +10,7 @@ from pydantic import Field, TypeAdapter
 
 from betterbench.errors import RecordError
 from betterbench.json_form import open_sealed_lines, read_bounded, read_form, sealed_lines, strict_form
+from betterbench.quoting import json_text
 from betterbench.records.run import RunFolder
 from betterbench.tasks.trial_id import TrialId
 
@@ -57,7 +57,7 @@ _FORM = TypeAdapter(TwinPair)
 
 def pairs_bytes(pairs: Iterable[TwinPair]) -> bytes:
     """Return the file that lists pairs, a line each, and their seal in the last line."""
-    lines = "".join(json.dumps(asdict(pair), ensure_ascii=False) + "\n" for pair in pairs).encode()
+    lines = "".join(json_text(asdict(pair)) + "\n" for pair in pairs).encode()
     return sealed_lines(lines)
 
 

@@ -15,6 +15,7 @@ from betterbench.statistics import Rate, Verdict, chance_p, paired_power
 from betterbench.statistics.power import DEFAULT_ALPHA, DEFAULT_POWER
 from betterbench.statistics.wording import listed, plural
 from betterbench.tasks.labels import Kind
+from betterbench.tasks.user_files import options_for
 
 USUAL_SHARE = 0.2
 """Share of failed trials that a kind of failure has to exceed, by an exact binomial test at the usual level, to be
@@ -80,11 +81,7 @@ def _training_command(diagnosis: RunDiagnosis, trials: int) -> str:
     if not task or is_of_libero(task):
         return ""
     each = -(-trials // len(conditions))
-    command = [
-        "better", "eval", "--policy", diagnosis.policy, "--tasks", task, "--seed", str(_next_seed(diagnosis)),
-        "--trials", str(each), "--out", "runs/training",
-    ]  # fmt: skip
-    return shell_line(command)
+    return _evaluation(diagnosis, [task], seed=_next_seed(diagnosis), trials=each, out="runs/training")
 
 
 def claim_of_training_failure(count: int, n: int) -> Grounds:
@@ -101,11 +98,9 @@ def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
     if not tasks or any(map(is_of_libero, tasks)):
         return DESCRIBED
     seeds = [t.seed for t in diagnosis.trials]
-    command = [
-        "better", "eval", "--policy", diagnosis.policy, "--tasks", *tasks, "--seed", str(min(seeds)),
-        "--trials", str(max(seeds) - min(seeds) + 1), "--out", "runs/variations",
-    ]  # fmt: skip
-    return Grounds(True, deciding=text, command=shell_line(command))
+    trials = max(seeds) - min(seeds) + 1
+    command = _evaluation(diagnosis, tasks, seed=min(seeds), trials=trials, out="runs/variations")
+    return Grounds(True, deciding=text, command=command)
 
 
 def claim_of_habit(count: int, n: int, conditions: int) -> Grounds:
@@ -128,11 +123,8 @@ def claim_of_no_failure(diagnosis: RunDiagnosis, n: int) -> Grounds:
     text = "What would decide it: more trials of the variations (a larger --trials), on new seeds."
     if not tasks or any(map(is_of_libero, tasks)):
         return Grounds(False, test, p, text)
-    command = [
-        "better", "eval", "--policy", diagnosis.policy, "--tasks", *tasks, "--seed", str(_next_seed(diagnosis)),
-        "--trials", "3", "--out", "runs/more",
-    ]  # fmt: skip
-    return Grounds(False, test, p, text, shell_line(command))
+    command = _evaluation(diagnosis, tasks, seed=_next_seed(diagnosis), trials=3, out="runs/more")
+    return Grounds(False, test, p, text, command)
 
 
 def claim_of_failure(diagnosis: RunDiagnosis, gap: Figure, count: int, n: int) -> Grounds:
@@ -188,12 +180,29 @@ def _deciding(diagnosis: RunDiagnosis) -> tuple[str, str]:
     text += " on new seeds, judged by themselves."
     if any(is_of_libero(task) for task, _ in chosen):
         return text, ""
-    command = [
-        "better", "eval", "--policy", diagnosis.policy, "--tasks", chosen[0][0],
-        "--variations", *(name for _, name in chosen), "--seed", str(_next_seed(diagnosis)),
-        "--trials", str(each or MOST_PAIRS), "--out", "runs/decide",
+    command = _evaluation(
+        diagnosis,
+        [chosen[0][0]],
+        variations=[name for _, name in chosen],
+        seed=_next_seed(diagnosis),
+        trials=each or MOST_PAIRS,
+        out="runs/decide",
+    )
+    return text, command
+
+
+def _evaluation(
+    diagnosis: RunDiagnosis, tasks: Sequence[str], *, variations: Sequence[str] = (), seed: int, trials: int, out: str
+) -> str:
+    """Return the command that evaluates the policy of a run, or an empty text if its address is not a possible word."""
+    if "\0" in diagnosis.address:
+        return ""
+    named = ["--variations", *variations] if variations else []
+    words = [
+        "--policy", diagnosis.address, "--tasks", *tasks, *named, "--seed", str(seed), "--trials", str(trials),
+        "--out", out,
     ]  # fmt: skip
-    return text, shell_line(command)
+    return f"better eval{options_for(tasks)} {shell_line(words)}"
 
 
 def _next_seed(diagnosis: RunDiagnosis) -> int:

@@ -18,6 +18,7 @@ from betterbench.jobs import write_durably
 from betterbench.jobs.line_journal import MAX_BYTES, LineJournal, say_lost_tail
 from betterbench.jobs.outputs import OutputFile, require_replaceable
 from betterbench.json_form import SEAL, dump_json, open_form, open_ordinary, read_bounded, read_form, seal_of
+from betterbench.quoting import json_line
 from betterbench.statistics import Rate
 from betterbench.vqa.dataset import QuestionSet
 from betterbench.vqa.llm import Chat, RefusedError, user_message
@@ -225,7 +226,7 @@ def is_answers(file: Path) -> bool:
 
 def _goes_on(file: Path, head: AnswersHead) -> bool:
     """Tell whether a file holds answers with a first line, or nothing."""
-    return _first_line(file) in (b"", dump_json(asdict(head)) + b"\n")
+    return _first_line(file) in (b"", json_line(dump_json(asdict(head))))
 
 
 def _first_line(file: Path) -> bytes:

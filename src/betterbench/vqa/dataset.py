@@ -46,6 +46,7 @@ from betterbench.json_form import (
     sealed_form,
     sealed_lines,
 )
+from betterbench.quoting import json_line
 from betterbench.records import Record, RunFolder
 from betterbench.records.run import first_difference
 from betterbench.records.tables import table_bytes
@@ -485,7 +486,7 @@ def write_set(out: Path, questions: Sequence[Question], found: Sequence[Baseline
         raise InvalidInputError(
             str(out), "no question could be balanced", "Give more trials, variations, frames or cameras"
         )
-    lines = b"".join(dump_json(_conversation(q)) + b"\n" for q in questions)
+    lines = b"".join(json_line(dump_json(_conversation(q))) for q in questions)
     images = sorted({q.image for q in questions})
     digests = {image: _digest_of(out / image) for image in images if (out / image).is_file()}
     made = QuestionSet(out, purpose, tuple(questions), tuple(found), hashlib.sha256(lines).hexdigest(), images=digests)

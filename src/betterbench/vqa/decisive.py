@@ -19,6 +19,7 @@ from betterbench.interface.state import ObjectInfo
 from betterbench.jobs import write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.json_form import dump_json, open_sealed_lines, read_bounded, read_form, sealed_lines
+from betterbench.quoting import json_line
 from betterbench.records import RunFolder
 from betterbench.tasks import Expected, Kind, Label, training_distribution_of
 from betterbench.vqa.blind import baselines
@@ -154,7 +155,7 @@ def _kept(
             read_form(QUESTION, line, where=str(file), cure=cure, raises=RecordError, sealed=True) for line in lines
         ]
     questions = _about(run, trial, out, options, source)
-    write_durably(file, sealed_lines(b"".join(dump_json(q.to_json()) + b"\n" for q in questions)))
+    write_durably(file, sealed_lines(b"".join(json_line(dump_json(q.to_json())) for q in questions)))
     return questions
 
 

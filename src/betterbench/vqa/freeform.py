@@ -33,7 +33,7 @@ from betterbench.json_form import (
     sealed_form,
     strict_form,
 )
-from betterbench.quoting import default_name
+from betterbench.quoting import default_name, json_line
 from betterbench.records import RunFolder
 from betterbench.vqa.dataset import PhotoSource, QuestionSet
 from betterbench.vqa.episode import episode_of
@@ -229,7 +229,7 @@ def _described(
         dropped.update(found["dropped"])
         if on_progress is not None:
             on_progress(number, len(chosen))
-    write_durably(path, b"".join(dump_json(line) + b"\n" for line in kept))
+    write_durably(path, b"".join(json_line(dump_json(line)) for line in kept))
     return Described(path, len(chosen), len(kept), dict(dropped))
 
 
@@ -268,7 +268,7 @@ def _about(
         else:
             reasons[reason] += 1
     checked["dropped"] = dict(reasons)
-    write_durably(file, dump_json(sealed_form({"version": 2, **checked})) + b"\n")
+    write_durably(file, json_line(dump_json(sealed_form({"version": 2, **checked}))))
     return checked
 
 

@@ -164,13 +164,12 @@ def _tell_variety(data: Path) -> None:
 
 
 def _write(out: Path, audit: ShortcutAudit, prediction: Prediction | None, key: Path | None) -> None:
-    import json as json_module
-
     from betterbench.demonstrations.shortcuts.page import audit_lines, doubt, prediction_lines
     from betterbench.demonstrations.shortcuts.prediction import sign, write_prediction
     from betterbench.jobs import write_durably
+    from betterbench.quoting import json_text
 
-    text = json_module.dumps(audit.to_json(), indent=1, ensure_ascii=False) + "\n"
+    text = json_text(audit.to_json(), indent=1) + "\n"
     lines = ["# Shortcuts", "", *audit_lines(audit)]
     write_durably(out / "shortcuts.json", text.encode())
     if prediction is not None:

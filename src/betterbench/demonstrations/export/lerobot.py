@@ -23,6 +23,7 @@ from betterbench.demonstrations.export.numbers import Stats, image_stats, vector
 from betterbench.demonstrations.export.part import Part
 from betterbench.demonstrations.export.video import CODEC, PIXEL_FORMAT, join
 from betterbench.jobs import write_durably
+from betterbench.quoting import json_text
 
 ROBOT_TYPE = "panda"
 CHUNK_FILES = 1000
@@ -163,7 +164,7 @@ def write_v30(folder: Path, dataset: Dataset) -> dict[str, Stats]:
 
 def json_bytes(form: object) -> bytes:
     """Return a JSON file that people can read."""
-    return (json.dumps(form, indent=4, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return (json_text(form, indent=4, allow_nan=False) + "\n").encode()
 
 
 def info_v30(dataset: Dataset) -> dict[str, Any]:

@@ -6,7 +6,6 @@ Source of the format: huggingface/lerobot at the commit that openpi pins (0cf864
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -27,6 +26,7 @@ from betterbench.demonstrations.export.numbers import Stats, without_quantiles
 from betterbench.demonstrations.export.part import parquet_bytes
 from betterbench.jobs import write_durably
 from betterbench.policies.conventions.modality import name_of
+from betterbench.quoting import json_text
 
 EPISODES_FILE, EPISODES_STATS_FILE = "meta/episodes.jsonl", "meta/episodes_stats.jsonl"
 MODALITY_FILE = "meta/modality.json"
@@ -144,4 +144,4 @@ def info_v21(dataset: Dataset) -> dict[str, Any]:
 
 
 def _lines(forms: Iterable[object]) -> bytes:
-    return "".join(json.dumps(form, ensure_ascii=False, allow_nan=False) + "\n" for form in forms).encode()
+    return "".join(json_text(form, allow_nan=False) + "\n" for form in forms).encode()

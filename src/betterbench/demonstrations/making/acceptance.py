@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,7 +14,7 @@ from betterbench.demonstrations.making.production import Method, StartOutcome, a
 from betterbench.demonstrations.making.starts import FactorCoverage, coverage_of, levels_of
 from betterbench.demonstrations.making.variety import TaskVariety, variety_lines, variety_of_run
 from betterbench.jobs import write_durably
-from betterbench.quoting import markdown_address, markdown_text
+from betterbench.quoting import json_text, markdown_address, markdown_text
 from betterbench.records import RunFolder
 from betterbench.tasks import Task, TrialId
 
@@ -197,7 +196,7 @@ def write_acceptance(
         pictures: File of each picture of paths, likewise, by task.
     """
     folder = run.inside(FOLDER)
-    text = json.dumps(found.to_json(), indent=1, ensure_ascii=False) + "\n"
+    text = json_text(found.to_json(), indent=1) + "\n"
     write_durably(folder / "acceptance.json", text.encode())
     write_durably(folder / "index.md", page_of(found, films, pictures).encode())
     return folder / "index.md"

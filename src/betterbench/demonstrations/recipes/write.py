@@ -15,7 +15,7 @@ from betterbench.errors import InvalidInputError, RunConflictError
 from betterbench.jobs import write_durably
 from betterbench.jobs.outputs import OutputFolder
 from betterbench.json_form import read_object, read_ordinary
-from betterbench.quoting import markdown_code, markdown_table, markdown_text
+from betterbench.quoting import json_text, markdown_code, markdown_table, markdown_text
 
 _MOST_BYTES = 16 << 20
 _ORIGINS = {
@@ -89,7 +89,7 @@ def setup_files(setup: TrainerSetup, recipe: Recipe) -> dict[str, str]:
     return {
         **setup.files,
         "commands.sh": _commands(setup),
-        "fields.json": json.dumps(told, indent=1, ensure_ascii=False) + "\n",
+        "fields.json": json_text(told, indent=1) + "\n",
         "README.md": _page(setup, recipe),
     }
 

@@ -6,7 +6,6 @@ files beside them follow from the records alone. ``OUT/dataset.json`` is written
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -29,6 +28,7 @@ from betterbench.errors import BetterError, InvalidInputError, StorageError
 from betterbench.jobs import write_durably
 from betterbench.jobs.durable import on_disk
 from betterbench.jobs.outputs import OutputFolder
+from betterbench.quoting import json_text
 from betterbench.records import RunFolder
 from betterbench.records.twins import PAIRS_FILE, TwinPair, pairs_bytes
 from betterbench.tasks import TrialId, get_task
@@ -262,4 +262,4 @@ def _write(
 
 
 def _json(form: Mapping[str, Any]) -> bytes:
-    return (json.dumps(form, indent=1, ensure_ascii=False) + "\n").encode()
+    return (json_text(form, indent=1) + "\n").encode()

@@ -7,7 +7,6 @@ breaks and the stronger they are; one that breaks none is not.
 from __future__ import annotations
 
 import hashlib
-import json
 import subprocess
 from collections import Counter
 from collections.abc import Mapping
@@ -33,6 +32,7 @@ from betterbench.diagnosis.failure_mode import exposed_labels
 from betterbench.errors import InvalidInputError, MissingDependencyError, RecordError, last_line
 from betterbench.jobs.durable import write_durably
 from betterbench.json_form import dump_json, open_ordinary, read_bounded, read_form, read_ordinary, strict_form
+from betterbench.quoting import json_text
 from betterbench.tasks import SUITE_VERSION, get_task, task_names
 from betterbench.tasks.labels import Label
 from betterbench.version import __version__
@@ -142,7 +142,7 @@ class Prediction:
 
     def file_bytes(self) -> bytes:
         """Return the file, JSON."""
-        return (json.dumps(asdict(self), indent=1, ensure_ascii=False) + "\n").encode()
+        return (json_text(asdict(self), indent=1) + "\n").encode()
 
     def of(self, task: str, variation: str) -> Forecast:
         """Return the forecast of one variation; KeyError if there is none."""

@@ -10,7 +10,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from betterbench.episodes import EpisodeResult, Observer, Question, Reply, TrialContext, episode_steps, run_episode
-from betterbench.errors import HandshakeError, PolicyKilledError, PolicyUnavailableError, PremiseError, StorageError
+from betterbench.errors import (
+    HandshakeError,
+    PolicyKilledError,
+    PolicyUnavailableError,
+    PremiseError,
+    StorageError,
+    encodable,
+)
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.interface import PolicyInfo, observation_spec
 from betterbench.interface.actions import action_space
@@ -179,7 +186,7 @@ class TrialRunner:
             trial.variation,
             trial.seed,
             status,
-            message,
+            None if message is None else encodable(message),
             wall,
             ground_truth,
             digest,

@@ -16,6 +16,7 @@ from betterbench.jobs.durable import on_disk
 from betterbench.learning.study.doses import PLANTED, named_when_planted, rises
 from betterbench.learning.study.findings import DECORRELATION, SOLVED, StudyFindings, findings_of
 from betterbench.learning.study.stages import StudyOutcome
+from betterbench.quoting import json_text
 from betterbench.report.figures.drawing import Bar, BarGroup, Chart, draw
 from betterbench.report.html import asset, environment
 from betterbench.report.legend import AXIS_NAMES, LEGEND
@@ -84,7 +85,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
     found = findings_of(outcome.plan, outcome.learners, predictions)
     texts = (
         study_page(outcome, found),
-        json.dumps(document_of(outcome, found), indent=1, ensure_ascii=False) + "\n",
+        json_text(document_of(outcome, found), indent=1) + "\n",
         to_csv(numbers_table(found)),
         to_csv(trials_table(outcome)),
     )

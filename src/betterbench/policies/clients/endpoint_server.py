@@ -9,6 +9,7 @@ from typing import Any
 from betterbench.errors import HandshakeError, PolicyError, last_line
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.request_client import RequestClient
+from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
 """What these servers answer when they cannot even say what went wrong."""
@@ -39,7 +40,7 @@ class EndpointServer:
     def _first(self, endpoint: str, end: float) -> Any:  # noqa: ANN401 - as decoded
         """Ask something at the beginning, where an error means that the two sides do not fit."""
         try:
-            return self.call(endpoint, None, end - time.monotonic())
+            return self.call(endpoint, None, end - time.monotonic(), declares=True)
         except PolicyError as error:
             hint = "" if "nauthorized" not in str(error) else " Give api_key_env=NAME with the variable of its token."
             raise HandshakeError(f"{error}{hint}") from error
@@ -55,8 +56,10 @@ class EndpointServer:
         """Return the value of a frame; raise PolicyError if it cannot be read."""
         raise NotImplementedError
 
-    def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float) -> Any:  # noqa: ANN401 - as decoded
+    def call(self, endpoint: str, data: Mapping[str, Any] | None, timeout_s: float, *, declares: bool = False) -> Any:  # noqa: ANN401 - as decoded
         """Return the decoded answer to a question, which must come within a time [s].
+
+        ``declares`` says that the server tells what it is, which is short.
 
         Raises OSError if no answer came, PolicyError if it is an error of the server's, or cannot be read.
         """
@@ -69,7 +72,11 @@ class EndpointServer:
         self._check_frame(answer, endpoint)
         if answer == ERROR_REPLY:
             raise PolicyError(f"{self._where} answers {endpoint} with an error and no text. Its own output tells more.")
-        reply = self._decode(answer, endpoint)
+        reply = (
+            read_declared(self._where, answer, lambda given: self._decode(given, endpoint))
+            if declares
+            else self._decode(answer, endpoint)
+        )
         if isinstance(reply, Mapping) and "error" in reply:
             raise PolicyError(f"{self._where} reports an error: {last_line(str(reply['error'])) or 'no text'}")
         return reply

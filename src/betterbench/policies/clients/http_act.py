@@ -27,6 +27,7 @@ from betterbench.policies.clients.dexbotic import FORM_PATH, Route, compare_capa
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
 from betterbench.policies.conventions.answers import get_entry, number_array
+from betterbench.policies.conventions.handshake import read_declared
 from betterbench.policies.conventions.in_calvin import X_VLA_CALVIN
 from betterbench.policies.conventions.presets import X_VLA, adapter_of
 from betterbench.policies.protocols.json_wire import MAX_BODY_BYTES, ArrayCoding, decode_body, encode_body
@@ -218,7 +219,9 @@ class HttpActClient(ServerClient[HttpServer]):
         if self._route is not None and self._route.capabilities:
             answer = server.ask("GET", self._route.capabilities, b"", end - time.monotonic())
             if answer.status == http.client.OK:
-                self._capabilities = compare_capabilities(decode_body(answer.body), self.adapter, self._where)
+                self._capabilities = compare_capabilities(
+                    read_declared(self._where, answer.body, decode_body), self.adapter, self._where
+                )
                 self._require_same(self._capabilities)
             elif answer.status in _PASSING:
                 raise ConnectionError(f"the server answered HTTP {answer.status}")

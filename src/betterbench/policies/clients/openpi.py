@@ -36,6 +36,7 @@ from betterbench.policies.conventions.handshake import (
     Declaration,
     compare_declarations,
     declare_adapter,
+    read_declared,
     read_execution,
     read_server,
 )
@@ -151,7 +152,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key, max_bytes=self._max_bytes)
         with connection.greeting("it took the connection and sent no metadata; is it an openpi server?"):
             frame = connection.receive(end - time.monotonic())
-            self._agree(self._read(frame, (Mapping,)))
+            self._agree(read_declared(self._where, frame, lambda given: self._read(given, (Mapping,))))
             if "arrays" not in self._address.options:
                 self._arrays = "nd" if isinstance(frame, bytes) and marks_arrays_as_nd(frame) else "openpi"
         return connection

@@ -23,6 +23,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
 from betterbench.policies.conventions.answers import number_array
+from betterbench.policies.conventions.handshake import read_declared
 from betterbench.policies.conventions.presets import STARVLA, adapter_of
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
@@ -138,7 +139,7 @@ class StarVlaClient(ServerClient[WebSocket]):
         end = time.monotonic() + timeout_s
         connection = WebSocket(self._address, timeout_s=timeout_s, key=self._key)
         with connection.greeting("it took the connection and sent no metadata; is it a starVLA server?"):
-            metadata = self._read(connection.receive(end - time.monotonic()))
+            metadata = read_declared(self._where, connection.receive(end - time.monotonic()), self._read)
             self._require_same(metadata)
             self._metadata = metadata
         return connection

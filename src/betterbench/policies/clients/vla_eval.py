@@ -26,7 +26,7 @@ from betterbench.interface.actions import (
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter
-from betterbench.policies.conventions.handshake import Declaration, compare_declarations
+from betterbench.policies.conventions.handshake import Declaration, compare_declarations, read_declared
 from betterbench.policies.conventions.presets import VLA_EVAL, adapter_of
 from betterbench.policies.conventions.proprioception import StatePart, StateRule
 from betterbench.policies.protocols.websocket import WebSocket
@@ -143,7 +143,8 @@ class VlaEvalClient(ServerClient[WebSocket]):
         version = hello.get("protocol_version")
         if not isinstance(version, int) or version != PROTOCOL_VERSION:
             raise HandshakeError(
-                f"{self._where} speaks version {str(version)[:20]} of the protocol, this side {PROTOCOL_VERSION}."
+                f"{self._where} speaks version {one_line(version, most=20)} of the protocol, "
+                f"this side {PROTOCOL_VERSION}."
             )
         adapter = shaped_by(self._wanted, self._where, hello, chosen=self._address.names_adapter)
         theirs, ours = declare_specs(self._where, hello, adapter)
@@ -180,7 +181,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         """Return the payload of the answer to message number ``sent``; errors about earlier messages come before."""
         for _ in range(_MOST_STRAYS):
             frame = connection.receive(end - time.monotonic())
-            message = decode_vla_eval(frame) if isinstance(frame, bytes) else None
+            message = self._decoded(frame, declares=expected == "hello") if isinstance(frame, bytes) else None
             if not isinstance(message, Mapping) or not isinstance(message.get("payload"), Mapping):
                 raise PolicyError(f"{self._where} sent a frame that is not a message with a type and a payload.")
             payload: Mapping[Any, Any] = message["payload"]
@@ -195,6 +196,9 @@ class VlaEvalClient(ServerClient[WebSocket]):
             if number >= sent:
                 raise PolicyError(f"{self._where} answered message {sent} with {kind[:20]!r} number {number}.")
         raise PolicyError(f"{self._where} sent {_MOST_STRAYS} messages that do not answer the request.")
+
+    def _decoded(self, frame: bytes, *, declares: bool) -> object:
+        return read_declared(self._where, frame, decode_vla_eval) if declares else decode_vla_eval(frame)
 
 
 def shaped_by(adapter: Adapter, who: str, hello: Mapping[Any, Any], *, chosen: bool) -> Adapter:

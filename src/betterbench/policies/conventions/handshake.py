@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Strict, TypeAdapter, ValidationError
 
@@ -14,6 +14,10 @@ from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.json_form import first_problem
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA
+from betterbench.policies.protocols.wire import MAX_DECLARED_BYTES, MAX_DECLARED_DEPTH, require_depth
+
+FrameT = TypeVar("FrameT", bytes, bytes | str)
+DeclaredT = TypeVar("DeclaredT")
 
 PROTOCOL = 1
 """Version of what our own servers declare."""
@@ -156,6 +160,26 @@ def read_execution(who: str, form: object) -> Execution | None:
         return Execution(**given)
     except InvalidInputError as error:
         raise HandshakeError(f"{who} declares an execution that cannot be played ({error})") from error
+
+
+def read_declared(who: str, frame: FrameT, decode: Callable[[FrameT], DeclaredT]) -> DeclaredT:
+    """Return what a server declares about itself, decoded.
+
+    Raises HandshakeError if it is larger or deeper than any declaration needs to be, and what ``decode`` raises.
+    """
+    if len(frame) > MAX_DECLARED_BYTES:
+        raise HandshakeError(
+            f"{who} declares {len(frame)} bytes about itself, where at most {MAX_DECLARED_BYTES} are read. "
+            "Let the server declare names, sizes and conventions alone."
+        )
+    value = decode(frame)
+    try:
+        require_depth(value, MAX_DECLARED_DEPTH)
+    except ValueError as error:
+        raise HandshakeError(
+            f"{who} declares something about itself that cannot be read: {error}. Let the server declare flat maps."
+        ) from error
+    return value
 
 
 def space_cure(space: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from betterbench.errors import InvalidInputError, PolicyError
 from betterbench.json_form import unique_keys
-from betterbench.policies.protocols.wire import is_image, png_of, read_array
+from betterbench.policies.protocols.wire import MAX_DEPTH, is_image, png_of, read_array, require_depth
 
 MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest body that is read [byte]: empty lists take 20 times as much in memory, and 100 actions some 15 kB."""
@@ -53,7 +53,7 @@ def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = F
 def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
     """Return the value of a body, with read-only arrays; a text that holds such a value is read as the value.
 
-    Raises PolicyError if it is malformed, or larger than ``MAX_BODY_BYTES``.
+    Raises PolicyError if it is malformed, too deep, or larger than ``MAX_BODY_BYTES``.
     """
     try:
         if len(data) > MAX_BODY_BYTES:
@@ -61,6 +61,7 @@ def decode_body(data: bytes) -> Any:  # noqa: ANN401 - a body may hold anything
         value = json.loads(data, object_pairs_hook=_read_map)
         if isinstance(value, str) and value[:1] in ("{", "["):
             value = json.loads(value, object_pairs_hook=_read_map)
+        require_depth(value, MAX_DEPTH)
     except (ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError, InvalidInputError) as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"JSON of {len(data)} bytes: it cannot be read ({problem}).") from error

@@ -216,6 +216,8 @@ class _Reader:
         torch = self._torch
         if tensor.layout != torch.strided or tensor.device.type != "cpu" or tensor.numel() > _MAX_ELEMENTS:
             raise ValueError("it holds a tensor that is sparse, too large or on no processor")
+        if tensor.numel() * tensor.element_size() > tensor.untyped_storage().nbytes():
+            raise ValueError("it holds a tensor that is larger than its bytes")  # an expanded one, from a few bytes
         # NumPy has no bfloat16, in which policies like to compute.
         return self._counted(np.array((tensor.float() if tensor.dtype == torch.bfloat16 else tensor).detach().numpy()))
 

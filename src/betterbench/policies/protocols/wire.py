@@ -36,6 +36,12 @@ MAX_VALUES = 200_000
 MAX_DEPTH = 32
 """Deepest nesting of lists and maps in a frame."""
 
+MAX_DECLARED_BYTES = 4 * 1024 * 1024
+"""Largest message in which a server declares what it is [byte]; statistics of many data sets take some 100 kB."""
+
+MAX_DECLARED_DEPTH = 16
+"""Deepest nesting of lists and maps in such a message."""
+
 MAX_PIXELS = 4096 * 4096
 """Largest image that is decompressed."""
 
@@ -354,6 +360,17 @@ def _decode(data: bytes, dialect: str, hook: Callable[[dict[Any, Any]], object])
     except _UNREADABLE as error:
         problem = " ".join(str(error).split())[:200] or type(error).__name__
         raise PolicyError(f"{dialect} frame of {len(data)} bytes: it cannot be read ({problem}).") from error
+
+
+def require_depth(value: object, most: int) -> None:
+    """Raise ValueError if lists and maps of a decoded value are nested deeper than a limit."""
+    level = [value]
+    for _ in range(most + 1):
+        holders = [v for v in level if isinstance(v, (list, tuple, Mapping))]
+        if not holders:
+            return
+        level = [inner for held in holders for inner in (held.values() if isinstance(held, Mapping) else held)]
+    raise ValueError(f"it is nested deeper than {most}")
 
 
 def _no_extension(code: int, data: bytes) -> object:

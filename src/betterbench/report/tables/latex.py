@@ -18,8 +18,8 @@ _LONG_TABLE = 40
 def table_to_latex(table: Table) -> str:
     """Return a plain table as a booktabs tabular, or as a longtable if it is long."""
     columns = "".join("r" if _numeric(table, i) else "l" for i in range(len(table.columns)))
-    header = " & ".join(latex_text(column.replace("_", " ")) for column in table.columns) + r" \\"
-    rows = [" & ".join(_cell(value) for value in row) + r" \\" for row in table.rows]
+    header = _row([latex_text(column.replace("_", " ")) for column in table.columns])
+    rows = [_row([_cell(value) for value in row]) for row in table.rows]
     label = f"tab:better_{table.name}"
     if len(rows) >= _LONG_TABLE:
         lines = [
@@ -57,7 +57,7 @@ def paper_table_to_latex(table: PaperTable) -> str:
         r"\toprule",
         " & ".join([" ", *groups]).strip() + r" \\",
         " ".join(rules),
-        " & ".join(["Model", *(latex_text(column.title) for column in table.columns)]) + r" \\",
+        _row(["Model", *(latex_text(column.title) for column in table.columns)]),
         r"\midrule",
     ]
     before = table.rows[0].source if table.rows else ""
@@ -66,9 +66,19 @@ def paper_table_to_latex(table: PaperTable) -> str:
             lines.append(r"\midrule")
             before = row.source
         name = latex_text(row.name) + (r" (paper, $n=20$)" if row.source == "paper" else "")
-        lines.append(" & ".join([name, *(_figure(figure) for figure in row.figures)]) + r" \\")
+        lines.append(_row([name, *(_figure(figure) for figure in row.figures)]))
     lines += [r"\bottomrule", r"\end{tabular}"]
     return _floated(lines, table.caption, f"tab:better_{table.name}")
+
+
+def _row(cells: Sequence[str]) -> str:
+    """Return a line of a tabular from its LaTeX cells.
+
+    A bracket or an asterisk that follows the end of a line or a rule would be read as its argument, also on a line of
+    its own, so something empty goes before it.
+    """
+    line = " & ".join(cells) + r" \\"
+    return f"{{}}{line}" if line.lstrip(" ~").startswith(("[", "*")) else line
 
 
 def _floated(lines: Sequence[str], caption: str, label: str) -> str:

@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable
 
 from betterbench.errors import UnknownNameError
+from betterbench.tasks.authoring.readable import require_readable
 from betterbench.tasks.authoring.task import Task
 from betterbench.tasks.user_files import load_declared, registered
 
@@ -27,7 +28,9 @@ def task(build: Callable[[], Task]) -> Callable[[], Task]:
         numbered = enumerate(made.training, start=1)
         training = tuple(dataclasses.replace(c, task=name, name=f"train{i}") for i, c in numbered)
         description = (inspect.getdoc(build) or made.title).partition("\n")[0]
-        return dataclasses.replace(made, id=name, description=description, training=training)
+        whole = dataclasses.replace(made, id=name, description=description, training=training)
+        require_readable(whole)
+        return whole
 
     _BUILDERS[name] = functools.wraps(build)(complete)
     return _BUILDERS[name]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
@@ -13,6 +12,7 @@ import tyro
 
 from betterbench.cli.console import OUT, print_json, print_table, progress_bar, say
 from betterbench.errors import InvalidInputError, RunConflictError
+from betterbench.quoting import json_text
 
 if TYPE_CHECKING:
     from betterbench_calibration.mixture import Budget, FileMixture, MixturePart, MixtureSampler
@@ -187,7 +187,7 @@ def _line(sampler: MixtureSampler, mixture: FileMixture, index: int) -> bytes:
     drawn = sampler.own(index)
     place = mixture.sources[drawn.part].place(drawn.item)
     told = {"number": drawn.number, "set": drawn.part, "item": drawn.item, "epoch": drawn.epoch, **place}
-    return json_text.dumps(told, ensure_ascii=False).encode() + b"\n"
+    return json_text(told).encode() + b"\n"
 
 
 def _budgets(
