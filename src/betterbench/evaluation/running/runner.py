@@ -22,6 +22,7 @@ from betterbench.evaluation.ray_engine.cluster import ANYWHERE, Cluster, require
 from betterbench.evaluation.running.failing_start import FailingStart
 from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.serving.host import Host
+from betterbench.evaluation.trials.given_policy import needs_in_run
 from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S, RunSettings
 from betterbench.evaluation.workers.pool import WorkerPool
 from betterbench.evaluation.workers.step_count import StepCount, StepReport
@@ -165,7 +166,7 @@ def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
     """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
-        return (any(changed) or needs_of(policy).process) and reopen_lost(run, journal) > 0
+        return (any(changed) or needs_in_run(policy).process) and reopen_lost(run, journal) > 0
 
 
 def _record(
@@ -183,7 +184,7 @@ def _record(
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
     if on_progress is not None:
         on_progress(Progress(done, planned, 0.0, started_with, None, schedule.decisions))
-    failing = FailingStart(plan.policy) if needs_of(plan.policy).thread and not started_with else None
+    failing = FailingStart(plan.policy) if needs_in_run(plan.policy).thread and not started_with else None
     for entry in entries:
         with on_disk(out):
             journal.append(entry)
@@ -247,7 +248,7 @@ def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: in
         most_envs=most,
         workers=workers,
         served_at=asked.host.address if asked.host else None,
-        known=asked.info if needs_of(settings.policy).server else None,
+        known=asked.info if needs_in_run(settings.policy).server else None,
     )
 
 

@@ -8,7 +8,12 @@ from betterbench.errors import InvalidInputError
 from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
 from betterbench.interface.policy import require_policy
 from betterbench.policies import source_of
-from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.policies.address import AddressForm, PolicyAddress
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
+
+CALLERS = PolicyNeeds(thread=True)
+"""Needs of a policy that the caller made: a thread waits for it, since nobody knows how long it takes."""
 
 
 class GivenPolicy(PolicyFactory):
@@ -25,20 +30,36 @@ class GivenPolicy(PolicyFactory):
         """
         require_policy(policy, "policy")
         name = policy.info.name
-        if not name or needs_no_thread(name) or is_remote(name) or runs_apart(name):
+        if not name or find_kind(name) is not None:
             problem = f"the name {name!r} is an address of betterbench" if name else "its name is empty"
             raise InvalidInputError(
                 "policy", problem, "Give its PolicyInfo another name, or pass the address as a text"
             )
-        super().__init__(name)
+        super().__init__(name, kind=_kind_of(policy))
         self._policy = policy
 
     def _make(self) -> Policy:
         return _Lent(self._policy)
 
-    def _source(self) -> str:
-        made = type(self._policy)
-        return source_of(f"{made.__module__}:{made.__qualname__}")
+
+def _kind_of(policy: Policy) -> PolicyKind:
+    """Return the kind of one instance, which is not in the register: no other process can make it."""
+    name, made = policy.info.name, type(policy)
+    form = AddressForm(scheme=name, example=name, target="none")
+    return PolicyKind(
+        form=form,
+        shown=name,
+        summary="",
+        needs=CALLERS,
+        read=lambda text, world: PolicyAddress(text, form, "", world=world),
+        source_of=lambda _: source_of(f"{made.__module__}:{made.__qualname__}"),
+    )
+
+
+def needs_in_run(policy: str) -> PolicyNeeds:
+    """Return what the policy of a plan needs, which is a name of the caller's own where no kind has such addresses."""
+    kind = find_kind(policy)
+    return CALLERS if kind is None else kind.needs_of(policy)
 
 
 class _Lent:

@@ -19,6 +19,7 @@ _FORM = AddressForm(
         *COMMON,
         Option("device", "the device that holds the weights"),
         Option("state", "the state that it was trained with: ee or joints"),
+        Option("trust", "whether code that the checkpoint names is run: true or false"),
         CAMERA,
     ),
 )
