@@ -467,3 +467,24 @@ def test_a_number_beyond_64_bits_is_refused_where_it_is_a_number():
     for number in (10**19, -(10**25)):
         with pytest.raises(InvalidInputError, match="20 digits"):
             read_form(adapter, dump_json({"a": "b", "n": number}), where="f", cure="c")
+
+
+def modality(keys, steps=(0,)):
+    form = {"delta_indices": list(steps), "modality_keys": list(keys)}
+    return {"__ModalityConfig_class__": True, "as_json": form}
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [
+        {"video": modality([STEERING]), "state": modality(["x"])},
+        {"video": modality([f"c{i}\x9b" for i in range(20_000)])},
+        {"video": modality(["front"], range(-9_000, 3)), "state": modality(["x"])},
+        {"language": modality([STEERING, "b"])},
+    ],
+)
+def test_what_a_gr00t_server_wants_is_told_in_one_short_line(declared):
+    with over_zeromq(declared) as server:
+        with pytest.raises(HandshakeError) as caught:
+            connect(f"gr00t://{server}?timeout=10&retries=0&patience=0.2")
+        assert one_line(caught.value, most=3000) == str(caught.value)

@@ -378,6 +378,24 @@ def test_an_unknown_image_is_named_by_the_address(tmp_path):
         policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)
 
 
+def planted(folder):
+    """Let a step of a processor be a call of any function, as LeRobot would make it."""
+    file = folder / "policy_postprocessor.json"
+    form = json.loads(file.read_text())
+    form["steps"].insert(0, {"class": "os.system", "config": {"command": f"touch {folder}/was_run"}})
+    file.write_text(json.dumps(form))
+
+
+def test_code_that_a_checkpoint_names_is_run_only_if_it_is_trusted(act, tmp_path):
+    folder = changed(act, tmp_path, planted)
+    with pytest.raises(InvalidInputError, match=r"loading it runs code that the checkpoint chooses.*trust=true"):
+        connect(f"lerobot:{folder}")
+    assert not (folder / "was_run").exists()
+    with pytest.raises(InvalidInputError, match="LeRobot cannot load it"):  # os.system makes no step
+        connect(f"lerobot:{folder}?trust=true")
+    assert (folder / "was_run").exists()
+
+
 @pytest.mark.parametrize(
     ("change", "text"),
     [
@@ -391,6 +409,7 @@ def test_an_unknown_image_is_named_by_the_address(tmp_path):
         (lambda f: (f / "config.json").unlink(), "holds no config.json"),
         (lambda f: (f / "model.safetensors").write_bytes(b"\x00" * 64), "LeRobot cannot load it"),
         (lambda f: (f / "model.safetensors").unlink(), "LeRobot cannot load it"),
+        (planted, "step 0 of policy_postprocessor.json names the class 'os.system'"),
     ],
 )
 def test_a_broken_checkpoint_is_one_clear_line(act, tmp_path, change, text):

@@ -72,7 +72,7 @@ OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
     "starvla": ("layout",),
     "http": ("arrays", "encoded"),
     "https": ("arrays", "encoded"),
-    "lerobot": ("device", "state"),
+    "lerobot": ("device", "state", "trust"),
 }
 """Options that only one scheme knows."""
 

@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError
+from betterbench.errors import BetterError, InvalidInputError, MissingDependencyError, one_line
 from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, read_ordinary
 from betterbench.policies.address import PolicyAddress
+from betterbench.policies.clients.checkpoint_code import PROCESSORS, require_no_code
 from betterbench.policies.clients.lerobot_types import require_type
 
-_PREPROCESSOR = "policy_preprocessor.json"
+_PREPROCESSOR = PROCESSORS[0]
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
 _INSIDE = "pretrained_model"
 _LOADED_FROM = (".json", ".safetensors")
@@ -61,13 +62,16 @@ class Features:
             else:
                 raise InvalidInputError(
                     where,
-                    f"its input {key!r} is {kind} of shape {shape}, which no observation holds",
+                    f"its input {one_line(repr(key), most=100)} is {one_line(kind, most=40)} of shape "
+                    f"{one_line(shape, most=100)}, which no observation holds",
                     "Train it on images (3, height, width), observation.state and the instruction",
                 )
         outputs = dict(config.output_features or {})
         shape = tuple(outputs["action"].shape) if "action" in outputs else ()
         if len(shape) != 1:
-            raise InvalidInputError(where, f"it answers {sorted(outputs)}, no flat action", "Train it on 'action'")
+            raise InvalidInputError(
+                where, f"it answers {one_line(sorted(outputs), most=200)}, no flat action", "Train it on 'action'"
+            )
         return cls(images, states, int(shape[0]))
 
 
@@ -77,12 +81,14 @@ class Checkpoint:
     ``fingerprint`` is the SHA-256 of configuration, weights and processors; ``lock`` is held while it computes.
     """
 
-    def __init__(self, path: str, device: str | None, where: str) -> None:
+    def __init__(self, path: str, device: str | None, where: str, *, trusted: bool = False) -> None:
         """Load a folder or a hub id (:func:`load_checkpoint` loads nothing twice) onto a device; None to choose one.
+
+        Code that the checkpoint names is run only if it is ``trusted``.
 
         Raises:
             MissingDependencyError: If LeRobot, or what this type of policy needs, is not installed.
-            InvalidInputError: If there is no such checkpoint, or it cannot be used.
+            InvalidInputError: If there is no such checkpoint, it cannot be used, or it names code and is not trusted.
         """
         self._torch = _import("torch")
         factory, configs = _import("lerobot.policies.factory"), _import("lerobot.configs.policies")
@@ -98,6 +104,8 @@ class Checkpoint:
                 self.config = configs.PreTrainedConfig.from_pretrained(path)
                 require_type(str(self.config.type), known, where)
                 self._check_config(path, where)
+                if not trusted:
+                    require_no_code(self.config, _processor_files(path), where)
                 self.config.device = self.device
                 # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
                 if getattr(self.config, "pretrained_backbone_weights", None):
@@ -112,14 +120,14 @@ class Checkpoint:
                 )
         except ImportError as error:
             raise MissingDependencyError(
-                f"{where} needs a package that is not installed ({error}). Install LeRobot with the extra of its type; "
-                "docs/policies.md lists them."
+                f"{where} needs a package that is not installed ({one_line(error)}). Install LeRobot with the extra "
+                "of its type; docs/policies.md lists them."
             ) from error
         except BetterError:
             raise
         except Exception as error:
             # Whatever LeRobot raises about a checkpoint that it cannot use is one line for the user.
-            problem = " ".join(str(error).split())[:300] or type(error).__name__
+            problem = one_line(error, most=300) or type(error).__name__
             raise InvalidInputError(
                 where, f"LeRobot cannot load it ({problem})", "Name a folder or hub id of a checkpoint of LeRobot 0.4"
             ) from error
@@ -204,7 +212,7 @@ class Checkpoint:
         return self._torch.from_numpy(np.stack(drawn)).to(self.device)
 
 
-_LOADED: weakref.WeakValueDictionary[tuple[str, str | None], Checkpoint] = weakref.WeakValueDictionary()
+_LOADED: weakref.WeakValueDictionary[tuple[str, str | None, bool], Checkpoint] = weakref.WeakValueDictionary()
 _LOADING = threading.Lock()
 
 
@@ -217,13 +225,26 @@ def load_checkpoint(address: PolicyAddress) -> Checkpoint:
     _import("torch")
     _import("lerobot")
     path = _located(address.target, where)
-    key = (path, address.options.get("device"))
+    trusted = address.choice("trust", ("true", "false"), "false") == "true"
+    key = (path, address.options.get("device"), trusted)
     with _LOADING:
         found = _LOADED.get(key)
         if found is None:
-            found = Checkpoint(*key, where)
+            found = Checkpoint(path, address.options.get("device"), where, trusted=trusted)
             _LOADED[key] = found
         return found
+
+
+def _processor_files(path: str) -> dict[str, Path]:
+    """Return where the files of the processors of a checkpoint are, by name; LeRobot says which it lacks."""
+    folder = Path(path)
+    if folder.is_dir():
+        return {name: folder / name for name in PROCESSORS if (folder / name).exists()}
+    hub, found = _import("huggingface_hub"), {}
+    for name in PROCESSORS:
+        with contextlib.suppress(_import("huggingface_hub.errors").EntryNotFoundError):
+            found[name] = Path(hub.hf_hub_download(path, name))
+    return found
 
 
 def _fingerprint(path: str) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from betterbench.errors import HandshakeError, InvalidInputError
+from betterbench.errors import HandshakeError, InvalidInputError, one_line
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
 from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
 from betterbench.policies.clients.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
@@ -43,6 +43,9 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
 """What others call our cameras: LIBERO's names in LeRobot's own data sets."""
+
+_MOST_SHOWN = 12
+"""Differences that one message names."""
 
 _WRIST_WORDS = ("wrist", "hand", "gripper")
 
@@ -173,7 +176,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
         if size != rule.size:
             raise InvalidInputError(
                 where,
-                f"its {key} has {size} numbers, and those that are known here have {rule.size}",
+                f"its {one_line(key, most=100)} has {size} numbers, and those that are known here have {rule.size}",
                 "Give adapter=FILE with the parts of its state",
             )
         states.append(rule)
@@ -185,7 +188,7 @@ def derive_adapter(address: PolicyAddress, features: Features) -> Adapter:
     if shared:
         keys = ", ".join(rule.key[0] for rule in views if rule.camera in shared)
         raise InvalidInputError(
-            where, f"{keys} would all show the camera {min(shared)}", "Give camera.KEY=NAME for each"
+            where, f"{one_line(keys)} would all show the camera {min(shared)}", "Give camera.KEY=NAME for each"
         )
     return Adapter(
         "lerobot",
@@ -209,7 +212,8 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         **{"/".join(key): f"{size} numbers" for key, size in adapter.answer.columns.items()},
     }
     found = [
-        f"{key}: the checkpoint says {wanted.get(key, 'nothing')}, the adapter {given.get(key, 'nothing')}"
+        f"{one_line(key, most=100)}: the checkpoint says {wanted.get(key, 'nothing')}, "
+        f"the adapter {given.get(key, 'nothing')}"
         for key in sorted({*wanted, *given})
         if wanted.get(key) != given.get(key) and not (key in features.images and "any" in given.get(key, ""))
     ]
@@ -217,7 +221,7 @@ def compare_features(adapter: Adapter, features: Features, where: str) -> None:
         found.append("the instruction: LeRobot takes it as a string under 'task'")
     if found:
         raise HandshakeError(
-            f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found)}. "
+            f"{where} and the adapter {adapter.name!r} declare different things. {'; '.join(found[:_MOST_SHOWN])}. "
             "Correct the adapter, or leave it out."
         )
 
@@ -245,8 +249,11 @@ def _camera(key: str, address: PolicyAddress, where: str) -> str:
         return _KNOWN_AS[name]
     if any(word in name for word in _WRIST_WORDS):
         return "wrist"
+    shown = one_line(key, most=100)
     raise InvalidInputError(
-        where, f"the camera that {key} shows is not known", f"Add camera.{key}=NAME with one of {', '.join(_CAMERAS)}"
+        where,
+        f"the camera that {shown} shows is not known",
+        f"Add camera.{shown}=NAME with one of {', '.join(_CAMERAS)}",
     )
 
 

@@ -6,12 +6,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from betterbench.errors import HandshakeError
+from betterbench.errors import HandshakeError, one_line
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.protocols.wire import ModalityConfig
 
 SEEN = ("video", "state")
 """Modalities of an observation that come with a time axis."""
+
+
+_MOST_SHOWN = 20
+"""Names that one message lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +56,7 @@ class Modalities:
         for kind, wanted in steps.items():
             if names.get(kind) and (not wanted or wanted[-1] != 0 or list(wanted) != sorted(set(wanted))):
                 raise HandshakeError(
-                    f"{where} wants {kind} at the steps {list(wanted)} relative to now. "
+                    f"{where} wants {kind} at the steps {one_line(list(wanted), most=100)} relative to now. "
                     "This client gives steps in order that end with 0, such as [-1, 0]."
                 )
         prefixed = any(key.startswith(f"{kind}.") for kind, config in reply.items() for key in config.modality_keys)
@@ -112,4 +116,7 @@ def _bare(key: str, kind: str) -> str:
 
 
 def _listed(names: Iterable[str]) -> str:
-    return ", ".join(sorted(names)) or "nothing"
+    """Return names for a message, some of them if there are many."""
+    known = sorted(names)
+    more = f" and {len(known) - _MOST_SHOWN} more" if len(known) > _MOST_SHOWN else ""
+    return ", ".join(one_line(name, most=60) for name in known[:_MOST_SHOWN]) + more or "nothing"

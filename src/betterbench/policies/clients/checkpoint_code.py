@@ -1,0 +1,86 @@
+"""Code that loading a checkpoint of LeRobot would run: refused, unless whoever made it is trusted.
+
+LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
+with a ``registry_name`` is one of LeRobot's own. One with a ``class`` is any name of any module, ``os.system`` for
+example, which is called with the arguments that stand beside it (``_resolve_step_class`` of
+``lerobot/processor/pipeline.py``). Some types load a tokenizer with ``trust_remote_code``, from a repository that the
+checkpoint names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from betterbench.errors import InvalidInputError, one_line
+from betterbench.json_form import parse_json, read_bounded
+
+PROCESSORS = ("policy_preprocessor.json", "policy_postprocessor.json")
+
+_MAX_BYTES = 64 * 1024 * 1024
+_CURE = "Give ?trust=true if you trust whoever made the checkpoint"
+_CODE_OF: Mapping[str, str] = {
+    "action_tokenizer_name": "physical-intelligence/fast",
+    "action_tokenizer_path": "physical-intelligence/fast",
+    "text_tokenizer_name": "google/paligemma-3b-pt-224",
+    "paligemma_tokenizer_name": "google/paligemma-3b-pt-224",
+    "tokenizer_assets_repo": "lerobot/eagle2hg-processor-groot-n1p5",
+}
+"""Fields that name a repository whose code is run, each with the one that LeRobot itself gives."""
+
+
+def require_no_code(config: object, files: Mapping[str, Path], where: str) -> None:
+    """Check that a checkpoint names no code but LeRobot's own.
+
+    Args:
+        config: Its configuration, as LeRobot has read it.
+        files: Where the files of its processors are, by name.
+        where: What messages call the checkpoint.
+
+    Raises:
+        InvalidInputError: If it does, or a file of a processor cannot be read.
+    """
+    for name in _CODE_OF:
+        _require_known(name, getattr(config, name, None), f"its {name}", where)
+    for name, path in files.items():
+        for number, step in enumerate(_steps(path, name, where)):
+            place = f"step {number} of {name}"
+            if not isinstance(step.get("registry_name"), str):
+                called = one_line(repr(step.get("class")), most=80)
+                problem = f"{place} names the class {called}, which is not one of LeRobot's registered steps"
+                raise InvalidInputError(where, f"{problem}: loading it runs code that the checkpoint chooses", _CURE)
+            for key, value in _entries(step):
+                _require_known(key, value, f"{key} in {place}", where)
+
+
+def _require_known(name: str, value: object, place: str, where: str) -> None:
+    known = _CODE_OF.get(name)
+    if known is not None and value is not None and value != known:
+        shown = one_line(repr(value), most=80)
+        raise InvalidInputError(where, f"{place} is {shown} and not {known!r}: its code would be run", _CURE)
+
+
+def _steps(path: Path, name: str, where: str) -> list[Mapping[str, Any]]:
+    """Return the steps of a processor."""
+    cure = "Save the checkpoint again"
+    text = read_bounded(path, max_bytes=_MAX_BYTES, cure=cure)
+    try:
+        form = parse_json(text, unique=True)
+    except (ValueError, InvalidInputError) as error:
+        raise InvalidInputError(where, f"{name} cannot be read ({one_line(error, most=200)})", cure) from error
+    steps = form.get("steps") if isinstance(form, dict) else None
+    if not isinstance(steps, list) or not all(isinstance(step, dict) for step in steps):
+        raise InvalidInputError(where, f"{name} holds no list of steps", cure)
+    return steps
+
+
+def _entries(value: object) -> Iterator[tuple[str, object]]:
+    """Yield every entry of the maps in a value."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield key, inner
+            yield from _entries(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from _entries(inner)
