@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import EpisodeStart, Observation, Policy, PolicyInfo
 from betterbench.interface.policy import require_policy
 from betterbench.policies import source_of
-from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.policies.kinds.factory import SOURCE, PolicyFactory, is_remote, needs_no_thread, runs_apart
 
 
 class GivenPolicy(PolicyFactory):
@@ -32,13 +34,12 @@ class GivenPolicy(PolicyFactory):
             )
         super().__init__(name)
         self._policy = policy
+        made, info = type(policy), policy.info
+        source = source_of(f"{made.__module__}:{made.__qualname__}")  # a resumed run compares it
+        self._info = replace(info, metadata={**info.metadata, SOURCE: source}) if source else info
 
     def _make(self) -> Policy:
         return _Lent(self._policy)
-
-    def _source(self) -> str:
-        made = type(self._policy)
-        return source_of(f"{made.__module__}:{made.__qualname__}")
 
 
 class _Lent:
