@@ -189,6 +189,14 @@ def test_a_wrong_argument_is_named(policy, changes, text, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_name_may_hold_what_addresses_are_made_of(tmp_path):
+    mine = Broken()
+    mine.info = betterbench.PolicyInfo("team: pi0 50% ?v=2 #1", needs_images=False)
+    with pytest.raises(PolicyError, match="out of ideas"):
+        betterbench.evaluate(mine, **PLAN, out=tmp_path / "run")
+    assert betterbench.load_run(tmp_path / "run").plan["policy"] == mine.info.name
+
+
 def test_a_name_that_is_an_address_is_refused(tmp_path):
     mine = Broken()
     mine.info = betterbench.PolicyInfo("expert", needs_images=False)

@@ -13,7 +13,7 @@ from betterbench.policies.clients.connection import ConnectionLimits
 from betterbench.policies.conventions.handshake import space_cure
 from betterbench.policies.conventions.in_calvin import CONTROL_RATE_HZ as CALVIN_RATE_HZ
 from betterbench.policies.description import describe_policy
-from betterbench.policies.kinds import kind_of, make_for, make_policy
+from betterbench.policies.kinds import find_kind, kind_of, make_for, make_policy
 from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind
 from betterbench.policies.process.policy_process import LOAD_S, PolicyProcess, start_policy
 from betterbench.records import first_difference
@@ -39,9 +39,14 @@ def check_policy(address: str, *, action_space: str | None = None, observation: 
 
 
 def answer_limit_s(address: str, policy_timeout_s: float) -> float:
-    """Return the deadline of one answer [s]: that of the address of a server, else that of the run."""
-    kind = kind_of(address)
-    return ConnectionLimits.of(kind.parse(address)).timeout_s if kind.needs_of(address).server else policy_timeout_s
+    """Return the deadline of one answer [s]: that of the address of a server, else that of the run.
+
+    The address may also be the name of a policy that the caller of the run has made.
+    """
+    kind = find_kind(address)
+    if kind is None or not kind.needs_of(address).server:
+        return policy_timeout_s
+    return ConnectionLimits.of(kind.parse(address)).timeout_s
 
 
 class PolicyFactory:
