@@ -14,9 +14,10 @@ LAYERS = ("1", "2", "3", "4")
 
 OFFSET = threshold(
     "layer_offset",
-    0.020,
+    0.024,
     "m",
-    "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple.",
+    "Distance from the middle of the base up to which a layer is centered; two thirds of its radius, so that it cannot "
+    "topple, and what people accept as stacked (docs/sides.md).",
 )
 GAP = threshold(
     "layer_gap", 0.006, "m", "Height up to which a layer lies on the one below; leaves and buns are uneven."
