@@ -21,7 +21,6 @@ from betterbench.tasks.judging.harm import (
 )
 from betterbench.tasks.judging.targets import Asked, Targets
 
-
 FINAL = frozenset({"turned", "target_moved", "left_open"})
 """Sorts of harm that count only if the last state shows them."""
 
