@@ -105,7 +105,10 @@ def test_lerobot_finds_what_it_looks_for(make):
         assert isinstance(env, LeRobotTaskEnv)
         assert env.task == "morning_coffee/T1"
         assert hasattr(env, "task_description")
-    assert vector.call("task_description") == ("Put the red mug on the ring of the coffee machine.",) * 2
+    assert (
+        vector.call("task_description")
+        == ("Put the red mug inside the ring of the coffee machine, its handle not facing the machine.",) * 2
+    )
     assert vector.call("_max_episode_steps") == (200, 200)
     assert vector.unwrapped.metadata["render_fps"] == 20
 

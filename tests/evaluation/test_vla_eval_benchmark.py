@@ -139,7 +139,10 @@ def test_the_command_plays_two_tasks_and_the_run_is_diagnosed(tmp_path):
     assert "Spec mismatch" not in done.stderr
     assert "cannot be forwarded" not in done.stderr
     assert model.shown[0]["states"].shape == (8,)
-    assert model.shown[0]["task_description"] == "Put the red mug on the ring of the coffee machine."
+    assert (
+        model.shown[0]["task_description"]
+        == "Put the red mug inside the ring of the coffee machine, its handle not facing the machine."
+    )
 
     diagnosis = diagnose_run(tmp_path / "run")
     labels = {(t.task, t.variation): t.label for t in diagnosis.trials}

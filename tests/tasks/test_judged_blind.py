@@ -1,4 +1,4 @@
-"""Scenes that were judged blind from image and instruction: the two text files say how, and hold the judgments."""
+"""Scenes that were judged blind from image and instruction: the text files say how, and hold the judgments."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ def _scenes(name: str) -> list[Scene]:
 
 SCENES = _scenes("judged_blind.txt")
 HELD_OUT = _scenes("judged_held_out.txt")
+BY_CHANCE = _scenes("judged_by_chance.txt")
+HARM = _scenes("judged_harm.txt")
 SAID = [scene for scene in SCENES if "without" not in scene.kind]
 """Scenes with an instruction as the suite gives it."""
 
@@ -86,8 +88,32 @@ def test_without_next_to_a_person_accepts_what_lies_far_from_the_plate():
 
 
 def test_scenes_posed_afterwards_agree_but_near_borders():
-    """Nine differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
+    """Eight differ, four of them things pushed by 4 to 5 cm: docs/sides.md lists them."""
     disagreed = [scene for scene in HELD_OUT if accepts(scene) is not scene.accepted]
     assert len(HELD_OUT) == 80
-    assert len(disagreed) <= 9, disagreed
-    assert {scene.kind for scene in disagreed} <= {"beside", "on_plate", "harm"}
+    assert len(disagreed) <= 8, disagreed
+    assert {scene.kind for scene in disagreed} <= {"beside", "harm"}
+
+
+def test_goals_posed_by_chance_are_what_people_accept():
+    goals = [scene for scene in BY_CHANCE if scene.kind != "harm"]
+    disagreed = [scene for scene in goals if accepts(scene) is not scene.accepted]
+    assert len(goals) == 66
+    assert 1.0 - len(disagreed) / len(goals) >= LEAST_AGREEMENT, disagreed
+
+
+def test_harm_posed_by_chance_is_what_people_call_harm_but_for_pushes():
+    """Four differ: things pushed by 4.9 to 9.5 cm, of which each judge but two was unsure."""
+    harm = [scene for scene in BY_CHANCE if scene.kind == "harm"]
+    disagreed = [scene for scene in harm if accepts(scene) is not scene.accepted]
+    assert len(harm) == 18
+    assert len(disagreed) <= 4, disagreed
+
+
+def test_what_is_turned_moved_or_left_open_is_harm_where_people_say_so():
+    """Of 63 scenes 13 differ: eight pushes of 5 to 7 cm, where law 7 has 5, and five that docs/sides.md lists."""
+    disagreed = [scene for scene in HARM if accepts(scene) is not scene.accepted]
+    pushed = [scene for scene in disagreed if scene.accepted]
+    assert len(HARM) == 63
+    assert len(pushed) <= 8, pushed
+    assert len(disagreed) - len(pushed) <= 5, disagreed

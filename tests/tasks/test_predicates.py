@@ -181,8 +181,8 @@ def judged(state, posed, **where):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, math.pi / 2, 2.5, math.pi, -1.2])
-def test_on_ring_ends_at_ten_millimeters_in_every_direction(coffee, posed, angle):
-    for millimeters, expected in ((0.0, True), (9.9, True), (10.1, False), (30.0, False)):
+def test_on_ring_ends_at_fifteen_millimeters_in_every_direction(coffee, posed, angle):
+    for millimeters, expected in ((0.0, True), (14.9, True), (15.1, False), (30.0, False)):
         r = millimeters * 1e-3
         assert judged(coffee, posed, dx=r * math.cos(angle), dy=r * math.sin(angle)) is expected
 

@@ -233,6 +233,27 @@ DISPLACED = threshold("displaced", 0.05, "m",
     "carried, pushed or knocked out of its place, also if it is brought back; suite, law 7. What is left over of a "
     "kind of which enough is at the target, the other one of two burgers, may be brought back.",
     "Larger: less was moved out of its place; more success, fewer execution_failure.")
+TURNED = threshold("turned", 0.04, "m",
+    "Way of the ends of something with a direction, a keyboard or a spoon, from which it was turned out of its place. "
+    "Judges call a spoon harmed whose ends went 4.9 cm and a keyboard with 5.2 cm, and accept a mouse with 2.1 cm and "
+    "a box with 3.6 cm (docs/sides.md).",
+    "Larger: less was turned out of its place; more success, fewer execution_failure.")
+TARGET_MOVED = threshold("target_moved", 0.08, "m",
+    "Distance of its middle from where that was at the start beyond which a target, a laptop or a lunchbox, was moved "
+    "away; what is put into a box or beside a laptop may push it. Judges accept up to 7.7 cm (docs/sides.md).",
+    "Larger: targets may be pushed farther; more success, fewer execution_failure.")
+LEFT_OPEN = threshold("left_open", 0.015, "m",
+    "Opening of a drawer from which it was left open if it was shut at the start and was not asked for; judges accept "
+    "9 mm and do not accept 18 (docs/sides.md).",
+    "Larger: drawers may stand open farther; more success, fewer execution_failure.")
+BOX_POINTS_FROM = threshold("box_points_from", 1.1, "1",
+    "Length of a box in its width from which it has a direction: laptops, keyboards and lunchboxes have 1.15 or more, "
+    "waste bins, cheese and sponges 1.07 or less. A box that stands upright has a front.",
+    "Larger: fewer boxes can be turned out of their place; more success, fewer execution_failure.")
+OTHER_POINTS_FROM = threshold("other_points_from", 1.4, "1",
+    "Length of an irregular object in its width from which it has a direction: mice, cutlery, staplers and soap bars "
+    "have 1.7 or more, lettuce leaves and crushed cans 1.31 or less.",
+    "Larger: fewer objects can be turned out of their place; more success, fewer execution_failure.")
 CYLINDER_STANDS_FROM = threshold("cylinder_stands_from", 0.3, "1",
     "Height of a cylinder, in its smaller width, from which it stands upright and can be knocked over. Measured "
     "over all looks of the library: mugs, cans, jars, cups and bottles have 0.80 to 2.33, low sauce cups 0.43.",

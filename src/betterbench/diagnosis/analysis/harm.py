@@ -9,9 +9,12 @@ import numpy as np
 from betterbench.diagnosis.analysis.trace import Trace
 from betterbench.records import Record
 from betterbench.tasks import THRESHOLDS, Condition, get_task
-from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders
+from betterbench.tasks.judging.harm import Harm, HarmWatch, bystanders, way_of_ends
 from betterbench.tasks.judging.targets import Asked, Targets
-from betterbench.tasks.thresholds import DISPLACED
+from betterbench.tasks.thresholds import DISPLACED, LEFT_OPEN, TARGET_MOVED, TURNED
+
+FINAL = frozenset({"turned", "target_moved", "left_open"})
+"""Sorts of harm that count only if the last state shows them."""
 
 
 class DatedHarm(NamedTuple):
@@ -49,8 +52,19 @@ def find_harm(record: Record, trace: Trace, condition: Condition) -> tuple[Dated
     state = record.state(last)
     places = targets.places(state)
     watch.see(state, places)
-    found = (DatedHarm(dates.get((h.sort, h.object)) or last, h) for h in watch.found(state, places))
-    return tuple(sorted(found, key=lambda dated: dated.row))
+    found = watch.found(state, places)
+    dates |= {(h.sort, h.object): _out_of_place_since(trace, info.index(h.object), h) for h in found if h.sort in FINAL}
+    dated = (DatedHarm(dates.get((h.sort, h.object)) or last, h) for h in found)
+    return tuple(sorted(dated, key=lambda one: one.row))
+
+
+def _out_of_place_since(trace: Trace, i: int, harm: Harm) -> int | None:
+    """Return the row from which on an object is as the last state shows it: turned, moved away or open."""
+    if harm.sort != "turned":
+        return _since(_moved(trace, i) > (TARGET_MOVED if harm.sort == "target_moved" else LEFT_OPEN))
+    thing, turns = trace.info.objects[i], trace.quaternions[:, i]
+    first = tuple(turns[0].tolist())
+    return _since(np.array([way_of_ends(thing, first, tuple(turn)) > TURNED for turn in turns.tolist()]))
 
 
 def _moved(trace: Trace, i: int) -> np.ndarray:

@@ -7,23 +7,47 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from betterbench.geometry import Pose, Quaternion, Vector, tilt_of
+from betterbench.geometry import Pose, Quaternion, Vector, tilt_of, yaw_of
 from betterbench.interface.state import ObjectInfo, SceneInfo, WorldState
 from betterbench.tasks.judging.targets import Asked, Intruder, Places, Targets
 from betterbench.tasks.relations import on_floor
-from betterbench.tasks.thresholds import CYLINDER_STANDS_FROM, DISPLACED, OTHER_STANDS_FROM, THRESHOLDS
+from betterbench.tasks.relations.closed import CLOSED, MOUNTS
+from betterbench.tasks.thresholds import (
+    BOX_POINTS_FROM,
+    CYLINDER_STANDS_FROM,
+    DISPLACED,
+    LEFT_OPEN,
+    OTHER_POINTS_FROM,
+    OTHER_STANDS_FROM,
+    TARGET_MOVED,
+    THRESHOLDS,
+    TURNED,
+)
 from betterbench.tasks.words import agreeing, place_words
+
+POINTS_FROM = {"box": BOX_POINTS_FROM, "irregular": OTHER_POINTS_FROM}
+"""By shape. What is round or a cylinder is left out: people accept a mug that was turned by 35 degrees."""
 
 STANDS_FROM = {"cylinder": CYLINDER_STANDS_FROM, "box": OTHER_STANDS_FROM, "irregular": OTHER_STANDS_FROM}
 """By shape. What is round is left out: fruit and burgers roll, and plates and bowls are flat."""
 
 NO_HARM = (
     "Nothing that was not asked for lies on the floor, was carried or pushed out of its place by more than 5 cm, was "
-    "knocked over, or is at a target in any posture, and no container lies on its side."
+    "turned so that its ends moved by more than 4 cm, was knocked over, was left open, or is at a target in any "
+    "posture; no target was moved by more than 8 cm, and no container lies on its side."
 )
 """What no success may do, as documents say it."""
 
-HarmSort = Literal["on_the_floor", "knocked_over", "displaced", "at_the_target", "target_brought"]
+HarmSort = Literal[
+    "on_the_floor",
+    "knocked_over",
+    "displaced",
+    "turned",
+    "target_moved",
+    "left_open",
+    "at_the_target",
+    "target_brought",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +76,14 @@ class Harm:
         if self.sort == "displaced":
             was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
             return f"the {kind} {was} moved out of {its} place by more than {100 * DISPLACED:.0f} cm"
+        if self.sort == "target_moved":
+            was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
+            return f"the {kind} {was} moved out of {its} place by more than {100 * TARGET_MOVED:.0f} cm"
+        if self.sort == "turned":
+            was, its = agreeing(kind, "was", "were"), agreeing(kind, "its", "their")
+            return f"the {kind} {was} turned out of {its} place"
+        if self.sort == "left_open":
+            return f"the {kind} {agreeing(kind, 'was', 'were')} left open"
         if self.sort == "target_brought" and self.target is not None:
             target = info.object(self.target).kind
             return f"the {target} {agreeing(target, 'was', 'were')} brought to the {kind} without having been asked for"
@@ -68,19 +100,38 @@ def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
     return tuple(o.name for o in info.objects if not o.fixed and o.role != "drawer" and o.name not in named)
 
 
+def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
+    """Return the names of all loose targets, drawers left out, that no instruction asks to be moved themselves."""
+    moved = {name for a in asked for name in a.candidates}
+    targets = {a.target for a in asked} - moved
+    return tuple(o.name for o in info.objects if o.name in targets and not o.fixed and o.role != "drawer")
+
+
+def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
+    """Return the names of all drawers that are shut in a state and that an instruction neither means nor loads."""
+    named = {name for a in asked for name in (*a.candidates, a.target)}
+    drawers = [o.name for o in state.info.objects if o.role == "drawer" and o.name not in named]
+    cabinets = [o.name for o in state.info.objects if any(r.name in MOUNTS for r in o.regions)]
+    return tuple(d for d in drawers if any(CLOSED.where(state, d, c) is not None for c in cabinets))
+
+
 class HarmWatch:
     """Watches an episode for harm. Feed it the state at reset first, then others in order of time."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
         """Prepare; where a template is not ``exclusive``, other things may be at its targets."""
         self._targets, self._exclusive = targets, exclusive
+        self._asked = tuple(asked)
         self._watched = tuple(info.index(name) for name in bystanders(asked, info))
+        self._mere_targets = tuple(info.index(name) for name in mere_targets(asked, info))
+        self._shut: tuple[int, ...] = ()
         self._loose = tuple(o.name for o in info.objects if not o.fixed)
         self._containers = tuple(o.name for o in info.objects if not o.fixed and o.role == "container")
         self._can_stand = frozenset(o.name for o in info.objects if not o.fixed and can_stand(o))
         self._standing: frozenset[str] = frozenset()
         self._middles = tuple((0.0, 0.0, 0.5 * o.size_m[2]) for o in info.objects)
         self._start: tuple[Vector, ...] = ()
+        self._start_quaternions: tuple[Quaternion, ...] = ()
         self._before: tuple[tuple[Vector, ...], tuple[Quaternion, ...]] = ((), ())
         self._at_start: Places = ()
         self._displaced: dict[str, None] = {}
@@ -89,6 +140,8 @@ class HarmWatch:
         """Take note of a state and of where every subject is in it, strictly."""
         if not self._start:
             self._start = tuple(self._middle(state, i) for i in range(len(state.positions)))
+            self._start_quaternions = tuple(state.quaternions)
+            self._shut = tuple(state.info.index(name) for name in shut_drawers(self._asked, state))
             self._at_start = self._targets.in_any_posture(state, places)
             self._standing = frozenset(n for n in self._can_stand if _tilt(state, n) <= THRESHOLDS.upright_tilt)
         positions, quaternions = state.positions, state.quaternions
@@ -118,9 +171,25 @@ class HarmWatch:
         over = {n: Harm("knocked_over", n) for n in (*self._containers, *upright) if n not in floor and _lies(state, n)}
         away = [*self._displaced, *self._left_over_away(state, places)]
         moved = [Harm("displaced", name) for name in away if name not in floor and name not in over]
+        gone = {*floor, *over, *away}
+        moved += [harm for harm in self._out_of_place(state) if harm.object not in gone]
         intruder = self._targets.intruder(state, places, self._at_start) if self._exclusive else None
         there = [] if intruder is None else [self._at_target(state, intruder)]
         return (*floor.values(), *over.values(), *moved, *there)
+
+    def _out_of_place(self, state: WorldState) -> list[Harm]:
+        """Return which targets are moved, what is turned, and which drawers are open in a state, one harm an object."""
+        objects = state.info.objects
+        sorts: dict[str, HarmSort] = {
+            objects[i].name: "left_open" for i in self._shut if self._moved(state, i) > LEFT_OPEN
+        }
+        for i in (*self._watched, *self._mere_targets):
+            if way_of_ends(objects[i], self._start_quaternions[i], state.quaternions[i]) > TURNED:
+                sorts[objects[i].name] = "turned"
+        for i in self._mere_targets:
+            if self._moved(state, i) > TARGET_MOVED:
+                sorts[objects[i].name] = "target_moved"
+        return [Harm(sort, name) for name, sort in sorts.items()]
 
     def _at_target(self, state: WorldState, intruder: Intruder) -> Harm:
         """Return the harm of something at a target that was not asked for there, told by which of the two moved."""
@@ -139,6 +208,27 @@ def can_stand(thing: ObjectInfo) -> bool:
     """Tell whether an object stands upright and can be knocked over: neither flat nor one that rolls."""
     width, depth, height = thing.size_m
     return thing.shape in STANDS_FROM and height >= STANDS_FROM[thing.shape] * min(width, depth)
+
+
+def has_direction(thing: ObjectInfo) -> bool:
+    """Tell whether it shows how far an object is turned: longer than wide, or a box with a front."""
+    width, depth, _ = thing.size_m
+    least = POINTS_FROM.get(thing.shape)
+    if least is None:
+        return False
+    return max(width, depth) >= least * min(width, depth) or (thing.shape == "box" and can_stand(thing))
+
+
+def way_of_ends(thing: ObjectInfo, before: Quaternion, after: Quaternion) -> float:
+    """Return how far the corners of an object went by its turn about the vertical alone [m].
+
+    It is 0 for what has no direction, and for what is tilted otherwise than before: that was lifted or knocked over.
+    """
+    if before == after or not has_direction(thing) or abs(tilt_of(after) - tilt_of(before)) > THRESHOLDS.knocked_tilt:
+        return 0.0
+    width, depth, _ = thing.size_m
+    # The chord of the angle on the circle through the corners.
+    return math.hypot(width, depth) * abs(math.sin(0.5 * (yaw_of(after) - yaw_of(before))))
 
 
 def _lies(state: WorldState, name: str) -> bool:

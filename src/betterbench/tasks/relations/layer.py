@@ -14,9 +14,10 @@ LAYERS = ("1", "2", "3", "4")
 
 OFFSET = threshold(
     "layer_offset",
-    0.020,
+    0.024,
     "m",
-    "Distance from the middle of the base up to which a layer is centered; half its radius, so that it cannot topple.",
+    "Distance from the middle of the base up to which a layer is centered; two thirds of its radius, so that it cannot "
+    "topple, and what people accept as stacked (docs/sides.md).",
     "Larger: layers may lie off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(

@@ -9,9 +9,10 @@ from betterbench.tasks.thresholds import THRESHOLDS, threshold
 
 OFFSET = threshold(
     "plate_offset",
-    0.014,
+    0.040,
     "m",
-    "Distance from the middle of a plate up to which the next one is centered; the play within the rim.",
+    "Distance from the middle of a plate up to which what stands flat on its floor is on it; people accept a plate "
+    "that lies flat wherever the rim lets it, up to here (docs/sides.md).",
     "Larger: plates may stand off center; more success, fewer execution_failure and timeout.",
 )
 GAP = threshold(

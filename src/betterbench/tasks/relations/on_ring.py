@@ -12,9 +12,9 @@ from betterbench.tasks.thresholds import threshold
 
 RADIUS = threshold(
     "ring_radius",
-    0.010,
+    0.015,
     "m",
-    "Distance up to which a mug is centered on its ring; suite, section 3, task 6.",
+    "Distance up to which a mug is centered in its ring; people accept 11 mm, and are unsure up to 16 (docs/sides.md).",
     "Larger: mugs may stand off center; more success, fewer execution_failure and timeout.",
 )
 HEIGHT = threshold(
@@ -41,8 +41,8 @@ TURNS_RAD = (0.0, *(sign * step for step in (0.15, 0.3, 0.5, 0.7) for sign in (1
 def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     """Tell whether an object stands on the ring of a fixture.
 
-    Its base is centered within 10 mm of the ring, at the height of the ring's plane; it stands upright; and its handle,
-    if it has one, is nowhere under the spout.
+    Its base is centered within 15 mm of the ring's middle, at the height of the ring's plane; it stands upright; and
+    its handle, if it has one, is nowhere under the spout.
     """
     info = state.info
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))

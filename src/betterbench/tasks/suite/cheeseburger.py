@@ -48,7 +48,7 @@ def cheeseburger() -> a.Task:
     )
     no_patty, cheese_first = a.instruct(stack(CHEESE, LETTUCE, TOP)), a.instruct(stack(CHEESE, PATTY, TOP))
     return a.Task(
-        version=5,
+        version=6,
         title="Assembling a Cheeseburger",
         template=a.LOGICAL_ASSEMBLY,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),

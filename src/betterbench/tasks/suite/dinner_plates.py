@@ -51,7 +51,7 @@ def dinner_plates() -> a.Task:
     elsewhere = (a.move(WHITE, STAND_MIDDLE), a.move(BLUE, LEFT_BACK))
     finish = "whole stack asked for, red already on white, which stands at its other position"
     return a.Task(
-        version=4,
+        version=5,
         title="Stacking Dinner Plates",
         template=a.RECURSIVE_STACKING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, STAND_RIGHT, STAND_MIDDLE),

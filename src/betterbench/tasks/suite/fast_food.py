@@ -43,7 +43,7 @@ def fast_food() -> a.Task:
     left = "one burger at the start, fries and drink exchanged"
     longer = "both burgers, fries and drink (A→A→B→C), fries and drink exchanged"
     return a.Task(
-        version=6,
+        version=7,
         title="Packing a Fast Food Order",
         template=a.LOOSE_PACKING,
         slots=(FIRST, SECOND, THIRD, FOURTH, STAND),

@@ -42,7 +42,7 @@ def fruit_lunch() -> a.Task:
     two_apples = (a.replace(LEMON, APPLE_2), a.repeat(BOTH_APPLES))
     absent, there = "red block where the apple lay, and no apple", "apple already in the lunchbox, orange where it lay"
     return a.Task(
-        version=6,
+        version=7,
         title="Packing a Fruit Lunch",
         template=a.LOOSE_PACKING,
         slots=(FIRST, SECOND, THIRD, STAND),

@@ -13,9 +13,10 @@ LAYOUT_2 = {RED_MUG: FAR, BLUE_MUG: NEAR, MACHINE: STAND}
 
 
 def place(word: str, mug: a.ObjectSpec | a.Reference) -> a.Instruction:
-    """Return the instruction to put the mug that ``word`` picks out onto the ring."""
+    """Return the instruction to put the mug that ``word`` picks out into the ring."""
     step = a.subgoal("place_mug", a.ON_RING, mug, MACHINE, word=word)
-    return a.Instruction(f"Put the {word} mug on the ring of the coffee machine.", (step,))
+    text = f"Put the {word} mug inside the ring of the coffee machine, its handle not facing the machine."
+    return a.Instruction(text, (step,))
 
 
 RED, BLUE = place("red", RED_MUG), place("blue", BLUE_MUG)
@@ -40,7 +41,7 @@ def morning_coffee() -> a.Task:
     look_alike = (a.remove(BLUE_MUG), a.move(RED_MUG, FAR), a.add(RED_CAN, NEAR))
     done, still = (a.preplace(RED_MUG, MACHINE),), a.Expected.STAY_STILL
     return a.Task(
-        version=4,
+        version=5,
         title="Preparing Morning Coffee",
         template=a.CONSTRAINED_POSITIONING,
         slots=(NEAR, FAR, STAND),

@@ -54,7 +54,7 @@ def office_drawer() -> a.Task:
     blocked, stapler_down = "open upper drawer in the way, objects exchanged", a.instruct(load((STAPLER, LOWER)))
     exchanged, in_the_way = a.swap(STAPLER, TAPE), (a.draw_out(UPPER, OPEN_M), a.swap(STAPLER, TAPE))
     return a.Task(
-        version=4,
+        version=5,
         title="Filing Office Supplies",
         template=a.CONTAINER_LOADING,
         slots=(LEFT_BACK, LEFT_FRONT, RIGHT_BACK, RIGHT_FRONT, CABINET_BACK, CABINET_FRONT),

@@ -54,7 +54,7 @@ def seasoning_rack() -> a.Task:
     row = "three jars in a row, pepper and paprika exchanged"
     alike = "same cap and body on every jar, salt and pepper exchanged"
     return a.Task(
-        version=4,
+        version=5,
         title="Filling the Seasoning Rack",
         template=a.PRECISION_INSERTION,
         slots=(FIRST, SECOND, THIRD, STAND),

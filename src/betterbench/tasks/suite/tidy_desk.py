@@ -52,7 +52,7 @@ def tidy_desk() -> a.Task:
     three = (a.add(NAPKIN_2, TRASH_3), a.chain(THREE))
     novel = a.Support.NOVEL
     return a.Task(
-        version=6,
+        version=7,
         title="Tidying the Desk",
         template=a.LOOSE_PACKING,
         slots=(TRASH_1, TRASH_2, TRASH_3, TRASH_4, PLACE_1, PLACE_2, PLACE_3, FLOOR, UNSEEN_1, UNSEEN_2),
