@@ -17,7 +17,7 @@ from betterbench.json_form import file_digest
 from betterbench.learning.training.data import TrainingSet, read_training_set
 from betterbench.learning.training.frames import FrameStore
 from betterbench.policies.learned import TrainingRecipe, read_training_recipe
-from betterbench.policies.learned.address import require_torch
+from betterbench.policies.learned.loading import require_torch
 from betterbench.records import JournalEntry, RunFolder
 from betterbench.sim.scenes import renderer_fingerprint
 from betterbench.sim.scenes.stage import QUALITIES

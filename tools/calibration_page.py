@@ -205,7 +205,9 @@ def _section(found: Calibration, family: str, out: Path) -> str:
         write_calibration_page(found, Path(folder), family=family)
         shutil.copy(Path(folder) / "confusion.png", out / "pictures" / picture)
     remark = REMARKS.get(family, "")
-    return f"![confusion matrix: {SECTIONS[family]}](pictures/{picture})\n\n{remark}{calibration_markdown(found)}"
+    return (
+        f"![confusion matrix: {SECTIONS[family]}](pictures/{picture})\n\n{remark}{calibration_markdown(found, family)}"
+    )
 
 
 def _mistakes(found: Calibration, family: str, out: Path) -> str:

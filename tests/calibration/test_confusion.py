@@ -11,7 +11,7 @@ from tests.diagnosis.small_matrix import matrix
 from betterbench.calibration import CalibrationPolicy, calibration_policies, true_label
 from betterbench.calibration.chance import chance_of
 from betterbench.diagnosis import Calibration, Judged, Kind, Label
-from betterbench.errors import InvalidInputError, RecordError
+from betterbench.errors import InvalidInputError, RecordError, UnknownNameError
 from betterbench.policies.experts import EXPERTS, parse_address
 from betterbench.report.pages.calibration_page import calibration_markdown, write_calibration_page
 from betterbench.report.pages.power_page import blind_sentences, power_markdown, write_power_page
@@ -144,9 +144,13 @@ def test_an_address_reads_back():
     ],
 )
 def test_bad_options_of_an_address_are_named(address, names):
-    with pytest.raises(InvalidInputError, match=names):
+    with pytest.raises((InvalidInputError, UnknownNameError), match=names):
         parse_address(address)
-    assert parse_address("openpi://localhost:8000") is None
+
+
+def test_an_address_of_another_kind_is_no_privileged_policy():
+    with pytest.raises(UnknownNameError, match="privileged policy"):
+        parse_address("openpi://localhost:8000")
 
 
 def test_chance_is_one_in_the_sentences_that_make_sense():

@@ -29,7 +29,7 @@ def test_each_part_of_the_family_ships_the_calibration_of_all_its_policies(part)
 def test_the_documentation_gives_the_packaged_numbers(family):
     found = packaged_calibration(family)
     assert found is not None
-    assert calibration_markdown(found) in (DOCS / "calibration.md").read_text()
+    assert calibration_markdown(found, family) in (DOCS / "calibration.md").read_text()
     mistakes = (DOCS / "mistakes.md").read_text()
     assert all(f"**{j.trial}**, `{j.policy}`" in mistakes for j in found.wrong)
 

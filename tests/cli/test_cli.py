@@ -145,7 +145,7 @@ def test_variations_are_counted_by_axis(capsys):
         (("serve", "replay:x:runs"), "replay:x:runs"),
         (("eval", "--policy", "openpi://127.0.0.1:1?patience=0.1&preset=native"), "127.0.0.1:1"),
         (("eval", "--policy", "openpi://127.0.0.1:1?patiense=1"), "patience"),
-        (("eval", "--policy", "opnpi://127.0.0.1:1"), "openpi://"),
+        (("eval", "--policy", "opnpi://127.0.0.1:1"), "Did you mean 'openpi'"),
         (("eval", "--policy", "expert", "--trials", "0"), "--trials"),
         (("eval", "--policy", "expert", "--quality", "fastest"), "fast"),
         (("show", "fast_food/T9"), "T1"),

@@ -18,7 +18,7 @@ from betterbench.evaluation.planning import machine
 from betterbench.evaluation.planning.manifest import policy_difference, run_context, run_conventions, same_policy
 from betterbench.interface import Execution, PolicyInfo
 from betterbench.interface.actions import ActionSpace, action_space
-from betterbench.policies.kinds.description import bounded, describe_policy
+from betterbench.policies.description import bounded, describe_policy
 from betterbench.records import JournalEntry, RunFolder
 
 PLAN = make_plan("random", tasks=["morning_coffee"], variations=["T1"], trials=1, observation="state_only")

@@ -10,8 +10,8 @@ from betterbench.episodes import Observer, TrialContext, run_episode
 from betterbench.evaluation import open_server
 from betterbench.interface import observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.experts import make_expert
+from betterbench.policies.kinds import make_policy
 from betterbench.records.parquet import record_bytes
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
@@ -36,7 +36,7 @@ def local(policy):
 
 def remote(policy, options="", chunk=8):
     with open_server(policy, port=0, chunk=chunk) as server:
-        client = connect(f"{server.address}{options}")
+        client = make_policy(f"{server.address}{options}")
         client.name_trial(TRIAL)
         try:
             assert not client.info.needs_images
@@ -68,7 +68,7 @@ def test_the_expert_solves_the_trial_that_is_compared():
 
 def test_images_are_rendered_for_an_adapter_that_names_cameras():
     with open_server("expert", port=0, trial=TRIAL) as server:
-        client = connect(f"{server.address}?preset=openpi_libero")
+        client = make_policy(f"{server.address}?preset=openpi_libero")
         try:
             assert client.info.needs_images
             here = scene()

@@ -20,10 +20,10 @@ from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.interface import EpisodeStart, Execution, Observation, PolicyInfo, episode_number, observation_spec
 from betterbench.interface.actions import EE_DELTA
 from betterbench.policies import Random
-from betterbench.policies.clients.connect import connect as connect_policy
 from betterbench.policies.conventions.presets import NATIVE, OPENPI_LIBERO
 from betterbench.policies.conventions.request import read_request
 from betterbench.policies.experts import make_expert
+from betterbench.policies.kinds import make_policy
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
@@ -474,9 +474,9 @@ def test_a_served_policy_says_how_its_chunks_are_played(monkeypatch, execution):
     monkeypatch.setitem(sys.modules, "chunky_policy", type(sys)("chunky_policy"))
     sys.modules["chunky_policy"].Chunky = Chunky
     with open_server("python:chunky_policy:Chunky", port=0) as server:
-        with contextlib.closing(connect_policy(f"openpi://127.0.0.1:{server.port}")) as served:
+        with contextlib.closing(make_policy(f"openpi://127.0.0.1:{server.port}")) as served:
             assert served.info.execution == execution
-        with contextlib.closing(connect_policy(f"openpi://127.0.0.1:{server.port}?horizon=3")) as changed:
+        with contextlib.closing(make_policy(f"openpi://127.0.0.1:{server.port}?horizon=3")) as changed:
             assert changed.info.execution == Execution(horizon=3), "what the address says goes first"
 
 
@@ -490,7 +490,7 @@ def test_a_policy_without_an_observation_says_what_it_misses():
     [
         ("replay:somewhere", {}, InvalidInputError, "Evaluate it directly"),
         ("exprt", {}, UnknownNameError, "expert"),
-        ("zoo:lexical?strenght=1", {}, InvalidInputError, "strength"),
+        ("zoo:lexical?strenght=1", {}, UnknownNameError, "strength"),
         ("expert", {"chunk": 0}, InvalidInputError, "--chunk"),
         ("expert", {"batch": 0}, InvalidInputError, "--batch"),
         ("expert", {"trial": TrialId("fast_food", "T77", 0)}, UnknownNameError, "T1"),

@@ -21,9 +21,10 @@ from betterbench.evaluation.trials.shared_policy import SharedPolicy
 from betterbench.evaluation.trials.trial import RunSettings
 from betterbench.evaluation.workers.worker import Worker, even_share, fair_envs, usual_envs
 from betterbench.interface import PolicyInfo
-from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.address import EXECUTION
 from betterbench.policies.clients.connection import ConnectionLimits
-from betterbench.policies.kinds.factory import PolicyFactory
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import PolicyNeeds, read_address
 from betterbench.records import RunFolder
 
 pytestmark = pytest.mark.physics
@@ -342,8 +343,8 @@ def test_a_policy_may_use_the_memory_of_its_answers_again():
 
 
 def test_the_process_of_a_policy_is_asked_as_the_policy_and_the_run_say():
-    client = PolicyAddress.parse(run_address("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
-    assert not set(EXECUTION_OPTIONS) & set(client.options), "its server says how chunks are played"
+    client = read_address(run_address("openpi://127.0.0.1:5", timeout_s=450.0, patience_s=9.0))
+    assert not client.given(EXECUTION), "its server says how chunks are played"
     terms = ConnectionLimits.of(client)
     # The server ends the wait itself, after 450 s; the client only sees to it that a server which does not is left.
     assert (terms.timeout_s, terms.warmup_s, terms.patience_s) == (480.0, 489.0, 9.0)
@@ -442,6 +443,7 @@ def test_the_deadline_of_an_answer_begins_when_the_policy_is_loaded(plugin, tiny
         raise PolicyError("there is no memory for it")
 
     policies = SimpleNamespace(
+        needs=PolicyNeeds(thread=True, process=True),
         check=lambda *_: PolicyInfo("slow to load", needs_images=False),
         takes_batches=False,
         take=take,

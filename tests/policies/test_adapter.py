@@ -16,14 +16,13 @@ from scipy.spatial.transform import Rotation
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, UnknownNameError
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA, action_space
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.conventions.adapter import Adapter, InstructionRule
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.handshake import Declaration, compare_declarations, declare_adapter, declare_space
 from betterbench.policies.conventions.presets import NATIVE, OPENPI_DROID, OPENPI_LIBERO, PRESETS, VLA_EVAL, adapter_of
 from betterbench.policies.conventions.proprioception import StateRule
 from betterbench.policies.conventions.rotation import ROTATION_SIZES, from_format
-from betterbench.policies.kinds.factory import make_policy
+from betterbench.policies.kinds import make_policy, read_address
 from betterbench.tasks import TrialId
 
 TOOL = Rotation.from_euler("xyz", [3.0, 0.2, -0.4])
@@ -114,14 +113,14 @@ def test_the_adapter_of_the_documentation_can_be_read():
 
 
 def test_an_offset_moves_single_axes_too():
-    address = PolicyAddress.parse("gr00t://host?preset=gr00t_libero_panda&ee_offset=-0.66,0,0.912")
+    address = read_address("gr00t://host?preset=gr00t_libero_panda&ee_offset=-0.66,0,0.912")
     message = adapter_of(address).request(seen())
     assert np.allclose([message["state"][a] for a in "xyz"], np.reshape([0.4 - 0.66, 0.1, 0.3 + 0.912], (3, 1, 1, 1)))
 
 
 def test_constants_go_with_every_request_and_the_address_sets_them():
     def asked(query):
-        return adapter_of(PolicyAddress.parse(f"http://host/act?{query}")).request(seen())
+        return adapter_of(read_address(f"http://host/act?{query}")).request(seen())
 
     assert "unnorm_key" not in asked("preset=openvla")
     assert asked("preset=openvla&send.unnorm_key=bridge_orig")["unnorm_key"] == "bridge_orig"
@@ -132,7 +131,7 @@ def test_constants_go_with_every_request_and_the_address_sets_them():
     with pytest.raises(InvalidInputError, match="two entries use the key 'instruction'"):
         asked("preset=openvla&send.instruction=go")
     with pytest.raises(UnknownNameError, match=r"send\.x"):
-        PolicyAddress.parse("gr00t://host?send.x=1")
+        read_address("gr00t://host?send.x=1")
 
 
 @pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS.keys())
@@ -425,7 +424,7 @@ def test_a_reply_that_is_no_map_is_refused():
 
 
 def parse(query):
-    return adapter_of(PolicyAddress.parse(f"openpi://localhost:8000?{query}"))
+    return adapter_of(read_address(f"openpi://localhost:8000?{query}"))
 
 
 def test_an_address_changes_what_differs_from_a_preset(tmp_path):
@@ -488,19 +487,19 @@ def test_malformed_changes_are_one_clear_line():
     ],
 )
 def test_servers_have_default_ports(text, server):
-    assert PolicyAddress.parse(text).server() == server
+    assert read_address(text).server() == server
 
 
 def test_an_address_has_a_path_where_servers_have_one():
-    assert PolicyAddress.parse("http://host:1?preset=openvla").path == "/act"
-    assert PolicyAddress.parse("http://host:1/").path == "/act"
-    assert PolicyAddress.parse("http://host:1/v1/predict?preset=openvla").path == "/v1/predict"
+    assert read_address("http://host:1?preset=openvla").path == "/act"
+    assert read_address("http://host:1/").path == "/act"
+    assert read_address("http://host:1/v1/predict?preset=openvla").path == "/v1/predict"
 
 
 @pytest.mark.parametrize("text", ["lerobot://gpu-box:8080", "grpc://gpu-box:8080"])
 def test_lerobots_own_server_is_refused_because_it_pickles(text):
     with pytest.raises(InvalidInputError, match=r"gRPC\) pickles observations and actions.*Write lerobot:CHECKPOINT"):
-        PolicyAddress.parse(text)
+        read_address(text)
     with pytest.raises(InvalidInputError, match="pickles"):
         make_policy(text)
 
@@ -539,14 +538,14 @@ def test_addresses_that_mean_nothing_are_refused():
         "lerobot:",
     ]:
         with pytest.raises((InvalidInputError, UnknownNameError)):
-            PolicyAddress.parse(text)
+            read_address(text)
 
 
 def test_options_of_an_address_are_typed():
-    address = PolicyAddress.parse("lerobot:some/folder?device=cpu&horizon=4&ahead=1")
+    address = read_address("lerobot:some/folder?device=cpu&horizon=4&ahead=1")
     assert (address.scheme, address.target, str(address)) == ("lerobot", "some/folder", address.text)
     assert (address.execution().horizon, address.execution().ahead) == (4, 1)
-    assert PolicyAddress.parse("openpi://host?ensemble=0.01").execution().ensemble == 0.01
+    assert read_address("openpi://host?ensemble=0.01").execution().ensemble == 0.01
     assert address.choice("device", ("cpu", "cuda"), "cuda") == "cpu"
 
 

@@ -18,8 +18,8 @@ from websockets.sync.client import connect as connect_raw
 from betterbench.errors import HandshakeError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.clients.bridges import being_h_bridge
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.conventions.presets import BEING_H_LIBERO
+from betterbench.policies.kinds import make_policy
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 SIZES = {"action.eef_position": 3, "action.eef_rotation": 3, "action.gripper_position": 1}
@@ -78,7 +78,7 @@ def address(port, options="preset=being_h_libero&timeout=5&retries=0&patience=2"
 
 def test_a_chunk_comes_through_the_bridge(bridged):
     policy = Fake()
-    with contextlib.closing(connect(address(bridged(policy)))) as client:
+    with contextlib.closing(make_policy(address(bridged(policy)))) as client:
         client.reset(START)
         actions = client.act(seen())
         assert client.last_reply["server_timing"]["infer_ms"] >= 0.0
@@ -94,7 +94,7 @@ def test_a_chunk_comes_through_the_bridge(bridged):
 
 
 def test_the_policys_own_fault_is_told_and_the_next_question_is_answered(bridged):
-    with contextlib.closing(connect(address(bridged(Fake())))) as client:
+    with contextlib.closing(make_policy(address(bridged(Fake())))) as client:
         with pytest.raises(PolicyError, match=r"reports an error: KeyError: 'video.top_view'"):
             client.act(seen(instruction="fail"))
         assert client.act(seen()).shape == (16, 7)
@@ -108,7 +108,7 @@ def test_a_chunk_is_continued_within_an_episode_and_not_beyond(bridged, tmp_path
     file.write_text(json.dumps(form), encoding="utf-8")
     policy = Fake(unified=True)
     options = f"adapter={file}&timeout=5&retries=0&patience=2"
-    with contextlib.closing(connect(address(bridged(policy, inference_delay=3), options))) as client:
+    with contextlib.closing(make_policy(address(bridged(policy, inference_delay=3), options))) as client:
         for step in (0, 12, 25, 41, 54, 0, 12):
             client.act(seen(step))
     # 13 steps later the last three rows are left, 16 steps later none, and step 0 is a new episode.
@@ -130,7 +130,7 @@ def test_a_chunk_is_continued_within_an_episode_and_not_beyond(bridged, tmp_path
 
 def test_clients_that_do_not_say_where_they_are_get_no_continuation_and_that_is_told_once(bridged, caplog):
     policy = Fake(unified=True)
-    with contextlib.closing(connect(address(bridged(policy, inference_delay=3)))) as client:
+    with contextlib.closing(make_policy(address(bridged(policy, inference_delay=3)))) as client:
         for step in (0, 12):
             client.act(seen(step))
     assert not any("prev_chunk" in asked for asked in policy.asked)
@@ -154,7 +154,7 @@ def test_tensors_are_sent_as_arrays(bridged):
         def get_action(self, observation):
             return {k: Tensor(np.asarray(v, np.float32)) for k, v in super().get_action(observation).items()}
 
-    with contextlib.closing(connect(address(bridged(Torchy())))) as client:
+    with contextlib.closing(make_policy(address(bridged(Torchy())))) as client:
         assert client.act(seen()).shape == (16, 7)
 
 
@@ -162,9 +162,9 @@ def test_a_key_is_asked_for(bridged, monkeypatch):
     word = "open-sesame"
     port = bridged(Fake(), api_key=word)
     with pytest.raises(HandshakeError, match="refuses this client"):
-        connect(address(port))
+        make_policy(address(port))
     monkeypatch.setenv("BRIDGE_KEY", word)
-    with contextlib.closing(connect(f"{address(port)}&api_key_env=BRIDGE_KEY")) as client:
+    with contextlib.closing(make_policy(f"{address(port)}&api_key_env=BRIDGE_KEY")) as client:
         assert client.act(seen()).shape == (16, 7)
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz") as answer:
         assert answer.read() == b"OK\n"
@@ -186,7 +186,7 @@ def test_garbage_gets_an_error_and_harms_nobody(bridged, frame):
         assert being_h_bridge.decode(raw.recv())["policy"] == "Fake"
         raw.send(frame)
         assert "Traceback" in raw.recv()
-    with contextlib.closing(connect(address(port))) as client:
+    with contextlib.closing(make_policy(address(port))) as client:
         assert client.act(seen()).shape == (16, 7)
 
 
@@ -214,7 +214,7 @@ def test_it_serves_what_a_file_beside_it_makes(tmp_path):
             assert served.stderr is not None
             line = served.stderr.readline()
             assert "serving mine:make on ws://127.0.0.1:" in line
-            with contextlib.closing(connect(address(int(line.rpartition(":")[2])))) as client:
+            with contextlib.closing(make_policy(address(int(line.rpartition(":")[2])))) as client:
                 assert np.all(client.act(seen()) == 0.25)
         finally:
             served.terminate()

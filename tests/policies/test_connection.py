@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients import connection as connection_module
 from betterbench.policies.clients.connection import FIRST_PAUSE_S, LONGEST_PAUSE_S, ConnectionLimits, PolicyConnection
+from betterbench.policies.kinds import read_address
 
 
 class Wire:
@@ -129,11 +129,11 @@ def test_terms_that_make_no_sense_are_refused():
         ("patience=nan", "must be ≥ 0"),
     ]:
         with pytest.raises(InvalidInputError, match=text):
-            ConnectionLimits.of(PolicyAddress.parse(f"openpi://host?{query}"))
+            ConnectionLimits.of(read_address(f"openpi://host?{query}"))
 
 
 def test_terms_come_from_the_address():
-    usual = ConnectionLimits.of(PolicyAddress.parse("openpi://host"), seed=4)
+    usual = ConnectionLimits.of(read_address("openpi://host"), seed=4)
     assert usual == ConnectionLimits(timeout_s=30.0, warmup_s=300.0, retries=3, patience_s=60.0, seed=4)
-    given = ConnectionLimits.of(PolicyAddress.parse("openpi://host?timeout=2&retries=0&patience=0.5"))
+    given = ConnectionLimits.of(read_address("openpi://host?timeout=2&retries=0&patience=0.5"))
     assert given == ConnectionLimits(timeout_s=2.0, warmup_s=2.0, retries=0, patience_s=0.5)

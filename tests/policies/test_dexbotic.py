@@ -17,10 +17,10 @@ from PIL import Image
 
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.conventions.adapter import Adapter, InstructionRule
 from betterbench.policies.conventions.presets import PRESETS
 from betterbench.policies.conventions.request import read_layout_request
+from betterbench.policies.kinds import make_policy
 
 CHUNK = [[0.25, 0, 0, 0, 0, 0, 1.0], [0, 0.5, 0, 0, 0, 0, -1.0]]
 START = EpisodeStart("pack the apple", 7, "ee_delta")
@@ -89,7 +89,7 @@ class Server:
 
     def client(self, path="/v1/infer", query="preset=dexbotic"):
         port = self._server.server_address[1]
-        made = connect(f"http://127.0.0.1:{port}{path}?{query}&timeout=5&patience=2&retries=0")
+        made = make_policy(f"http://127.0.0.1:{port}{path}?{query}&timeout=5&patience=2&retries=0")
         made.reset(START)
         return contextlib.closing(made)
 

@@ -24,10 +24,10 @@ from betterbench.errors import (
 )
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients import request_client
 from betterbench.policies.clients.gr00t import connect_gr00t
 from betterbench.policies.conventions.presets import GR00T_NEW_EMBODIMENT
+from betterbench.policies.kinds import read_address
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 QUICK = "timeout=5&retries=1&patience=1"
@@ -139,7 +139,7 @@ class Server:
         self._context.term()
 
     def address(self, options=QUICK):
-        return PolicyAddress.parse(f"gr00t://127.0.0.1:{self.port}?{options}")
+        return read_address(f"gr00t://127.0.0.1:{self.port}?{options}")
 
     def questions(self, endpoint):
         return [q for q in self.asked if q["endpoint"] == endpoint]
@@ -684,7 +684,7 @@ def test_a_server_that_comes_back_with_other_modalities_stops_the_run(client):
 def test_a_server_that_is_never_there_is_one_clear_line():
     began = time.monotonic()
     with pytest.raises(PolicyUnavailableError, match=r"gr00t://127.0.0.1:9 could not be reached for 0.2 s"):
-        connect_gr00t(PolicyAddress.parse("gr00t://127.0.0.1:9?patience=0.2"))
+        connect_gr00t(read_address("gr00t://127.0.0.1:9?patience=0.2"))
     assert time.monotonic() - began < 30.0
 
 

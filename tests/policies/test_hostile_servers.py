@@ -20,10 +20,9 @@ from websockets.sync.server import serve
 from betterbench.errors import BetterError, HandshakeError, PolicyError, last_line, one_line, printable
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import action_space
-from betterbench.policies.address import PolicyAddress
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.request_client import RequestClient
-from betterbench.policies.kinds.factory import PolicyFactory, close_policy
+from betterbench.policies.factory import PolicyFactory, close_policy
+from betterbench.policies.kinds import make_policy, read_address
 from betterbench.policies.protocols.websocket import WebSocket
 
 PATIENCE_S = 20.0
@@ -98,7 +97,7 @@ def fragments(link):
 @pytest.mark.parametrize("flood", [pings, fragments])
 def test_a_flood_hangs_nobody_past_a_deadline(flood):
     with RawServer(flood) as server:
-        link = WebSocket(PolicyAddress.parse(f"openpi://127.0.0.1:{server.port}"), timeout_s=2.0)
+        link = WebSocket(read_address(f"openpi://127.0.0.1:{server.port}"), timeout_s=2.0)
         time.sleep(1.5)  # until nobody takes our pongs any more
         began = time.monotonic()
         with pytest.raises((OSError, PolicyError)):
@@ -138,11 +137,11 @@ def test_an_answer_sent_twice_shifts_no_other():
             link.send(numbered(step / 100))
 
     with websocket_server(talk) as port:
-        with contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=1")) as policy:
+        with contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=1")) as policy:
             policy.reset(EpisodeStart("go", 1, "ee_delta"))
             assert [round(100 * float(policy.act(seen(i))[0, 0])) for i in range(5)] == [0, 1, 2, 3, 4]
             assert policy.figures["policy_reconnects"] == 4
-        with contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy:
+        with contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy:
             policy.reset(EpisodeStart("go", 1, "ee_delta"))
             policy.act(seen(0))
             with pytest.raises(PolicyError, match="nobody asked for"):
@@ -203,7 +202,7 @@ def test_a_redirect_is_refused_and_what_it_names_is_not_asked(scheme):
         thread.start()
         began = time.monotonic()
         with pytest.raises(HandshakeError, match=r"elsewhere \(HTTP 302, .*Redirects are not followed"):
-            connect(f"openpi://127.0.0.1:{here.server_port}?preset=native&patience=5")
+            make_policy(f"openpi://127.0.0.1:{here.server_port}?preset=native&patience=5")
         here.shutdown()
         thread.join()
         here.server_close()
@@ -222,7 +221,7 @@ def test_a_server_that_comes_back_as_another_one_is_noticed():
 
     with (
         websocket_server(talk) as port,
-        contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=2")) as policy,
+        contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=2")) as policy,
     ):
         policy.reset(EpisodeStart("go", 1, "ee_delta"))
         policy.act(seen(0))
@@ -239,7 +238,7 @@ def test_the_error_of_a_server_is_one_line_that_steers_no_terminal():
 
     with (
         websocket_server(talk) as port,
-        contextlib.closing(connect(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy,
+        contextlib.closing(make_policy(f"openpi://127.0.0.1:{port}?preset=native&timeout=5&retries=0")) as policy,
     ):
         assert all(text.isprintable() for item in policy.info.metadata.items() for text in item)
         policy.reset(EpisodeStart("go", 1, "ee_delta"))
@@ -276,7 +275,7 @@ def test_what_a_server_declares_is_told_in_one_short_line(declared):
 
 
 def agree(address):
-    with contextlib.closing(connect(address)) as policy:
+    with contextlib.closing(make_policy(address)) as policy:
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
 
 

@@ -17,9 +17,8 @@ import pytest
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies.address import PolicyAddress
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.http_act import HttpActClient
+from betterbench.policies.kinds import make_policy, read_address
 from betterbench.policies.protocols import json_wire
 from betterbench.policies.protocols.json_wire import decode_body, encode_body
 
@@ -73,7 +72,7 @@ class Server:
         self._thread.join(10)
 
     def address(self, options, path="/act"):
-        return PolicyAddress.parse(f"http://127.0.0.1:{self.port}{path}?{options}")
+        return read_address(f"http://127.0.0.1:{self.port}{path}?{options}")
 
     def body(self, i=-1):
         return json.loads(self.bodies[i], object_hook=arrays)
@@ -220,11 +219,11 @@ def test_x_vla_answers_poses(client):
 
 def test_no_layout_is_guessed():
     with pytest.raises(InvalidInputError, match=r"neither it nor the server says .*preset=NAME"):
-        connect("http://127.0.0.1:9/act")
+        make_policy("http://127.0.0.1:9/act")
     with pytest.raises(InvalidInputError, match=r"send\.domain_id=VALUE"):
-        connect("http://127.0.0.1:9/act?preset=x_vla")
+        make_policy("http://127.0.0.1:9/act?preset=x_vla")
     with pytest.raises(UnknownNameError, match="arrays"):
-        PolicyAddress.parse("http://host/act?array=text")
+        read_address("http://host/act?array=text")
 
 
 def test_the_run_is_compared_before_it_starts(client):
@@ -402,12 +401,12 @@ def test_a_server_that_comes_back_is_asked_again(client):
 
 def test_a_server_that_is_never_there_is_one_clear_line():
     with pytest.raises(PolicyUnavailableError, match=r"http://127.0.0.1:9/act could not be reached for 0.2 s"):
-        HttpActClient(PolicyAddress.parse("http://127.0.0.1:9/act?patience=0.2&preset=openvla"))
+        HttpActClient(read_address("http://127.0.0.1:9/act?patience=0.2&preset=openvla"))
 
 
 def test_an_unencrypted_server_is_not_spoken_to_where_encryption_was_asked_for():
     with Server() as server:
-        address = PolicyAddress.parse(f"https://127.0.0.1:{server.port}/act?timeout=0.3&retries=1&preset=openvla")
+        address = read_address(f"https://127.0.0.1:{server.port}/act?timeout=0.3&retries=1&preset=openvla")
         with pytest.raises(PolicyError, match="failed to answer 2 times"):
             HttpActClient(address).act(seen())
         assert server.bodies == []

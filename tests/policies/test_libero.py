@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Execution, Observation
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.remote import describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter, InstructionRule
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.presets import PRESETS, adapter_of
+from betterbench.policies.kinds import read_address
 
 SIGNED = ("openpi_libero", "vla_eval_libero")
 """Layouts whose checkpoints close the gripper with a positive number; those of the others count open as 1."""
@@ -73,11 +73,11 @@ def test_every_suite_has_a_preset_that_needs_nothing_else(layout, suite):
 def test_a_unit_is_what_libero_really_moves():
     own = np.array([[1.0, 0.0, -0.4, 0.0, 0.5, 1.0, 1.0]])
     reply = {"actions": own}
-    measured = adapter_of(PolicyAddress.parse("openpi://h?preset=openpi_libero&units=libero_measured"))
+    measured = adapter_of(read_address("openpi://h?preset=openpi_libero&units=libero_measured"))
     whole = PRESETS["openpi_libero"].actions(reply, seen())
     np.testing.assert_allclose(measured.actions(reply, seen())[0, :3], whole[0, :3] / 4.0)
     np.testing.assert_allclose(measured.actions(reply, seen())[0, 3:6], whole[0, 3:6] / 5.0)
-    left = adapter_of(PolicyAddress.parse("openpi://h?preset=openpi_libero_object&units=libero"))
+    left = adapter_of(read_address("openpi://h?preset=openpi_libero_object&units=libero"))
     np.testing.assert_array_equal(left.actions(reply, seen()), whole)
 
 
@@ -110,7 +110,7 @@ def test_an_absolute_pose_is_one_of_the_policys_own_tool_point():
 
 
 def executed(query):
-    address = PolicyAddress.parse(f"openpi://h?{query}")
+    address = read_address(f"openpi://h?{query}")
     return describe_remote_policy(address, adapter_of(address), {}).execution
 
 

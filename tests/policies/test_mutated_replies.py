@@ -24,8 +24,8 @@ from websockets.sync.server import serve
 from betterbench.errors import BetterError
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.policies.clients import endpoint_server, http_act, openpi, starvla, vla_eval
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.http_act import HttpAnswer
+from betterbench.policies.kinds import make_policy
 from betterbench.policies.protocols.websocket import WebSocket
 
 pytestmark = pytest.mark.slow
@@ -322,7 +322,7 @@ class Attack:
             self.sent, began = None, time.monotonic()
             try:
                 if client is None:
-                    client = connect(address)
+                    client = make_policy(address)
                     client.reset(START)
                 told = client.act(seen())
             except BetterError as problem:
@@ -539,7 +539,7 @@ def test_mutated_greetings():
                     server.greeting = mutated_msgpack(form, draw)
                 began = time.monotonic()
                 try:
-                    connect(f"{scheme}://127.0.0.1:{server.port}?{OPTIONS}").close()
+                    make_policy(f"{scheme}://127.0.0.1:{server.port}?{OPTIONS}").close()
                 except BetterError as problem:
                     if "\n" in str(problem).strip():
                         wrong.append((scheme, number, "lines", str(problem)[:300]))

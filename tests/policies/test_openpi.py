@@ -24,10 +24,9 @@ from betterbench.errors import (
 )
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import EE_DELTA, JOINT_DELTA
-from betterbench.policies.address import DEFAULT_PORTS, PolicyAddress
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.openpi import OpenpiClient
 from betterbench.policies.clients.remote import plain_text
+from betterbench.policies.kinds import make_policy, read_address
 from betterbench.tasks import TrialId
 
 # {"server": "minimal"}, and {"actions": float32 array of shape (2, 7), "server_timing": {"infer_ms": 2.5}}: bytes as
@@ -163,7 +162,7 @@ def observation():
 
 @contextlib.contextmanager
 def client(server, query="preset=openpi_libero&timeout=5&patience=5", **options):
-    made = OpenpiClient(PolicyAddress.parse(f"{server.address}?{query}"), **options)
+    made = OpenpiClient(read_address(f"{server.address}?{query}"), **options)
     made.reset(START)
     try:
         yield made
@@ -220,7 +219,7 @@ ND_CHUNK = bytes.fromhex(
 )
 def test_a_server_is_reached_at_the_path_of_its_address(observation, path, asked):
     with Server() as server:
-        policy = connect(f"{server.address}{path}?preset=openpi_libero&timeout=5&patience=5")
+        policy = make_policy(f"{server.address}{path}?preset=openpi_libero&timeout=5&patience=5")
         policy.reset(START)
         assert policy.act(observation).tolist() == CHUNK_VALUES
         policy.close()
@@ -232,7 +231,7 @@ def test_messages_name_the_path():
     with pytest.raises(
         PolicyUnavailableError, match=rf"policy server openpi://127\.0\.0\.1:9{OMNI} could not be reached"
     ):
-        connect(f"openpi://127.0.0.1:9{OMNI}?preset=openpi_libero&patience=0.2")
+        make_policy(f"openpi://127.0.0.1:9{OMNI}?preset=openpi_libero&patience=0.2")
 
 
 @pytest.mark.parametrize(
@@ -246,7 +245,7 @@ def test_messages_name_the_path():
 def test_a_wrong_path_is_said_at_once(absent, text):
     begun = time.monotonic()
     with Server(only_at=OMNI, absent=absent) as server, pytest.raises(HandshakeError, match=text):
-        connect(f"{server.address}/v1/realtime?preset=openpi_libero&patience=30")
+        make_policy(f"{server.address}/v1/realtime?preset=openpi_libero&patience=30")
     assert time.monotonic() - begun < 10.0
 
 
@@ -260,8 +259,8 @@ def test_a_wrong_path_is_said_at_once(absent, text):
     ],
 )
 def test_every_protocol_over_a_websocket_or_http_has_paths(scheme, target, server, path):
-    address = PolicyAddress.parse(f"{scheme}://{target}?tls=true&horizon=3")
-    assert address.server() == (server[0], server[1] or DEFAULT_PORTS[scheme])
+    address = read_address(f"{scheme}://{target}?tls=true&horizon=3")
+    assert address.server() == (server[0], server[1] or address.form.port)
     assert address.path == path
     assert address.server_name == f"policy server {scheme}://{target}"
 
@@ -270,16 +269,16 @@ def test_every_protocol_over_a_websocket_or_http_has_paths(scheme, target, serve
 @pytest.mark.parametrize("path", ["/v1/a", "/"])
 def test_zeromq_has_no_paths(scheme, path):
     with pytest.raises(InvalidInputError, match=rf"{scheme} speaks ZeroMQ\. Write {scheme}://\[::1\]:5555\.") as caught:
-        PolicyAddress.parse(f"{scheme}://[::1]:5555{path}?horizon=3")
+        read_address(f"{scheme}://[::1]:5555{path}?horizon=3")
     assert repr(path) in str(caught.value)
-    PolicyAddress.parse(f"{scheme}://[::1]:5555")
+    read_address(f"{scheme}://[::1]:5555")
 
 
 @pytest.mark.parametrize("scheme", ["openpi", "vla-eval", "starvla", "http"])
 @pytest.mark.parametrize("path", ["/straße", "/50%", "/a%2", "/%zz", "/a b", "/a\tb", "/a#b", "/a\nb"])
 def test_a_path_that_cannot_be_sent_is_refused(scheme, path):
     with pytest.raises(InvalidInputError, match=r"percent-encoding|is not a host with a port") as caught:
-        PolicyAddress.parse(f"{scheme}://host:8000{path}")
+        read_address(f"{scheme}://host:8000{path}")
     assert "\n" not in str(caught.value)
 
 
@@ -310,7 +309,7 @@ def test_answers_of_msgpack_numpy_are_read_and_requests_use_what_the_server_does
 
 def test_a_dialect_that_does_not_exist_is_named():
     with pytest.raises(UnknownNameError, match=r"Unknown arrays 'ndd'.*Known: nd, openpi"):
-        connect("openpi://127.0.0.1:9?preset=openpi_libero&arrays=ndd&patience=0")
+        make_policy("openpi://127.0.0.1:9?preset=openpi_libero&arrays=ndd&patience=0")
 
 
 def test_a_bare_array_is_the_actions_as_vllm_omni_sends_them(observation):
@@ -333,7 +332,7 @@ def test_an_error_in_a_map_is_an_error(observation):
             policy.act(observation)
         assert policy.act(observation).tolist() == CHUNK_VALUES
     with Server(greeting=error) as server, pytest.raises(PolicyError, match="reports an error: Internal"):
-        connect(f"{server.address}?preset=openpi_libero&patience=0")
+        make_policy(f"{server.address}?preset=openpi_libero&patience=0")
 
 
 def test_a_server_with_sessions_is_told_of_each_episode(observation):
@@ -395,7 +394,7 @@ def test_a_bare_array_is_continued_too(observation):
 
 def test_several_arrays_are_not_continued():
     with pytest.raises(InvalidInputError, match=r"delay needs one\. Leave it out"):
-        connect("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
+        make_policy("openpi://127.0.0.1:9?preset=being_h_libero&delay=3&patience=0")
 
 
 def test_a_real_policy_is_told_nothing_of_the_trial(observation):
@@ -447,7 +446,7 @@ def test_the_space_of_a_native_server_is_taken_over():
     space = JOINT_DELTA.to_json()
     greeting = msgpack.packb({"betterbench": {"protocol": 1, "preset": "native", "action_space": space}})
     with Server(greeting=greeting) as server:
-        policy = connect(server.address)
+        policy = make_policy(server.address)
         try:
             assert policy.info.action_space == "joint_delta"
             with pytest.raises(HandshakeError, match=r"'ee_delta'.*answers in 'joint_delta'"):
@@ -475,7 +474,7 @@ def test_conventions_that_differ_are_named_with_both_sides(change, query, text):
     declared = {"protocol": 1, "preset": "native", "action_space": EE_DELTA.to_json(), **change}
     with Server(greeting=msgpack.packb({"betterbench": declared})) as server:
         with pytest.raises(HandshakeError, match=text) as caught:
-            connect(f"{server.address}?{query}" if query else server.address)
+            make_policy(f"{server.address}?{query}" if query else server.address)
         assert "\n" not in str(caught.value)
 
 
@@ -491,7 +490,7 @@ def test_the_run_is_compared_before_it_starts():
 
 
 def test_a_droid_policy_runs_on_the_cameras_made_for_it():
-    with Server() as server, contextlib.closing(connect(f"{server.address}?preset=openpi_droid")) as policy:
+    with Server() as server, contextlib.closing(make_policy(f"{server.address}?preset=openpi_droid")) as policy:
         policy.check(space="joint_delta", observation=observation_spec("droid"), rate_hz=20.0)
         with pytest.raises(HandshakeError, match="is shown left_shoulder by adapter openpi_droid"):
             policy.check(space="joint_delta", observation=observation_spec("default"), rate_hz=20.0)
@@ -499,7 +498,7 @@ def test_a_droid_policy_runs_on_the_cameras_made_for_it():
 
 def test_nothing_is_guessed_where_the_server_declares_nothing():
     with Server() as server, pytest.raises(InvalidInputError, match=r"neither .* Add \?preset=NAME"):
-        connect(server.address)
+        make_policy(server.address)
 
 
 @pytest.mark.parametrize(
@@ -640,7 +639,7 @@ def test_a_server_that_is_never_there_is_one_clear_line():
         address = server.address
     began = time.monotonic()
     with pytest.raises(PolicyUnavailableError, match=r"could not be reached for 0\.5 s \(.*refused") as caught:
-        connect(f"{address}?preset=openpi_libero&patience=0.5")
+        make_policy(f"{address}?preset=openpi_libero&patience=0.5")
     assert time.monotonic() - began < 30
     assert "\n" not in str(caught.value)
 
@@ -650,12 +649,12 @@ def test_what_is_no_openpi_server_is_named():
         Server(greeting=None) as server,
         pytest.raises(PolicyUnavailableError, match="is it an openpi server"),
     ):
-        connect(f"{server.address}?preset=openpi_libero&patience=0.1&timeout=0.2")
+        make_policy(f"{server.address}?preset=openpi_libero&patience=0.1&timeout=0.2")
     with (
         Server(greeting="who are you\nValueError: go away") as server,
         pytest.raises(PolicyError, match="ValueError: go away"),
     ):
-        connect(f"{server.address}?preset=openpi_libero")
+        make_policy(f"{server.address}?preset=openpi_libero")
 
 
 @pytest.mark.parametrize("said", [b"SSH-2.0-OpenSSH_9.6\r\n", b"HTTP/1.1 503 Busy\r\n\r\n", b"", b"\x00" * 5000, None])
@@ -678,7 +677,7 @@ def test_whatever_else_listens_there_is_one_clear_line(said):
     try:
         port = listener.getsockname()[1]
         with pytest.raises(PolicyUnavailableError, match="could not be reached") as caught:
-            connect(f"openpi://127.0.0.1:{port}?preset=openpi_libero&patience=0.1&timeout=1")
+            make_policy(f"openpi://127.0.0.1:{port}?preset=openpi_libero&patience=0.1&timeout=1")
         assert "\n" not in str(caught.value)
     finally:
         done.set()
@@ -691,7 +690,7 @@ def test_whatever_else_listens_there_is_one_clear_line(said):
 @pytest.mark.parametrize("host", ["a" * 300, "a..b", "xn--a"])
 def test_hosts_that_cannot_be_names_are_one_clear_line(host):
     with pytest.raises((HandshakeError, PolicyUnavailableError)) as caught:
-        connect(f"openpi://{host}:8000?preset=openpi_libero&patience=0")
+        make_policy(f"openpi://{host}:8000?preset=openpi_libero&patience=0")
     assert "\n" not in str(caught.value)
 
 
@@ -712,10 +711,10 @@ def test_keys_come_from_the_environment(monkeypatch, observation):
             policy.act(observation)
             assert "s3cret" not in str(policy.info)
         with pytest.raises(HandshakeError, match=r"refuses this client .HTTP 401.*api_key_env"):
-            connect(f"{server.address}?preset=openpi_libero")
+            make_policy(f"{server.address}?preset=openpi_libero")
     monkeypatch.delenv("OUR_KEY")
     with pytest.raises(InvalidInputError, match="OUR_KEY holds no key"):
-        connect("openpi://127.0.0.1:1?preset=openpi_libero&api_key_env=OUR_KEY")
+        make_policy("openpi://127.0.0.1:1?preset=openpi_libero&api_key_env=OUR_KEY")
 
 
 def test_closing_ends_a_wait_in_another_thread(observation):
@@ -760,7 +759,7 @@ def test_whatever_a_server_declares_gives_a_client_or_one_clear_line(odd):
         for form in declared:
             server.greeting = msgpack.packb({"betterbench": form})
             try:
-                connect(f"{server.address}?timeout=5").close()
+                make_policy(f"{server.address}?timeout=5").close()
             except BetterError as problem:
                 said.append(str(problem))
     assert len(said) > 5
@@ -776,11 +775,11 @@ def test_execution_is_taken_from_the_address():
 
 def test_unknown_schemes_and_options_get_the_closest():
     with pytest.raises(UnknownNameError, match="Did you mean 'openpi'"):
-        connect("openpy://127.0.0.1:8000")
+        make_policy("openpy://127.0.0.1:8000")
     with pytest.raises(UnknownNameError, match="Did you mean 'preset'"):
-        connect("openpi://127.0.0.1:8000?preste=openpi_libero")
+        make_policy("openpi://127.0.0.1:8000?preste=openpi_libero")
     with pytest.raises(UnknownNameError, match="Did you mean 'openpi_libero'"):
-        connect("openpi://127.0.0.1:8000?preset=openpi_lbero&patience=0")
+        make_policy("openpi://127.0.0.1:8000?preset=openpi_lbero&patience=0")
 
 
 def test_a_change_beyond_what_is_kept_of_a_declaration_is_seen():

@@ -10,8 +10,8 @@ import pytest
 from betterbench.errors import InvalidInputError, PolicyProcessError, UnknownNameError
 from betterbench.interface import PolicyInfo
 from betterbench.policies import load_plugin
-from betterbench.policies.kinds.factory import PolicyFactory, check_policy
-from betterbench.policies.kinds.known_policies import known_policies
+from betterbench.policies.factory import PolicyFactory, check_policy
+from betterbench.policies.kinds import known_policies
 
 GOOD = """
 import numpy as np

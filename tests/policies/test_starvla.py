@@ -16,9 +16,8 @@ from websockets.asyncio.server import serve
 from betterbench.errors import HandshakeError, InvalidInputError, PolicyError, PolicyUnavailableError, UnknownNameError
 from betterbench.evaluation import evaluate, make_plan
 from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observation, observation_spec
-from betterbench.policies.address import PolicyAddress
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.starvla import StarVlaClient
+from betterbench.policies.kinds import make_policy, read_address
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
 QUICK = "timeout=30&retries=1&patience=30"
@@ -90,7 +89,7 @@ class Server:
         self._loop.close()
 
     def address(self, options=QUICK):
-        return PolicyAddress.parse(f"starvla://127.0.0.1:{self.port}?{options}")
+        return read_address(f"starvla://127.0.0.1:{self.port}?{options}")
 
     async def _main(self):
         self._stop = asyncio.Event()
@@ -340,14 +339,14 @@ def test_trials_are_evaluated_in_batches(tmp_path):
 
 def test_the_address_leads_to_this_client_and_its_options_are_checked():
     with Server() as server:
-        policy = connect(str(server.address()))
+        policy = make_policy(str(server.address()))
         assert isinstance(policy, StarVlaClient)
         policy.close()
         with pytest.raises(UnknownNameError, match="Did you mean 'flat'"):
             StarVlaClient(server.address("layout=flatt"))
     with pytest.raises(UnknownNameError, match="option of starvla"):
-        PolicyAddress.parse("starvla://host?images=png")
+        read_address("starvla://host?images=png")
     with pytest.raises(InvalidInputError, match="host with a port"):
-        PolicyAddress.parse("starvla://host:port")
+        read_address("starvla://host:port")
     with pytest.raises(PolicyUnavailableError, match=r"starvla://127.0.0.1:9 could not be reached"):
-        StarVlaClient(PolicyAddress.parse("starvla://127.0.0.1:9?patience=0.2"))
+        StarVlaClient(read_address("starvla://127.0.0.1:9?patience=0.2"))

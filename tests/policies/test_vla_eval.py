@@ -38,11 +38,11 @@ from betterbench.evaluation import evaluate, make_plan
 from betterbench.evaluation.preflight.check import policy_conventions
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.clients.connect import connect
 from betterbench.policies.clients.vla_eval import declare_specs
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.handshake import compare_declarations
 from betterbench.policies.conventions.presets import VLA_EVAL
+from betterbench.policies.kinds import make_policy
 from betterbench.policies.protocols.wire import decode_vla_eval, encode_vla_eval
 from betterbench.tasks import TrialId
 
@@ -165,7 +165,7 @@ def action(message, value=0.5):
 
 @contextlib.contextmanager
 def client(address, query="timeout=5&patience=5"):
-    made = connect(f"{address}?{query}")
+    made = make_policy(f"{address}?{query}")
     try:
         yield made
     finally:
@@ -247,7 +247,7 @@ def test_an_error_of_the_model_ends_the_trial_and_the_next_one_goes_on():
 )
 def test_specs_that_differ_stop_with_both_sides_named(model, text):
     with real(model) as address, pytest.raises(HandshakeError, match=text) as caught:
-        connect(address)
+        make_policy(address)
     assert "\n" not in str(caught.value)
 
 
@@ -262,7 +262,7 @@ def test_specs_that_differ_stop_with_both_sides_named(model, text):
 )
 def test_specs_that_agree_or_promise_nothing_pass(model, query):
     with real(model) as address:
-        policy = connect(f"{address}{query}")
+        policy = make_policy(f"{address}{query}")
         policy.check(space="ee_delta", observation=observation_spec("default"), rate_hz=20.0)
         with pytest.raises(HandshakeError, match="the run says 'ee_pose'"):
             policy.check(space="ee_pose", observation=observation_spec("default"), rate_hz=20.0)
@@ -279,7 +279,7 @@ def test_specs_that_agree_or_promise_nothing_pass(model, query):
 )
 def test_the_doctor_reports_no_difference_for_a_server_that_agrees(model, query):
     with real(model) as address:
-        policy = connect(f"{address}{query}")
+        policy = make_policy(f"{address}{query}")
         told = {c.name: c for c in policy_conventions(policy, address, policy.info, EE_DELTA)}
         policy.close()
     assert not [c for c in told.values() if c.differs]
@@ -398,7 +398,7 @@ def test_whatever_a_server_declares_gives_a_client_or_one_clear_line(odd):
         for hello in hellos:
             told["hello"] = hello
             try:
-                connect(address).close()
+                make_policy(address).close()
             except BetterError as problem:
                 said.append(str(problem))
     assert not any("\n" in text for text in said)
@@ -409,14 +409,14 @@ def test_other_versions_and_other_servers_are_refused():
         scripted(lambda m: [Message(MessageType.HELLO, {"protocol_version": 9}, m.seq)]) as address,
         pytest.raises(HandshakeError, match="version 9 of the protocol, this side 1"),
     ):
-        connect(address)
+        make_policy(address)
     with (
         scripted(lambda _: []) as address,
         pytest.raises(PolicyUnavailableError, match="is it a vla-eval server"),
     ):
-        connect(f"{address}?timeout=0.2&patience=0.1")
+        make_policy(f"{address}?timeout=0.2&patience=0.1")
     with pytest.raises(UnknownNameError, match="Did you mean 'images'"):
-        connect("vla-eval://127.0.0.1:1?image=png")
+        make_policy("vla-eval://127.0.0.1:1?image=png")
 
 
 @pytest.mark.physics

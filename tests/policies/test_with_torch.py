@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from betterbench.errors import MissingDependencyError
-from betterbench.policies.clients.connect import connect
+from betterbench.policies.kinds import make_policy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from torch_environment import NoTorchError, run_in_torch
@@ -35,5 +35,5 @@ def test_in_torch(name):
 )
 def test_without_the_extra_its_name_is_told(address, extra):
     with pytest.raises(MissingDependencyError, match=rf"make .*setup EXTRAS={extra}") as caught:
-        connect(address)
+        make_policy(address)
     assert "\n" not in str(caught.value)

@@ -18,7 +18,7 @@ import zmq
 
 from betterbench.errors import HandshakeError, MissingDependencyError, PolicyError
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.clients.connect import connect
+from betterbench.policies.kinds import make_policy
 from betterbench.policies.protocols import torch_payload
 from betterbench.policies.protocols.torch_payload import read_torch, write_torch
 
@@ -108,7 +108,7 @@ def seen(step=0):
 
 @contextlib.contextmanager
 def connected(server, options="timeout=10&retries=0&patience=2"):
-    with contextlib.closing(connect(f"being-h://127.0.0.1:{server.port}?{options}")) as client:
+    with contextlib.closing(make_policy(f"being-h://127.0.0.1:{server.port}?{options}")) as client:
         client.reset(START)
         yield client
 

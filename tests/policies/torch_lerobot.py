@@ -58,8 +58,8 @@ from betterbench.interface import BatchPolicy, EpisodeStart, Execution, Observat
 from betterbench.policies.clients import checkpoint as checkpoint_module
 from betterbench.policies.clients import lerobot as lerobot_module
 from betterbench.policies.clients import lerobot_types
-from betterbench.policies.clients.connect import connect
-from betterbench.policies.kinds.factory import check_policy
+from betterbench.policies.factory import check_policy
+from betterbench.policies.kinds import make_policy
 from betterbench.policies.process import policy_process
 
 START = EpisodeStart("pack the apple", 3, "ee_delta")
@@ -173,7 +173,7 @@ def as_lerobot_answers(folder, observation):
 
 
 def test_a_chunk_is_what_lerobot_itself_answers(act, capsys):
-    policy = connect(f"lerobot:{act}")
+    policy = make_policy(f"lerobot:{act}")
     assert capsys.readouterr().out == ""
     for seed in range(3):
         ours = policy.act(seen(seed=seed))
@@ -183,7 +183,7 @@ def test_a_chunk_is_what_lerobot_itself_answers(act, capsys):
 
 
 def test_what_the_policy_says_about_itself(act):
-    info = connect(f"lerobot:{act}").info
+    info = make_policy(f"lerobot:{act}").info
     assert info.heavy
     assert info.action_space == "ee_delta"
     assert info.execution == Execution(horizon=6)
@@ -193,12 +193,12 @@ def test_what_the_policy_says_about_itself(act):
     assert len(info.metadata["checkpoint"]) == len("sha256 ") + 64
     adapter = json.loads(info.metadata["adapter"])
     assert adapter["views"][0]["key"] == "observation.images.front"
-    assert connect(f"lerobot:{act}?horizon=3").info.execution == Execution(horizon=3)
-    assert connect(f"lerobot:{act.parent}").info.execution == info.execution
+    assert make_policy(f"lerobot:{act}?horizon=3").info.execution == Execution(horizon=3)
+    assert make_policy(f"lerobot:{act.parent}").info.execution == info.execution
 
 
 def test_an_answer_does_not_depend_on_who_is_asked_beside(act):
-    policy = connect(f"lerobot:{act}")
+    policy = make_policy(f"lerobot:{act}")
     assert isinstance(policy, BatchPolicy)
     policy.reset(START)
     alone = [policy.act(seen(seed=seed)) for seed in range(4)]
@@ -215,7 +215,7 @@ def test_noise_is_drawn_for_each_observation_alone(act, monkeypatch):
             assert len(noise) == len(batch["observation.state"])
             return noise[:, :, :7]
 
-    policy = connect(f"lerobot:{act}")
+    policy = make_policy(f"lerobot:{act}")
     for module in (checkpoint_module, lerobot_module):
         monkeypatch.setattr(module, "NOISE_TYPES", ("act",))
     monkeypatch.setattr(policy._checkpoint, "policy", Noisy())
@@ -251,7 +251,7 @@ def test_one_short_trial_is_evaluated(act, tmp_path):
 
 def test_ensembling_of_the_checkpoint_becomes_ours(tmp_path):
     folder = save(act_config(temporal_ensemble_coeff=0.01, n_action_steps=1), tmp_path / "ensemble")
-    policy = connect(f"lerobot:{folder}")
+    policy = make_policy(f"lerobot:{folder}")
     assert policy.info.execution == Execution(ensemble=0.01)
     assert policy.act(seen()).shape == (8, 7)
 
@@ -260,8 +260,8 @@ def test_ensembling_of_the_checkpoint_becomes_ours(tmp_path):
 def test_eight_numbers_mean_what_the_address_says(tmp_path, space):
     folder = save(act_config(**features(action=8)), tmp_path / "eight")
     with pytest.raises(InvalidInputError, match="their meaning is not known"):
-        connect(f"lerobot:{folder}")
-    policy = connect(f"lerobot:{folder}?action_space={space}&state=joints")
+        make_policy(f"lerobot:{folder}")
+    policy = make_policy(f"lerobot:{folder}?action_space={space}&state=joints")
     assert policy.info.action_space == space
     assert policy.act(seen()).shape == (8, 8)
     with pytest.raises(HandshakeError, match=space):
@@ -272,7 +272,7 @@ def test_eight_numbers_mean_what_the_address_says(tmp_path, space):
 
 
 def test_a_policy_with_memory_is_asked_at_every_step_and_shares_its_weights(diffusion):
-    one, two = connect(f"lerobot:{diffusion}"), connect(f"lerobot:{diffusion}")
+    one, two = make_policy(f"lerobot:{diffusion}"), make_policy(f"lerobot:{diffusion}")
     assert not isinstance(one, BatchPolicy)
     assert one.info.heavy
     assert one.info.execution == Execution()
@@ -291,7 +291,7 @@ def test_a_policy_with_memory_is_asked_at_every_step_and_shares_its_weights(diff
 
 
 def test_a_new_episode_begins_without_the_last_one(diffusion):
-    policy = connect(f"lerobot:{diffusion}")
+    policy = make_policy(f"lerobot:{diffusion}")
     policy.reset(START)
     first = [policy.act(seen(step, seed=step)) for step in range(6)]
     policy.act(seen(6, seed=77))
@@ -301,7 +301,7 @@ def test_a_new_episode_begins_without_the_last_one(diffusion):
 
 
 def test_threads_do_not_disturb_each_other(diffusion):
-    policies = [connect(f"lerobot:{diffusion}") for _ in range(3)]
+    policies = [make_policy(f"lerobot:{diffusion}") for _ in range(3)]
     answers = [[] for _ in policies]
 
     def run(i):
@@ -319,7 +319,7 @@ def test_threads_do_not_disturb_each_other(diffusion):
 
 def test_its_chunks_are_its_own_business(diffusion):
     with pytest.raises(InvalidInputError, match="Leave horizon out"):
-        connect(f"lerobot:{diffusion}?horizon=4")
+        make_policy(f"lerobot:{diffusion}?horizon=4")
 
 
 # ------------------------------------------------------------------------------------------- what does not fit is named
@@ -347,7 +347,7 @@ def changed(act, tmp_path, change):
 )
 def test_options_that_do_not_fit_are_named(act, options, text):
     with pytest.raises(BetterError, match=text) as caught:
-        connect(f"lerobot:{act}?{options}")
+        make_policy(f"lerobot:{act}?{options}")
     assert "\n" not in str(caught.value)
 
 
@@ -366,13 +366,13 @@ def test_options_that_do_not_fit_are_named(act, options, text):
 def test_what_a_checkpoint_leaves_open_is_named(tmp_path, given, text):
     folder = save(act_config(**given), tmp_path / "open")
     with pytest.raises(InvalidInputError, match=text) as caught:
-        connect(f"lerobot:{folder}")
+        make_policy(f"lerobot:{folder}")
     assert "\n" not in str(caught.value)
 
 
 def test_an_unknown_image_is_named_by_the_address(tmp_path):
     folder = save(act_config(**features(cameras=("top", "wrist_cam"))), tmp_path / "top")
-    policy = connect(f"lerobot:{folder}?camera.observation.images.top=front")
+    policy = make_policy(f"lerobot:{folder}?camera.observation.images.top=front")
     assert policy.adapter.cameras == ("front", "wrist")
     with pytest.raises(HandshakeError, match="wrist"):
         policy.check(space="ee_delta", observation=observation_spec("state_only"), rate_hz=20.0)
@@ -396,25 +396,25 @@ def test_an_unknown_image_is_named_by_the_address(tmp_path):
 def test_a_broken_checkpoint_is_one_clear_line(act, tmp_path, change, text):
     folder = changed(act, tmp_path, change)
     with pytest.raises(InvalidInputError, match=text) as caught:
-        connect(f"lerobot:{folder}")
+        make_policy(f"lerobot:{folder}")
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("target", ["/no/such/folder", "./nothing", "one_word"])
 def test_a_checkpoint_that_is_not_there_is_named(target):
     with pytest.raises(InvalidInputError, match="does not exist"):
-        connect(f"lerobot:{target}")
+        make_policy(f"lerobot:{target}")
 
 
 def test_a_checkpoint_that_cannot_be_fetched_is_one_clear_line():
     with pytest.raises(InvalidInputError, match="LeRobot cannot load it") as caught:
-        connect("lerobot:betterbench/no-such-checkpoint")
+        make_policy("lerobot:betterbench/no-such-checkpoint")
     assert "\n" not in str(caught.value)
 
 
 def test_an_unknown_option_is_answered_with_the_closest(act):
     with pytest.raises(UnknownNameError, match="Did you mean 'device'"):
-        connect(f"lerobot:{act}?devise=cpu")
+        make_policy(f"lerobot:{act}?devise=cpu")
 
 
 # ------------------------------------------------------------------------------------------------ the types of policies
@@ -551,7 +551,7 @@ def test_types_with_a_memory_are_asked_at_every_step(tmp_path, make):
     folder = save(make(), tmp_path / "pretrained_model")
     answers = []
     for _ in range(2):
-        policy = connect(f"lerobot:{folder}")
+        policy = make_policy(f"lerobot:{folder}")
         policy.reset(START)
         answers.append([policy.act(seen(step=step, seed=step)) for step in range(3)])
     assert np.shape(answers) == (2, 3, 1, 7)
@@ -562,7 +562,7 @@ def test_types_with_a_memory_are_asked_at_every_step(tmp_path, make):
 
 def test_a_small_smolvla_answers_chunks_to_many_at_once(tmp_path):
     folder = save(smolvla_config(tmp_path / "backbone"), tmp_path / "pretrained_model")
-    policy = connect(f"lerobot:{folder}")
+    policy = make_policy(f"lerobot:{folder}")
     assert isinstance(policy, BatchPolicy)
     policy.reset(START)
     alone = [policy.act(seen(seed=seed)) for seed in range(3)]
@@ -576,7 +576,7 @@ def test_a_small_x_vla_is_asked_at_every_step(tmp_path):
     folder = with_every_weight(save(xvla_config(tmp_path / "tokenizer"), tmp_path / "pretrained_model"))
     answers = []
     for _ in range(2):
-        policy = connect(f"lerobot:{folder}")
+        policy = make_policy(f"lerobot:{folder}")
         policy.reset(START)
         answers.append([policy.act(seen(step=step)) for step in range(2)])
     assert np.shape(answers) == (2, 2, 1, 7)
@@ -594,21 +594,21 @@ def test_a_small_x_vla_is_asked_at_every_step(tmp_path):
 def test_a_type_whose_packages_are_missing_names_its_extra(act, tmp_path, kind, text):
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text(json.dumps({"type": kind})))
     with pytest.raises(MissingDependencyError, match=text):
-        connect(f"lerobot:{folder}")
+        make_policy(f"lerobot:{folder}")
 
 
 def test_an_extra_that_this_release_lacks_is_not_advised(act, tmp_path, monkeypatch):
     monkeypatch.setitem(lerobot_types.POLICY_TYPES, "pi0", lerobot_types.Needs("pi", ("no_such_module",)))
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text('{"type": "pi0"}'))
     with pytest.raises(MissingDependencyError, match=r"LeRobot 0\.4\.4 has no extra for it: take LeRobot 0\.6"):
-        connect(f"lerobot:{folder}")
+        make_policy(f"lerobot:{folder}")
 
 
 @pytest.mark.parametrize("kind", ["sarm", "reward_classifier"])
 def test_a_reward_model_is_not_a_policy(act, tmp_path, kind):
     folder = changed(act, tmp_path, lambda f: (f / "config.json").write_text(json.dumps({"type": kind})))
     with pytest.raises(InvalidInputError, match=f"{kind}, a reward model without actions"):
-        connect(f"lerobot:{folder}")
+        make_policy(f"lerobot:{folder}")
 
 
 def test_every_type_of_this_release_is_described():

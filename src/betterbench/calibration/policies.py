@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from betterbench.errors import InvalidInputError
-from betterbench.policies.experts import EXPERTS, Address
+from betterbench.policies.experts import Address, expert_names
+from betterbench.policies.experts.address import EXPERT_FORM, ZOO_FORM
 
 STRENGTHS = (1.0, 0.6, 0.3)
 """Shares of the trials in which a rule applies. A policy with a habit does not have it every time."""
@@ -42,7 +43,8 @@ def calibration_policies(
     Raises:
         InvalidInputError: If a policy is unknown, or a number is out of range.
     """
-    names = [name for name in EXPERTS if not name.startswith("probe:")]
+    experts, zoo = expert_names(EXPERT_FORM), expert_names(ZOO_FORM)
+    names = (*experts, *zoo)
     for name in policies:
         if name not in names:
             raise InvalidInputError(
@@ -54,9 +56,9 @@ def calibration_policies(
     if trials < 1:
         raise InvalidInputError("--trials", f"{trials} is out of range", "Give 1 or more")
     kept = [name for name in names if not policies or name in policies]
-    planned = [CalibrationPolicy(Address(name), trials, seed) for name in kept if name == "expert"]
+    planned = [CalibrationPolicy(Address(name), trials, seed) for name in experts if name in kept]
     for i, strength in enumerate(strengths):
         action_noise = ACTION_NOISE_M.get(strength, 0.001)
-        zoo = (name for name in kept if name.startswith("zoo:"))
-        planned += [CalibrationPolicy(Address(name, strength, action_noise), trials, seed + i * trials) for name in zoo]
+        faulty = [Address(name, strength, action_noise) for name in zoo if name in kept]
+        planned += [CalibrationPolicy(address, trials, seed + i * trials) for address in faulty]
     return tuple(planned)

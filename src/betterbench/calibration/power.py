@@ -19,7 +19,8 @@ from betterbench.diagnosis.measures.power_matrix import BLIND, EXPERT, FLOOR, RE
 from betterbench.diagnosis.measures.power_matrix import task_versions as versions_of_task
 from betterbench.errors import RecordError
 from betterbench.evaluation import Plan, Progress, evaluate, make_plan
-from betterbench.policies.experts.registry import WITNESS, witnessed
+from betterbench.policies.experts.address import WITNESS
+from betterbench.policies.experts.registry import witnessed
 from betterbench.records import RunFolder
 from betterbench.statistics import Rate, chance_p
 from betterbench.tasks import Expected, get_task, suite_tasks

@@ -1,7 +1,8 @@
 """Policies: what they say they need and answer, the clients of policy servers, and built-in policies.
 
 - ``address``: parsing of addresses such as ``openpi://host:port?preset=libero``.
-- ``kinds``: the list of addresses, the factory that makes a policy from one, and reference policies.
+- ``kinds``: one file per kind of policies, and the register that knows what an address begins with.
+- ``factory``, ``description``: the instances that a worker asks, and what a policy declares, as JSON.
 - ``conventions``: translation of observations and actions, presets of known checkpoints, the handshake.
 - ``protocols``, ``clients``, ``serving``: codecs, clients of policy servers, and the server side.
 - ``process``: policies of users in a process of their own.
@@ -15,17 +16,18 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from betterbench.policies.kinds.reference import Noop, Random
+    from betterbench.policies.kinds.noop import Noop
+    from betterbench.policies.kinds.python import load_plugin, source_of
+    from betterbench.policies.kinds.random_walk import Random
     from betterbench.policies.kinds.replay import Replay
-    from betterbench.policies.process.plugin import load_plugin, source_of
 
 __all__ = ["Noop", "Random", "Replay", "load_plugin", "source_of"]
 
 _HOMES = {
-    "load_plugin": "process.plugin",
-    "source_of": "process.plugin",
-    "Noop": "kinds.reference",
-    "Random": "kinds.reference",
+    "load_plugin": "kinds.python",
+    "source_of": "kinds.python",
+    "Noop": "kinds.noop",
+    "Random": "kinds.random_walk",
     "Replay": "kinds.replay",
 }
 

@@ -1,12 +1,15 @@
-"""Addresses of remote policies: ``openpi://host:port?preset=openpi_libero&horizon=5``."""
+"""Addresses of policies: ``expert``, ``zoo:lexical?strength=0.3``, ``openpi://host:port?preset=openpi_libero&horizon=5``.
+
+A kind of policies declares the form of its addresses and their options; one parser reads them all.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Literal, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from betterbench.errors import InvalidInputError, UnknownNameError, one_line
@@ -14,131 +17,188 @@ from betterbench.interface.policy import Execution
 
 Word = TypeVar("Word", bound=str)
 
-DEFAULT_PORTS = {
-    "openpi": 8000,
-    "gr00t": 5555,
-    "vla-eval": 8000,
-    "being-h": 5555,
-    "starvla": 10093,
-    "http": 8000,
-    "https": 443,
-}
-"""Schemes of servers, with the port that each listens on unless told otherwise."""
-
-EXECUTION_OPTIONS = ("horizon", "ahead", "ensemble")
-"""How chunks are played; see :class:`betterbench.interface.Execution`."""
-
-CONNECTION_OPTIONS = ("timeout", "warmup", "retries", "patience", "api_key_env", "tls")
-"""How a server is reached: deadline of one request and of the first one [s], how often a failed one is asked again, how
-long an unreachable server is waited for [s], the environment variable that holds the key, and whether the connection is
-encrypted."""
-
-ADAPTER_OPTIONS = (
-    "preset",
-    "adapter",
-    "size",
-    "fit",
-    "keep",
-    "turn",
-    "mirror",
-    "ee_offset",
-    "action_space",
-    "units",
-    "frame",
-    "rotation",
-    "gripper",
-)
-"""What the policy is shown and how its answers are read: a preset or a file, and what differs from it."""
-
-CAMERA_OPTION = "camera."
-"""``camera.KEY=NAME`` shows our camera NAME under the policy's image key KEY."""
-
-CONSTANT_OPTION = "send."
-"""``send.KEY=VALUE`` adds an entry to every request, such as ``send.unnorm_key=bridge_orig``."""
-
-HTTP = ("http", "https")
-"""Schemes of servers of ``POST``."""
-
-WITH_PATH = ("openpi", "vla-eval", "starvla", *HTTP)
-"""Schemes whose servers may be reached at a path; ZeroMQ has none."""
+Transport = Literal["websocket", "zeromq", "http"]
+"""How a server is spoken to. A websocket and ``POST`` may have a path, ZeroMQ has none."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
-OWN_OPTIONS: Mapping[str, tuple[str, ...]] = {
-    "openpi": ("arrays", "delay"),
-    "vla-eval": ("images",),
-    "gr00t": ("layout", "api_token_env", "rtc_overlap_steps", "rtc_frozen_steps", "rtc_ramp_rate"),
-    "being-h": ("delay",),
-    "starvla": ("layout",),
-    "http": ("arrays", "encoded"),
-    "https": ("arrays", "encoded"),
-    "lerobot": ("device", "state"),
-}
-"""Options that only one scheme knows."""
-
-_WITH_CONSTANTS = ("openpi", "vla-eval", "being-h", "starvla", *HTTP)
-
 
 @dataclass(frozen=True, slots=True)
-class PolicyAddress:
-    """Where a policy is ("openpi", "localhost:8000") and how it is used; :meth:`parse` has checked the options.
+class Option:
+    """An option of an address, written ``?name=value``.
 
-    ``world`` is the foreign world in which the policy acts ("libero"), empty for our own scenes: a preset is what the
-    clients of that world do.
+    Attributes:
+        name: Its name. One that ends with a period is followed by a key: ``camera.KEY=value``.
+        meaning: Its value with the unit, as messages ask for it ("the deadline of one answer [s]").
+        reads: The values that it takes; numbers are finite and ≥ 0.
+        most: Largest number that it takes; infinity if only its use bounds it.
     """
 
-    text: str
-    scheme: str
-    target: str
-    options: Mapping[str, str] = field(default_factory=dict)
-    world: str = ""
+    name: str
+    meaning: str
+    reads: Literal["text", "number", "whole"] = "text"
+    most: float = math.inf
 
-    @classmethod
-    def parse(cls, text: str, *, world: str = "") -> PolicyAddress:
-        """Read an address.
+    @property
+    def takes_key(self) -> bool:
+        """Whether a key follows its name."""
+        return self.name.endswith(".")
+
+    @property
+    def shown(self) -> str:
+        """Its name in messages."""
+        return f"{self.name}KEY" if self.takes_key else self.name
+
+    def fits(self, name: str) -> bool:
+        """Tell whether a name in an address is this option."""
+        return name == self.name if not self.takes_key else name.startswith(self.name) and name != self.name
+
+
+EXECUTION = (
+    Option("horizon", "the number of actions of a chunk that are executed before the next one is asked for", "whole"),
+    Option("ahead", "the number of steps before its end at which the next chunk is asked for", "whole"),
+    Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
+)
+"""How chunks are played; see :class:`betterbench.interface.Execution`."""
+
+CONNECTION = (
+    Option("timeout", "the deadline of one answer [s]", "number"),
+    Option("warmup", "the deadline of the first answer [s]", "number"),
+    Option("retries", "the number of times that a failed request is sent again", "whole"),
+    Option("patience", "the time for which an unreachable server is waited for [s]", "number"),
+    Option("api_key_env", "the environment variable that holds the key"),
+    Option("tls", "whether the connection is encrypted: true or false"),
+)
+"""How a server is reached."""
+
+ADAPTER = (
+    Option("preset", "the name of the layout that the policy is asked in"),
+    Option("adapter", "the file of a layout of one's own"),
+    Option("size", "the size of the images, such as 224x224 [px]"),
+    Option("fit", "the way in which an image is brought to that size"),
+    Option("keep", "the share of the image's middle that is kept", "number"),
+    Option("turn", "the rotation of the image [deg]"),
+    Option("mirror", "whether the image is mirrored"),
+    Option("ee_offset", "the offset of the end effector's position, as x,y,z [m]"),
+    Option("action_space", "the action space of the answers"),
+    Option("units", "the units of the answers"),
+    Option("frame", "the frame of the answers: base or tool"),
+    Option("rotation", "the rotation format of the answers"),
+    Option("gripper", "the gripper convention of the answers"),
+)
+"""What the policy is shown and how its answers are read: a preset or a file, and what differs from it."""
+
+CAMERA = Option("camera.", "the name of our camera whose image the policy gets under KEY")
+CONSTANT = Option("send.", "the constant that each request holds under KEY")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddressForm:
+    """Form of the addresses of one kind of policies.
+
+    Attributes:
+        scheme: Name of the kind, with which its addresses begin.
+        example: An address as messages advise it ("gr00t://localhost:5555", "learned:CHECKPOINT").
+        target: Whether something follows the scheme and a colon: a name, a file or a server.
+        options: The options that its addresses take.
+        transport: How a server is spoken to; None for a policy that is no server.
+        port: Port that a server listens on unless the address names another one.
+    """
+
+    scheme: str
+    example: str
+    target: Literal["none", "optional", "required"] = "required"
+    options: tuple[Option, ...] = ()
+    transport: Transport | None = None
+    port: int = 0
+
+    def has(self, text: str) -> bool:
+        """Tell whether an address has this scheme, and a target where there has to be one."""
+        head = text.partition("?")[0]
+        scheme, colon, _ = head.partition(":")
+        needed = {"none": "", "required": ":"}.get(self.target, colon)
+        return scheme == self.scheme and colon == needed
+
+    def read(self, text: str, *, world: str = "") -> PolicyAddress:
+        """Read an address of this form.
 
         Args:
-            text: "scheme://host:port?key=value&..." or "lerobot:CHECKPOINT?key=value&...".
-            world: The foreign world in which the policy acts.
+            text: The address.
+            world: The foreign world in which the policy acts, or empty.
 
         Raises:
-            UnknownNameError: If the scheme or an option does not exist.
-            InvalidInputError: If the address names no target, or gives an option twice or without a value.
+            UnknownNameError: If it has an option that the kind does not know.
+            InvalidInputError: If the target is missing or no server, or an option is malformed, empty or given twice.
         """
-        scheme, separator, rest = text.partition(":")
+        head, _, query = text.partition("?")
+        target = head.partition(":")[2]
+        if self.transport is not None:
+            target = target.removeprefix("//")
+        if self.target == "required" and not target:
+            raise InvalidInputError(f"policy {one_line(text)}", "nothing follows the colon", f"Write {self.example}")
+        address = PolicyAddress(text, self, target, self._options(text, query), world)
+        for name in address.options:
+            address.check(name)
+        if self.transport is not None:
+            address.server()
+        if set(EXECUTION) <= set(self.options):
+            address.execution()
+        return address
+
+    def _options(self, text: str, query: str) -> dict[str, str]:
         where = f"policy {one_line(text)}"
-        if scheme in ("grpc", "lerobot") and rest.startswith("//"):
-            raise InvalidInputError(where, _LEROBOT_PICKLES, _LEROBOT_CURE)
-        if not separator or scheme not in OWN_OPTIONS:
-            raise UnknownNameError("kind of remote policy", scheme, OWN_OPTIONS)
-        target, _, query = rest.removeprefix("//").partition("?")
-        if not target:
-            raise InvalidInputError(where, "nothing follows the colon", f"Write {_example(scheme)}")
         try:
             pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query), max_num_fields=100)
         except ValueError as error:
             raise InvalidInputError(
                 where, f"its options cannot be read ({error})", "Write ?key=value&key=value"
             ) from None
+        if pairs and not self.options:
+            raise InvalidInputError(where, f"{self.scheme} takes no options", f"Write {self.example}")
         options = dict(pairs)
-        known = (*EXECUTION_OPTIONS, *CONNECTION_OPTIONS, *ADAPTER_OPTIONS, *OWN_OPTIONS[scheme])
-        prefixes = (CAMERA_OPTION, CONSTANT_OPTION) if scheme in _WITH_CONSTANTS else (CAMERA_OPTION,)
         for name, value in pairs:
-            if name not in known and not any(name.startswith(prefix) and name != prefix for prefix in prefixes):
-                raise UnknownNameError(f"option of {scheme}", name, (*known, *(f"{prefix}KEY" for prefix in prefixes)))
+            option = next((option for option in self.options if option.fits(name)), None)
+            if option is None:
+                raise UnknownNameError(f"option of {self.scheme}", name, (option.shown for option in self.options))
             if not value:
-                raise InvalidInputError(where, f"{name} has no value", f"Write {name}=VALUE or leave it out")
+                cure = f"Give {option.meaning} as {name}=VALUE, or leave it out"
+                raise InvalidInputError(where, f"{name} has no value", cure)
         if len(options) < len(pairs):
             raise InvalidInputError(where, "it gives an option twice", "Give each option once")
-        address = cls(text, scheme, target, options, world)
-        if scheme in DEFAULT_PORTS:
-            address.server()
-        address.execution()
-        return address
+        return options
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyAddress:
+    """An address that has been read: where a policy is ("localhost:8000") and how it is used.
+
+    :meth:`AddressForm.read` has checked the options. ``world`` is the foreign world in which the policy acts
+    ("libero"), empty for our own scenes: a preset is what the clients of that world do.
+    """
+
+    text: str
+    form: AddressForm
+    target: str
+    options: Mapping[str, str] = field(default_factory=dict)
+    world: str = ""
+
+    @property
+    def scheme(self) -> str:
+        """Name of its kind."""
+        return self.form.scheme
+
+    @property
+    def name(self) -> str:
+        """The address without its options ("zoo:lexical")."""
+        return self.text.partition("?")[0]
 
     def error(self, problem: str, cure: str) -> InvalidInputError:
         """Return the error about this address."""
         return InvalidInputError(f"policy {one_line(self.text)}", problem, cure)
+
+    def given(self, options: Sequence[Option]) -> list[str]:
+        """Return the names of those of some options that the address gives."""
+        return [option.name for option in options if option.name in self.options]
 
     @property
     def names_adapter(self) -> bool:
@@ -164,20 +224,19 @@ class PolicyAddress:
             host = None
         strange = any(c.isspace() or not c.isprintable() for c in self.target)
         if not host or port == 0 or strange:
-            raise self.error(
-                f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {_example(self.scheme)}"
-            )
+            raise self.error(f"{self.target!r} is not a host with a port from 1 to 65535", f"Write {self.form.example}")
         self._check_path(path, place)
-        return host, DEFAULT_PORTS.get(self.scheme, 8000) if port is None else port
+        return host, self.form.port if port is None else port
 
     def _check_path(self, path: str, place: str) -> None:
         """Raise InvalidInputError if the server cannot have this path."""
-        if path and self.scheme not in WITH_PATH:
+        if path and self.form.transport == "zeromq":
             raise self.error(
                 f"the path {path!r} has no meaning, because {self.scheme} speaks ZeroMQ",
                 f"Write {self.scheme}://{place}",
             )
-        if not path.isascii() or _BROKEN_ESCAPE.search(path) or (self.scheme in HTTP and not self.target.isascii()):
+        outside = self.form.transport == "http" and not self.target.isascii()
+        if not path.isascii() or _BROKEN_ESCAPE.search(path) or outside:
             raise self.error(
                 f"{self.target!r} cannot stand in a request",
                 "Write letters outside ASCII, and a literal %, as %XX (percent-encoding)",
@@ -187,7 +246,7 @@ class PolicyAddress:
     def path(self) -> str:
         """The path of the server as it is sent: ``/act`` for ``POST`` unless the address names one, else "/"."""
         path = urlsplit(f"//{self.target}").path
-        return path if path.strip("/") else "/act" if self.scheme in HTTP else "/"
+        return path if path.strip("/") else "/act" if self.form.transport == "http" else "/"
 
     def execution(self, usual_horizon: int | None = None) -> Execution:
         """Return how the chunks of the policy are played; raise InvalidInputError if the options allow no such way.
@@ -208,8 +267,16 @@ class PolicyAddress:
             horizon=horizon, ahead=ahead, ensemble=self.number("ensemble") if "ensemble" in self.options else None
         )
 
+    def check(self, name: str) -> None:
+        """Raise InvalidInputError if the value of an option is none that it takes."""
+        option = self._option(name)
+        if option.reads == "whole":
+            self.whole(name)
+        elif option.reads == "number":
+            self.number(name)
+
     def number(self, name: str, default: float = 0.0) -> float:
-        """Return a finite number ≥ 0; raise InvalidInputError if it is something else."""
+        """Return a finite number ≥ 0; raise InvalidInputError about anything else, or more than the option takes."""
         text = self.options.get(name)
         if text is None:
             return default
@@ -217,16 +284,22 @@ class PolicyAddress:
             value = float(text)
         except ValueError:
             value = math.nan
+        option = self._option(name)
+        if option.most < math.inf and not 0.0 <= value <= option.most:
+            raise self.error(f"{name}={text} is out of range", f"Give {option.meaning}, from 0 to {option.most:g}")
         if not 0.0 <= value < math.inf:
-            raise self.error(f"{name}={text} must be ≥ 0", "Give a number such as 2.5")
+            raise self.error(f"{name}={text} must be ≥ 0", f"Give {option.meaning}, a number such as 2.5")
         return value
+
+    def _option(self, name: str) -> Option:
+        return next(option for option in self.form.options if option.fits(name))
 
     def whole(self, name: str, default: int = 0) -> int:
         """Return a whole number ≥ 0; raise InvalidInputError if it is something else."""
         value = self.number(name, float(default))
         if value != int(value):
             text = self.options[name]
-            raise self.error(f"{name}={text} must be a whole number", "Give one such as 8")
+            raise self.error(f"{name}={text} must be a whole number", f"Give {self._option(name).meaning}, such as 8")
         return int(value)
 
     def choice(self, name: str, choices: tuple[Word, ...], default: Word) -> Word:
@@ -241,21 +314,3 @@ class PolicyAddress:
     def __str__(self) -> str:
         """Return the address as it was given."""
         return self.text
-
-
-def _example(scheme: str) -> str:
-    """Return an address of that scheme as it should look."""
-    port = DEFAULT_PORTS.get(scheme)
-    if port is None:
-        return f"{scheme}:CHECKPOINT"
-    return f"{scheme}://localhost:{port}{'/act' if scheme in HTTP else ''}"
-
-
-_LEROBOT_PICKLES = (
-    "LeRobot's policy server (lerobot.async_inference, gRPC) pickles observations and actions, and unpickling a "
-    "stranger's answer runs the stranger's code, so it is not spoken to, on purpose"
-)
-_LEROBOT_CURE = (
-    "Write lerobot:CHECKPOINT, which loads the same checkpoint in process, or run better serve lerobot:CHECKPOINT "
-    "where the server runs, and connect with openpi://"
-)

@@ -10,8 +10,10 @@ from pathlib import Path
 from betterbench.errors import InvalidInputError
 from betterbench.records.run import RunFolder
 
-_BUILT_IN = re.compile(r"expert|noop|random|(zoo|probe|replay):.*", re.IGNORECASE)
-"""Names of built-in policies: a class derived from one may declare them, and is called by its address all the same."""
+BUILT_IN = re.compile(r"expert|noop|random|(expert|zoo|probe|replay|independent|learned):.*", re.IGNORECASE)
+"""Names of built-in policies: a class derived from one may declare them, and is called by its address all the same.
+
+Records are read without the kinds of policies; a test compares this with them."""
 
 MOST_CHARACTERS = 80
 """Longest name of a run; a longer one is cut, so that a page or a table stays readable."""
@@ -50,7 +52,7 @@ def _declared(run: RunFolder) -> str:
     """Return the name that the policy of a run declared, or its address."""
     policy, address = run.context.get("policy"), _shown(run.plan.get("policy", "policy"))
     name = _shown(policy.get("name")) if isinstance(policy, dict) else ""
-    return address if not name or _BUILT_IN.fullmatch(name) else name
+    return address if not name or BUILT_IN.fullmatch(name) else name
 
 
 def _shown(name: object) -> str:

@@ -54,9 +54,9 @@ NAMES: Mapping[tuple[str, str], str] = {
     ("worlds", "SUITES"): "tasks.worlds.libero",
     ("worlds", "CHAIN_SUITES"): "tasks.worlds.calvin",
     ("episodes", "AnyPolicy"): "interface.state",
-    ("evaluation", "PolicyEntry"): "policies.kinds.known_policies",
-    ("evaluation", "known_policies"): "policies.kinds.known_policies",
-    ("evaluation", "check_policy"): "policies.kinds.factory",
+    ("evaluation", "PolicyEntry"): "policies.kinds",
+    ("evaluation", "known_policies"): "policies.kinds",
+    ("evaluation", "check_policy"): "policies.factory",
 }
 """Module of each public name that is not imported from where its package went, by (earlier package, name)."""
 

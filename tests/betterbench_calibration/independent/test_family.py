@@ -13,10 +13,11 @@ import betterbench_calibration.independent
 from betterbench.cli.main import main
 from betterbench.errors import InvalidInputError, UnknownNameError
 from betterbench.geometry import distance
-from betterbench.policies.kinds.factory import PolicyFactory, is_privileged
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import needs_of
 from betterbench.tasks import Kind, Label, all_labels
 from betterbench.tasks.relations import relation
-from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT, is_independent, make_independent, shown_in
+from betterbench_calibration.independent import FAMILY_PARTS, INDEPENDENT, make_independent, shown_in
 from betterbench_calibration.independent.events import in_gripper
 from betterbench_calibration.independent.manner import MANNERS
 from betterbench_calibration.independent.truth import HONEST, Ledger, StatedTruth
@@ -256,11 +257,10 @@ def test_a_lasting_mishap_before_the_wrong_act_comes_first_in_time():
 
 def test_addresses_are_known_to_an_evaluation_and_wrong_ones_are_refused():
     assert len(INDEPENDENT) == len(NAMES) * len(MANNERS)
-    assert is_privileged("independent:word-place-calm")
-    assert not is_independent("expert")
+    assert needs_of("independent:word-place-calm").state
     assert PolicyFactory("independent:honest-brisk").info.action_space == "ee_delta"
     with pytest.raises(UnknownNameError, match="word-place-calm"):
-        is_independent("independent:word-place-clam")
+        PolicyFactory("independent:word-place-clam").check()
 
 
 def test_plans_hold_trials_in_which_the_habits_show():

@@ -81,11 +81,11 @@ def train(folder: Path, name: str) -> None:
         "--seed=1",
     ]
     main()
-    from betterbench.policies.address import PolicyAddress
     from betterbench.policies.clients.lerobot import load_lerobot
     from betterbench.policies.conventions.presets import preset
+    from betterbench.policies.kinds import read_address
 
-    policy = load_lerobot(PolicyAddress.parse(f"lerobot:{folder / 'act/checkpoints/last'}?device=cpu"))
+    policy = load_lerobot(read_address(f"lerobot:{folder / 'act/checkpoints/last'}?device=cpu"))
     derived, wanted = policy.adapter, preset("lerobot")
     assert (derived.views, derived.states, derived.answer) == (wanted.views, wanted.states, wanted.answer)
     sys.stdout.write(f"trained {STEPS} steps; the checkpoint's adapter is the preset lerobot\n")

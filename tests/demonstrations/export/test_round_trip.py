@@ -23,12 +23,12 @@ from betterbench.demonstrations.export.frames import frame_numbers, shown_images
 from betterbench.demonstrations.export.pictures import Pictures
 from betterbench.episodes import Observer
 from betterbench.interface import observation_spec
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.checkpoint import Features
 from betterbench.policies.clients.lerobot import derive_adapter
 from betterbench.policies.conventions.adapter import set_entry
 from betterbench.policies.conventions.answers import get_entry
 from betterbench.policies.conventions.presets import OWN_PRESETS
+from betterbench.policies.kinds import read_address
 from betterbench.tasks import TrialId
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -230,7 +230,7 @@ def test_a_checkpoint_trained_on_the_lerobot_layout_derives_the_same_adapter():
         {c.name: c.size for c in layout.states},
         layout.action.size,
     )
-    derived = derive_adapter(PolicyAddress.parse("lerobot:outputs/act"), features)
+    derived = derive_adapter(read_address("lerobot:outputs/act"), features)
     mine = layout.adapter
     assert (derived.views, derived.states, derived.instruction) == (mine.views, mine.states, mine.instruction)
     assert derived.answer == mine.answer

@@ -17,8 +17,8 @@ from betterbench.cli.main import main
 from betterbench.demonstrations.export.layout import layout_of
 from betterbench.demonstrations.recipes import recipe_of, setup_files, trainer_setup
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.conventions.presets import adapter_of
+from betterbench.policies.kinds import read_address
 
 sys.path.insert(0, str(Path(__file__).parent))
 from upstream import OPENPI, EmbodimentTag, being_h_parser, gr00t_config, install, recorder, run_file
@@ -265,7 +265,7 @@ def test_the_evaluation_names_a_preset_that_exists(framework, recipe):
         words = shlex.split(line, comments=True)
         if words[:2] != ["better", "eval"]:
             continue
-        address = PolicyAddress.parse(words[words.index("--policy") + 1])
+        address = read_address(words[words.index("--policy") + 1])
         if address.scheme != "lerobot":
             assert adapter_of(address).name == address.options["preset"]
         if recipe == "better" and address.scheme != "lerobot":

@@ -19,7 +19,8 @@ from betterbench.evaluation.preflight.check import run_preflight
 from betterbench.evaluation.serving.shadow import ShadowSimulation
 from betterbench.interface import CameraSpec, EpisodeStart, observation_spec
 from betterbench.interface.actions import EE_DELTA
-from betterbench.policies.kinds.factory import PolicyFactory, is_privileged, make_policy
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import make_policy, needs_of, read_address
 from betterbench.policies.learned import is_seeing, learned_info, make_learned, make_seeing
 from betterbench.policies.learned.checkpoint import Trained, write_checkpoint
 from betterbench.policies.learned.network import ObjectsBatch, ObjectsNetwork, ShownBatch
@@ -47,7 +48,7 @@ def checkpoint(request, tmp_path_factory) -> Path:
 def played(address: str, steps: int = 7) -> np.ndarray:
     task = get_task(TRIAL.task)
     scene = Scene(task, task.training[0], seed=0, action_space=EE_DELTA, quality=quality_preset("fast"))
-    policy, state, actions = make_learned(address, scene.condition.instruction.text, 0), scene.reset(), []
+    policy, state, actions = make_learned(read_address(address), scene.condition.instruction.text, 0), scene.reset(), []
     for _ in range(steps):
         actions.append(policy.act_on_state(state))
         assert np.array_equal(policy.act_on_state(state), actions[-1])
@@ -100,7 +101,7 @@ def something(learner: Learner, draw: np.random.Generator, *, words: np.ndarray)
 
 
 def test_the_fingerprint_is_told(checkpoint):
-    info = learned_info(f"learned:{checkpoint}")
+    info = learned_info(read_address(f"learned:{checkpoint}"))
     assert info.metadata["checkpoint"].startswith("sha256 ")
     assert not info.needs_images
 
@@ -111,7 +112,7 @@ def test_the_fingerprint_is_told(checkpoint):
 )
 def test_a_wrong_option_is_refused(checkpoint, options, error):
     with pytest.raises(error):
-        learned_info(f"learned:{checkpoint}{options}")
+        learned_info(read_address(f"learned:{checkpoint}{options}"))
 
 
 def test_a_scale_that_is_not_finite_is_refused(tmp_path):
@@ -120,7 +121,7 @@ def test_a_scale_that_is_not_finite_is_refused(tmp_path):
     weights["tool_mean"][0] = float("nan")
     write_checkpoint(tmp_path / "checkpoint.safetensors", weights, Trained(recipe, known, 12, "none"))
     with pytest.raises(InvalidInputError, match=r"not finite \(tool_mean\)"):
-        learned_info(f"learned:{tmp_path}")
+        learned_info(read_address(f"learned:{tmp_path}"))
 
 
 @pytest.mark.parametrize("address", ["learned:", "learned:/nowhere/at/all"])
@@ -148,11 +149,11 @@ def test_a_checkpoint_that_is_not_there_is_said_before_a_client_comes(tmp_path):
 
 def test_a_learner_of_pixels_sees_observations_of_its_cameras(seeing, checkpoint):
     address = f"learned:{seeing}"
-    assert is_seeing(address)
-    assert not is_privileged(address)
-    assert is_privileged(f"learned:{checkpoint}")
-    assert not is_seeing("learned:/nowhere")
-    info = learned_info(address)
+    assert is_seeing(read_address(address))
+    assert not needs_of(address).state
+    assert needs_of(f"learned:{checkpoint}").state
+    assert not is_seeing(read_address("learned:/nowhere"))
+    info = learned_info(read_address(address))
     assert (info.needs_images, info.cameras, info.execution.horizon) == (True, ("wrist",), 2)
     assert observation_spec("default").only(info.cameras).cameras == (CameraSpec("wrist"),)
 
@@ -165,7 +166,10 @@ def test_a_learner_of_pixels_answers_the_same_to_the_same(seeing):
     pictures = {"wrist": draw.integers(0, 256, (256, 256, 3), dtype=np.uint8)}
     seen = dataclasses.replace(observer.observe(scene, state), images=pictures)
     answers = []
-    for policy in (make_seeing(f"learned:{seeing}"), make_seeing(f"learned:{seeing}?execute=4")):
+    for policy in (
+        make_seeing(read_address(f"learned:{seeing}")),
+        make_seeing(read_address(f"learned:{seeing}?execute=4")),
+    ):
         policy.reset(EpisodeStart(scene.condition.instruction.text, 5, "ee_delta"))
         answers.append(policy.act(seen))
         policy.act(dataclasses.replace(seen, step=4))
@@ -182,7 +186,7 @@ def test_a_served_learner_of_pixels_asks_for_its_cameras_and_answers_the_same(se
     pictures = {"wrist": np.random.default_rng(0).integers(0, 256, (256, 256, 3), dtype=np.uint8)}
     seen = dataclasses.replace(observer.observe(scene, state), images=pictures)
     start = EpisodeStart(scene.condition.instruction.text, 5, "ee_delta")
-    direct = make_seeing(f"learned:{seeing}")
+    direct = make_seeing(read_address(f"learned:{seeing}"))
     direct.reset(start)
     with open_server(f"learned:{seeing}", port=0) as server:
         client = make_policy(f"openpi://127.0.0.1:{server.port}")
@@ -198,7 +202,7 @@ def test_pictures_of_another_observation_are_refused(seeing):
     with pytest.raises(InvalidInputError, match="--observation default"), PolicyFactory(f"learned:{seeing}") as made:
         made.check("ee_delta", "official")
     with pytest.raises(InvalidInputError, match="history_stride"):
-        make_seeing(f"learned:{seeing}?execute=3")
+        make_seeing(read_address(f"learned:{seeing}?execute=3"))
 
 
 @pytest.mark.slow

@@ -22,8 +22,9 @@ from betterbench.learning.training import own_answers as module
 from betterbench.learning.training.batches import Batches
 from betterbench.learning.training.data import read_training_set
 from betterbench.learning.training.own_answers import ask_about_run, own_answers, summaries_of
-from betterbench.policies.learned.address import load_learner
+from betterbench.policies.kinds import read_address
 from betterbench.policies.learned.checkpoint import Trained, write_checkpoint
+from betterbench.policies.learned.loading import load_learner
 from betterbench.policies.learned.networks import new_network
 from betterbench.policies.learned.policy import Learner
 from betterbench.policies.learned.vocabulary import Vocabulary
@@ -58,7 +59,7 @@ def address(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def learner(address):
-    return load_learner(address)
+    return load_learner(read_address(address))
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from betterbench.errors import BetterError, InvalidInputError
 from betterbench.learning.study.learning import TrainingJob, train_learners
 from betterbench.learning.training.batches import Batches
 from betterbench.learning.training.loop import train
-from betterbench.policies.learned import is_seeing
+from betterbench.policies.kinds import needs_of
 from betterbench.policies.learned.checkpoint import read_checkpoint
 from betterbench.policies.learned.networks import new_network
 from betterbench.policies.learned.policy import Learner
@@ -127,7 +127,7 @@ def test_weights_are_used_with_the_code_that_they_were_trained_with(load, tmp_pa
     load("")
     with pytest.raises(InvalidInputError, match=r"Unknown family 'deep_sets'.*--task-file"):
         read_checkpoint(result.checkpoint)
-    assert not is_seeing(f"learned:{tmp_path / 'out'}")
+    assert needs_of(f"learned:{tmp_path / 'out'}").state
     (copy,) = (tmp_path / "out" / "task_files").iterdir()
     load(copy.read_text(encoding="utf-8"), name="again.py")
     again, _ = read_checkpoint(result.checkpoint)

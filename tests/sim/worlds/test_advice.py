@@ -15,23 +15,16 @@ from betterbench.errors import BetterError, HandshakeError, InvalidInputError
 from betterbench.evaluation.planning import world_plan
 from betterbench.interface import EpisodeStart, observation_spec
 from betterbench.interface.actions import ACTION_SPACES, EE_DELTA
-from betterbench.policies.address import (
-    ADAPTER_OPTIONS,
-    CAMERA_OPTION,
-    CONNECTION_OPTIONS,
-    CONSTANT_OPTION,
-    EXECUTION_OPTIONS,
-    OWN_OPTIONS,
-    PolicyAddress,
-)
+from betterbench.policies.address import CAMERA, CONSTANT
 from betterbench.policies.clients.remote import AdaptedPolicy, check_start
 from betterbench.policies.conventions.handshake import Declaration
 from betterbench.policies.conventions.presets import PRESETS, adapter_of, presets_in
+from betterbench.policies.kinds import KINDS, read_address
 
 SOURCES = Path(betterbench.__path__[0])
 ADVISING = ("policies", "sim/worlds", "evaluation/planning", "evaluation/trials", "evaluation/preflight")
-OPTIONS = {*EXECUTION_OPTIONS, *CONNECTION_OPTIONS, *ADAPTER_OPTIONS, *(o for own in OWN_OPTIONS.values() for o in own)}
-SERVERS = [scheme for scheme in OWN_OPTIONS if scheme != "lerobot"]
+OPTIONS = {option.name for kind in KINDS.values() for option in kind.form.options if not option.takes_key}
+SERVERS = [kind.name for kind in KINDS.values() if kind.form.transport is not None]
 EACH_PRESET = pytest.mark.parametrize("preset", PRESETS)
 
 
@@ -101,7 +94,7 @@ def follow(planned, address):
         seen.add(address)
         advised = addresses_advised(address, message)
         assert advised or "Give a python: policy for" in message, message
-        assert all(PolicyAddress.parse(a).options.get("preset") in PRESETS for a in advised), message
+        assert all(read_address(a).options.get("preset") in PRESETS for a in advised), message
         left += advised
         assert len(seen) == 1, f"the advice is refused: {message}"
 
@@ -137,7 +130,7 @@ def test_a_world_is_not_played_in_another_space():
 @pytest.mark.parametrize("space", ACTION_SPACES)
 def test_the_action_space_that_a_client_advises_is_taken(preset, space):
     class Client(AdaptedPolicy):
-        adapter = adapter_of(PolicyAddress.parse(f"http://h/act?preset={preset}&send.domain_id=3"))
+        adapter = adapter_of(read_address(f"http://h/act?preset={preset}&send.domain_id=3"))
         server = Declaration("the server")
 
         def asked(self, name):
@@ -164,16 +157,16 @@ def _all_cameras():
 @pytest.mark.parametrize("scheme", SERVERS)
 def test_the_presets_that_are_offered_where_none_is_named_exist(scheme):
     with pytest.raises(InvalidInputError) as caught:
-        adapter_of(PolicyAddress.parse(f"{scheme}://127.0.0.1:9"))
+        adapter_of(read_address(f"{scheme}://127.0.0.1:9"))
     listed = re.search(r"\?preset=NAME \(([^;]*); trained on LIBERO: ([^)]*)\)", str(caught.value))
     names = listed[1].split(", ")
     for name in names:
         try:
-            adapter_of(PolicyAddress.parse(f"{scheme}://127.0.0.1:9?preset={name}"))
+            adapter_of(read_address(f"{scheme}://127.0.0.1:9?preset={name}"))
         except BetterError as error:
             (advised,) = addresses_advised(f"{scheme}://127.0.0.1:9?preset={name}", str(error))
             if scheme != "gr00t":  # knows no constants, and so not this layout
-                adapter_of(PolicyAddress.parse(advised))
+                adapter_of(read_address(advised))
     for name in listed[2].split(", "):
         for suite in ("spatial", "object", "goal", "10", "90", "study", "living_room"):
             assert name.replace("SUITE", suite) in PRESETS
@@ -220,7 +213,7 @@ def test_every_option_that_is_advised_exists():
     assert len(found) > 12
     assert {(f, w) for f, w in found if w not in OPTIONS | NOT_OURS} == set()
     prefixes = advised_in_words(r"\b((?:camera|send)\.)(?:KEY|\{\})")
-    assert {word for _, word in prefixes} <= {CAMERA_OPTION, CONSTANT_OPTION}
+    assert {word for _, word in prefixes} <= {CAMERA.name, CONSTANT.name}
 
 
 def test_every_flag_that_is_advised_exists():
@@ -231,7 +224,7 @@ def test_every_flag_that_is_advised_exists():
 
 def test_every_verb_that_is_advised_exists():
     found = advised_in_words(r"(?:[Rr]un|[Gg]ive|as|with|:) `?better ([a-z][a-z-]*)")
-    assert {("registry.py", "worlds"), ("address.py", "serve"), ("adapter.py", "doctor")} <= found
+    assert {("registry.py", "worlds"), ("lerobot.py", "serve"), ("adapter.py", "doctor")} <= found
     assert {(f, w) for f, w in found if w not in VERBS} == set()
 
 

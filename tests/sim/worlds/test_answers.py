@@ -10,12 +10,12 @@ from tests.sim.worlds import clients_answers
 from betterbench.errors import InvalidInputError
 from betterbench.interface import Observation
 from betterbench.interface.actions import PLAYED_IN, action_space
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import AnswerPart, AnswerRule
 from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
 from betterbench.policies.conventions.libero import BASES_M
-from betterbench.policies.conventions.presets import PRESETS, USUAL_ADAPTERS, adapter_of, space_in_world
+from betterbench.policies.conventions.presets import PRESETS, adapter_of
+from betterbench.policies.kinds import kind_of, read_address
 from betterbench.sim.worlds.calvin import ChainScene
 from betterbench.sim.worlds.calvin_simulator import CalvinSimulator
 
@@ -48,7 +48,7 @@ def spoken_to(name, world):
     """Return the adapter of a preset in a world, as the address of its kind of server gives it."""
     scheme = SCHEMES[name.partition("_")[0]]
     place = "folder" if scheme == "lerobot" else "//host"
-    return adapter_of(PolicyAddress.parse(f"{scheme}:{place}?preset={name}", world=world))
+    return adapter_of(read_address(f"{scheme}:{place}?preset={name}", world=world))
 
 
 def rows_for(adapter, count, seed):
@@ -131,11 +131,26 @@ def test_every_preset_of_a_foreign_world_is_compared_with_a_client():
     assert CALVIN_PRESETS.keys() == clients_answers.CALVIN.keys()
 
 
+USUAL = {
+    "openpi": "native",
+    "gr00t": "gr00t_new_embodiment",
+    "being-h": "being_h_libero",
+    "vla-eval": "vla_eval",
+    "starvla": "starvla",
+}
+
+
+def space_in_calvin(address):
+    return kind_of(address).space_in_world(read_address(address, world="calvin"))
+
+
 def test_the_usual_preset_of_each_server_is_that_of_its_client_in_the_world():
     usual = {}
-    for scheme, adapter in USUAL_ADAPTERS.items():
+    for scheme, name in USUAL.items():
         for world in ("libero", "calvin"):
-            found = adapter_of(PolicyAddress.parse(f"{scheme}://host", world=world), adapter)
+            address = read_address(f"{scheme}://host", world=world)
+            found = adapter_of(address, PRESETS[name])
+            assert kind_of(f"{scheme}://host").space_in_world(address) == found.answer.space
             assert found.answer.space in PLAYED_IN[world]
             usual[scheme, world] = (found.name, found.answer.gripper)
     assert usual["starvla", "libero"] == ("starvla", "open_fraction")
@@ -151,7 +166,7 @@ def test_in_our_own_scenes_a_preset_is_what_it_was():
     for name in ("starvla", "being_h_libero", "vla_eval", "openvla", "x_vla"):
         given = "&send.domain_id=3" if name == "x_vla" else ""
         scheme = SCHEMES[name.partition("_")[0]]
-        assert adapter_of(PolicyAddress.parse(f"{scheme}://host?preset={name}{given}")).answer == PRESETS[name].answer
+        assert adapter_of(read_address(f"{scheme}://host?preset={name}{given}")).answer == PRESETS[name].answer
 
 
 @pytest.mark.parametrize("given", [{}, {"translation_unit_m": 0.02, "rotation": "rpy", "gripper": "open_positive"}])
@@ -165,7 +180,7 @@ def test_an_adapter_that_answers_calvins_actions_passes_them_on(given, tmp_path)
     }
     file = tmp_path / "mine.json"
     file.write_text(__import__("json").dumps(form), encoding="utf-8")
-    adapter = adapter_of(PolicyAddress.parse(f"openpi://host?adapter={file}", world="calvin"))
+    adapter = adapter_of(read_address(f"openpi://host?adapter={file}", world="calvin"))
     rows = np.array([[0.3, -0.2, 1.8, 0.1, 0.7, -0.4, 1.0], [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, -1.0]])
     np.testing.assert_array_equal(adapter.actions({"a": rows}, seen()), rows)
     assert adapter.control_rate_hz == 30.0
@@ -185,13 +200,13 @@ def test_units_and_polarity_of_an_adapter_are_turned_into_calvins():
 
 def test_an_address_says_that_answers_are_calvins():
     adapter = adapter_of(
-        PolicyAddress.parse("lerobot:folder?action_space=calvin_relative", world="calvin"), PRESETS["lerobot"]
+        read_address("lerobot:folder?action_space=calvin_relative", world="calvin"), PRESETS["lerobot"]
     )
     row = np.array([0.3, 0.0, 0.0, 0.1, 0.0, 0.0, -1.0])
     np.testing.assert_array_equal(adapter.actions({"action": row}, seen())[0], row)
-    assert space_in_world("starvla://host", "calvin") == "calvin_relative"
-    assert space_in_world("http://host/act?preset=x_vla", "calvin") == "calvin_absolute_quaternion"
-    assert space_in_world("python:mine.py:Mine", "calvin") is None
+    assert space_in_calvin("starvla://host") == "calvin_relative"
+    assert space_in_calvin("http://host/act?preset=x_vla") == "calvin_absolute_quaternion"
+    assert space_in_calvin("python:mine.py:Mine") is None
 
 
 @pytest.mark.parametrize(
@@ -211,4 +226,4 @@ def test_an_address_says_that_answers_are_calvins():
 )
 def test_a_preset_of_another_world_is_refused_with_one_that_exists(address, world, text):
     with pytest.raises(InvalidInputError, match=text):
-        adapter_of(PolicyAddress.parse(address, world=world))
+        adapter_of(read_address(address, world=world))

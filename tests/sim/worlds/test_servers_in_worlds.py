@@ -15,9 +15,9 @@ from betterbench.evaluation import evaluate
 from betterbench.evaluation.planning.world_plan import make_chain_plan, make_world_plan
 from betterbench.interface import EpisodeStart, Observation, observation_spec
 from betterbench.interface.actions import CALVIN_RELATIVE, PLAYED_IN
-from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.http_act import HttpActClient, HttpAnswer, HttpServer
 from betterbench.policies.conventions.presets import PRESETS
+from betterbench.policies.kinds import read_address
 from betterbench.policies.protocols.json_wire import decode_body
 from betterbench.sim.worlds import WorldProcesses, process
 from betterbench.sim.worlds.registry import start_code
@@ -102,7 +102,7 @@ def test_x_vla_is_shown_what_it_commanded_last(monkeypatch):
 
     monkeypatch.setattr(HttpServer, "__init__", lambda *_, **__: None)
     monkeypatch.setattr(HttpServer, "post", post)
-    client = HttpActClient(PolicyAddress.parse("http://host/act?preset=x_vla", world="calvin"))
+    client = HttpActClient(read_address("http://host/act?preset=x_vla", world="calvin"))
     client.reset(EpisodeStart("go", 0, "calvin_absolute_quaternion"))
     native = {"gripper_command_closed": np.array([1.0]), "ee_position": np.array([0.1, 0.2, 0.3])}
     images = {"front": np.zeros((200, 200, 3), np.uint8), "wrist": np.zeros((84, 84, 3), np.uint8)}

@@ -525,17 +525,20 @@ def run_with_bar(plan: Plan, out: Path, *, label: str | None = None, **options: 
     from betterbench.cli.tally import service_text, times_text
     from betterbench.evaluation import evaluate
     from betterbench.evaluation.running.summary import policy_service, run_times
-    from betterbench.policies.kinds.factory import needs_no_thread
+    from betterbench.policies.kinds import kind_of
 
     _say_what_is_done(plan, out)
+    kind = kind_of(plan.policy)
+    needs = kind.needs_of(plan.policy)
+    shown_as = kind.name if needs.server else plan.policy
     if plan.world is None:
         prepare_robot(plan.robot)
-    with progress_bar(label or plan.policy.partition("://")[0], len(plan.trials), estimate=False) as (bar, task):
+    with progress_bar(label or shown_as, len(plan.trials), estimate=False) as (bar, task):
         shown = _RunLine(plan, out, label, lambda done, note: bar.update(task, completed=done, note=note))
         on_progress, on_steps = shown.progress, shown.step
         run = evaluate(plan, out, **{"workers": None, **options}, on_progress=on_progress, on_steps=on_steps)
     ended, elapsed_s = shown.ended, shown.elapsed_s
-    answers = "" if needs_no_thread(plan.policy) else service_text(policy_service(ended, elapsed_s))
+    answers = service_text(policy_service(ended, elapsed_s)) if needs.thread else ""
     if answers:
         say(f"policy: {answers}")
     times = run_times(run.entries())

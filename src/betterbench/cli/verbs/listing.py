@@ -59,7 +59,7 @@ def _table(what: What) -> tuple[list[str], list[list[str]]]:
     if what == "suites":
         return ["suite", "world", "installed", "tasks", "what it is"], _suites()
     if what == "policies":
-        from betterbench.policies.kinds.known_policies import known_policies
+        from betterbench.policies.kinds import known_policies
 
         policies = [[p.address, "state" if p.privileged else "observations", p.summary] for p in known_policies()]
         return ["policy", "sees", "what it does"], policies

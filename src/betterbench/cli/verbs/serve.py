@@ -108,10 +108,10 @@ def chosen_trial(task: str | None, condition: str | None, seed: int | None) -> T
 
 def _require_expert(policy: str) -> None:
     """Raise InvalidInputError if a policy chooses the length of its chunks itself; an unknown one is refused later."""
-    from betterbench.policies.kinds import factory as known
+    from betterbench.policies.kinds import find_kind
 
-    observes = known.needs_no_thread(policy) or known.is_remote(policy) or known.is_in_process_model(policy)
-    if (observes or policy.startswith("python:")) and not known.is_privileged(policy):
+    kind = find_kind(policy)
+    if kind is not None and not kind.needs_of(policy).state:
         raise InvalidInputError(
             "--chunk", f"{policy} is no expert and chooses the length of its chunks itself", "Leave out --chunk"
         )
@@ -120,9 +120,10 @@ def _require_expert(policy: str) -> None:
 def _batch_policy(policy: str) -> BatchPolicy:
     """Make a policy that answers several observations at once; InvalidInputError if it takes no batches."""
     from betterbench.interface import BatchPolicy
-    from betterbench.policies.kinds.factory import close_policy, make_policy, needs_no_thread
+    from betterbench.policies.factory import close_policy
+    from betterbench.policies.kinds import make_policy, needs_of
 
-    made = None if needs_no_thread(policy) else make_policy(policy)
+    made = make_policy(policy) if needs_of(policy).thread else None
     if isinstance(made, BatchPolicy):
         return made
     close_policy(made)

@@ -52,7 +52,7 @@ def train_command(
         workers: Processes that draw them.
         json: Print one JSON document instead of a table.
     """
-    from betterbench.policies.learned.address import require_torch
+    from betterbench.policies.learned.loading import require_torch
 
     chosen = _recipe(recipe, {"data": data or None, "tasks": tasks or None, "seed": seed, "steps": steps})
     require_torch("better train")
@@ -152,7 +152,9 @@ def _print(result: TrainingResult, recipe: TrainingRecipe, out: Path, tasks: Seq
         markup=False,
     )
     OUT.print(f"checkpoint  {result.checkpoint}", markup=False, soft_wrap=True)
+    from betterbench.policies.kinds.learned import learned_address
+
     files = "" if recipe.built_in else loading_options()
     chosen = " ".join(map(shell_word, tasks))
-    evaluation = f"better eval --policy {shell_word(f'learned:{out}')}{files} --tasks {chosen} --trials 3"
+    evaluation = f"better eval --policy {shell_word(learned_address(out))}{files} --tasks {chosen} --trials 3"
     OUT.print(f"evaluate    {evaluation}", markup=False, soft_wrap=True)

@@ -196,7 +196,9 @@ def _ask_learner(
     from betterbench.cli.output.diagnosis import diagnosed
     from betterbench.cli.output.vqa import print_own_answers
     from betterbench.evaluation.figures.views import ViewRenderer
-    from betterbench.policies.learned.address import PREFIX, is_learned, load_learner
+    from betterbench.policies.kinds import find_kind
+    from betterbench.policies.kinds.learned import LEARNED
+    from betterbench.policies.learned.loading import load_learner
     from betterbench.records import RunFolder
 
     if run is None or source is not None:
@@ -205,9 +207,9 @@ def _ask_learner(
         raise InvalidInputError(
             "--out", "its answers are printed, and no set is written", "Leave it out, or give --json"
         )
-    if not is_learned(address):
-        raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {PREFIX}CHECKPOINT")
-    learner = load_learner(address)
+    if find_kind(address) is not LEARNED:
+        raise InvalidInputError("--learner", f"{address!r} is not a learner", f"Write {LEARNED.shown}")
+    learner = load_learner(LEARNED.parse(address))
     from betterbench.learning.training.own_answers import answers_form, ask_about_run, summaries_of
 
     folder = RunFolder.open(run)

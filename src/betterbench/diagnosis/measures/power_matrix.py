@@ -153,7 +153,7 @@ class PowerMatrix:
     @property
     def rules(self) -> tuple[str, ...]:
         """The faulty rules among them."""
-        return tuple(name for name in self.cells if name.startswith("zoo:"))
+        return tuple(name for name in self.pretenders if name not in (*BLIND, *FLOOR))
 
     @property
     def variations(self) -> tuple[Key, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from urllib.parse import parse_qsl
 
 from betterbench.errors import InvalidInputError, one_line
+from betterbench.policies.kinds import find_kind
 
 _VARIABLE = "_env"  # ends the name of each option that names an environment variable
 
@@ -12,12 +13,11 @@ _VARIABLE = "_env"  # ends the name of each option that names an environment var
 def risks_of(address: str) -> tuple[str, ...]:
     """Return what evaluating a policy would do that only its owner may allow: run code, or send a secret."""
     found = []
-    scheme, _, rest = address.partition(":")
-    target, _, query = rest.partition("?")
-    if scheme == "python":
-        found.append(f"runs the Python code of {one_line(target, most=200)}")
-    elif scheme == "lerobot":
-        found.append(f"loads the checkpoint {one_line(target, most=200)}, which can run code")
+    kind = find_kind(address)
+    head, _, query = address.partition("?")
+    target = head.partition(":")[2]
+    if kind is not None and kind.risk:
+        found.append(kind.risk.replace("{target}", one_line(target, most=200)))
     for name, value in parse_qsl(query, keep_blank_values=True):
         if name.endswith(_VARIABLE):
             server = one_line(target.removeprefix("//"), most=200)

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from betterbench.errors import InvalidInputError, UnknownNameError, require_between
+from betterbench.errors import UnknownNameError, require_between
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.interface.actions import PLAYED_IN
-from betterbench.policies.address import OWN_OPTIONS, PolicyAddress
-from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
-from betterbench.policies.conventions.presets import UNTRANSLATED, space_in_world
-from betterbench.policies.experts import parse_address
-from betterbench.policies.experts.libero import POLICIES
-from betterbench.policies.kinds.independent import is_independent
-from betterbench.policies.learned import is_learned, is_seeing
+from betterbench.policies.kinds import kind_of
 from betterbench.sim.worlds import WorldError, WorldProcess, WorldSettings, WorldTask, world_named
 from betterbench.sim.worlds.calvin import CALVIN, PROTOCOL, ChainSettings, ChainTask, chain_objects, describe_chains
 from betterbench.sim.worlds.process import as_agreed, sent_text, sent_texts
@@ -130,7 +124,7 @@ def make_chain_plan(
     shown = "calvin" if observation == "default" else observation
     if shown not in _CALVIN_OBSERVATIONS:
         raise UnknownNameError("observation preset of CALVIN", observation, ("default", *_CALVIN_OBSERVATIONS))
-    _require_policy_for(policy, "CALVIN")
+    _require_known(policy, "CALVIN")
     space = action_space_of(policy, CALVIN, action_space)
     started, said = describe_chains(command, suite)
     with as_agreed(f"describes {suite} in a way"):
@@ -158,42 +152,23 @@ def require_libero_trials(policy: str, *, seed: int, count: int, observation: st
     require_between("--trials", count, 1, STATES - seed)
     if observation not in _OBSERVATIONS:
         raise UnknownNameError("observation preset of LIBERO", observation, _OBSERVATIONS)
-    _require_policy_for(policy, "LIBERO", POLICIES)
+    _require_known(policy, "LIBERO")
 
 
 def action_space_of(policy: str, world: str, asked: str | None) -> str:
     """Return the action space of a run in a world: the one that is asked for, else the policy's own."""
     if asked is not None and asked not in PLAYED_IN[world]:
         raise UnknownNameError(f"action space of {world}", asked, PLAYED_IN[world])
-    return asked or space_in_world(policy, world) or PLAYED_IN[world][0]
+    if asked is not None:
+        return asked
+    kind = kind_of(policy)
+    return kind.space_in_world(kind.parse(policy, world=world)) or PLAYED_IN[world][0]
 
 
-def _require_policy_for(policy: str, world: str, known: Collection[str] = ()) -> None:
-    """Refuse a policy that knows only our world, or that translates from it."""
-    asked = parse_address(policy)
-    if is_independent(policy) or is_learned(policy) or (asked is not None and asked.name not in known):
-        needs = "learned from the pictures" if is_seeing(policy) else "plans with the privileged state"
-        raise InvalidInputError(
-            "--policy",
-            f"{policy} {needs} of our own scenes, which {world} does not have",
-            "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
-        )
-    _check_address(policy, world)
-
-
-def _check_address(policy: str, world: str) -> None:
-    """Refuse a server or a checkpoint whose preset translates from our scenes."""
-    if policy.partition(":")[0] not in OWN_OPTIONS:
-        return
-    named = PolicyAddress.parse(policy).options.get("preset", "")
-    if named in UNTRANSLATED:
-        raise InvalidInputError(
-            "--policy",
-            f"the preset {named} translates from our scenes to LIBERO's conventions, and this run is in {world} itself",
-            f"Give preset={UNTRANSLATED[named]}"
-            if world == "LIBERO"
-            else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",
-        )
+def _require_known(policy: str, world: str) -> None:
+    """Check that a policy can act in a world ("LIBERO"); InvalidInputError if it knows only our own scenes."""
+    kind = kind_of(policy)
+    kind.require_world(kind.parse(policy), world)
 
 
 def task_numbers(suite: str, count: int, tasks: Sequence[str]) -> list[int]:

@@ -27,15 +27,8 @@ from betterbench.interface.actions import ActionSpace, action_space
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import Declaration, declare_adapter, declare_space
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, ImageRule
-from betterbench.policies.kinds.factory import (
-    PolicyFactory,
-    check_action_space,
-    close_policy,
-    is_privileged,
-    is_remote,
-    make_policy,
-    make_privileged,
-)
+from betterbench.policies.factory import PolicyFactory, check_action_space, close_policy
+from betterbench.policies.kinds import make_policy, make_privileged, needs_of
 from betterbench.sim.scenes import CONTROL_RATE_HZ, Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId
@@ -161,12 +154,13 @@ def run_preflight(
     Raises:
         BetterError: If the policy cannot be asked, declares other conventions than the run, or gives a bad answer.
     """
-    if policy.startswith("replay:"):
+    needs = needs_of(policy)
+    if needs.trial:
         raise InvalidInputError(f"policy {policy}", "a replay asks for nothing", "Look at its run with better report")
     found = resolve_condition(trial.task, trial.condition)
     with PolicyFactory(policy) as policies:
         info = policies.check()
-        client = None if is_privileged(policy) else policies.take()
+        client = None if needs.state else policies.take()
     try:
         space = action_space(action_space_name or info.action_space)
         spec = observation_spec(observation)
@@ -185,7 +179,7 @@ def run_preflight(
         adapter = _adapter_of(client)
         proven = None
         if proof and client is not None:
-            if is_remote(policy):  # a new connection begins a new episode
+            if needs.server:  # a new connection begins a new episode
                 close_policy(client)
                 client = make_policy(policy)
                 name_trial(client, trial)
@@ -223,7 +217,7 @@ def _first_question(
         seen = observer.observe(scene, state)
     finally:
         observer.close()
-    if is_remote(policy):
+    if needs_of(policy).server:
         name_trial(client, trial)
     with POLICY_BOUNDARY:
         client.reset(EpisodeStart(seen.instruction, episode_number(trial.seed), scene.action_space.name))

@@ -21,8 +21,10 @@ from betterbench.evaluation.running.lost import reopen_lost
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.jobs.durable import on_disk
-from betterbench.policies.kinds.description import describe_policy
-from betterbench.policies.kinds.factory import PolicyFactory, needs_no_thread
+from betterbench.policies.address import AddressForm
+from betterbench.policies.description import describe_policy
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 from betterbench.records import Journal, JournalEntry, Outcome, RunFolder, first_difference
 from betterbench.tasks import TrialId
 
@@ -64,7 +66,8 @@ class ExternalRun:
             RunConflictError: If the folder holds another run, or one with another policy.
             StorageError: If the disk is full.
         """
-        if needs_no_thread(plan.policy):
+        kind = find_kind(plan.policy)
+        if kind is not None and not kind.needs_of(plan.policy).thread:
             raise InvalidInputError(
                 "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give it another name"
             )
@@ -216,7 +219,9 @@ class _Declared(PolicyFactory):
     """The declaration of a policy that answers outside of this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
-        super().__init__(info.name)
+        form = AddressForm(scheme=info.name, example=info.name, target="none")
+        kind = PolicyKind(form=form, shown=info.name, summary="", needs=PolicyNeeds(thread=True))
+        super().__init__(info.name, kind=kind)
         self._info = info
 
 

@@ -28,8 +28,9 @@ from betterbench.evaluation.workers.step_count import StepCount, StepReport
 from betterbench.evaluation.workers.worker import MAX_ENVS, USUAL_ENVS, Worker, envs_between, even_share, usual_envs
 from betterbench.interface import PolicyInfo
 from betterbench.jobs.durable import on_disk
-from betterbench.policies.kinds.description import describe_policy
-from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.policies.description import describe_policy
+from betterbench.policies.factory import PolicyFactory
+from betterbench.policies.kinds import needs_of
 from betterbench.records import Journal, JournalEntry, RunFolder
 from betterbench.sim.graphics import require_drawing
 from betterbench.statistics import Decisions
@@ -164,7 +165,7 @@ def _restored(run: RunFolder, journal: Journal, policy: str) -> bool:
     """Write again what somebody has removed, such as a policy in a process of this machine; tell if trials are lost."""
     with on_disk(run.path):
         changed = [run.restore(), journal.restore()]
-        return (any(changed) or runs_apart(policy)) and reopen_lost(run, journal) > 0
+        return (any(changed) or needs_of(policy).process) and reopen_lost(run, journal) > 0
 
 
 def _record(
@@ -182,7 +183,7 @@ def _record(
     done = started_with = sum(journal.is_done(t.id) for t in plan.trials)
     if on_progress is not None:
         on_progress(Progress(done, planned, 0.0, started_with, None, schedule.decisions))
-    failing = None if needs_no_thread(plan.policy) or started_with else FailingStart(plan.policy)
+    failing = FailingStart(plan.policy) if needs_of(plan.policy).thread and not started_with else None
     for entry in entries:
         with on_disk(out):
             journal.append(entry)
@@ -213,7 +214,8 @@ class _Asked:
 def _ask_policy(plan: Plan, stack: ExitStack, *, alone: bool, engine: Engine, timeout_s: float) -> _Asked:
     """Make the policy, or connect to it, and compare its conventions; the stack closes what the run needs."""
     address, world = plan.policy, "" if plan.world is None else plan.world.world
-    if alone or needs_no_thread(address) or is_remote(address):
+    needs = needs_of(address)
+    if alone or needs.server or not needs.thread:
         policies = PolicyFactory(address, apart=True, timeout_s=timeout_s, world=world)
         stack.callback(policies.close)
         return _Asked(policies.check(plan.action_space, plan.observation), usual_envs(policies), policies)
@@ -241,7 +243,7 @@ def _with_policy(settings: RunSettings, asked: _Asked, *, workers: int, envs: in
         most_envs=most,
         workers=workers,
         served_at=asked.host.address if asked.host else None,
-        known=asked.info if is_remote(settings.policy) else None,
+        known=asked.info if needs_of(settings.policy).server else None,
     )
 
 

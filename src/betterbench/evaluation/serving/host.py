@@ -22,7 +22,7 @@ from betterbench.evaluation.trials.trial import POLICY_TIMEOUT_S
 from betterbench.interface import PolicyInfo
 from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
 from betterbench.policies.clients.connection import LONGEST_WAIT_S
-from betterbench.policies.kinds.factory import PolicyFactory
+from betterbench.policies.factory import PolicyFactory
 
 logger = logging.getLogger(__name__)
 

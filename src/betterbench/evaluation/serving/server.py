@@ -21,8 +21,7 @@ from betterbench.policies.batching import MAX_BATCH
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import PROTOCOL
 from betterbench.policies.conventions.presets import NATIVE, own_preset
-from betterbench.policies.kinds.factory import is_privileged, make_policy, runs_apart
-from betterbench.policies.learned import is_learned, learned_info
+from betterbench.policies.kinds import kind_of, make_policy, needs_of
 from betterbench.policies.process.policy_process import start_policy
 from betterbench.policies.serving.server import DEFAULT_PORT, LOOPBACK, MAX_CLIENTS, PolicyServer
 from betterbench.sim.scenes import engine_version
@@ -85,19 +84,20 @@ def open_server(
         raise InvalidInputError("--batch", f"{batch} is out of range", "Give 1 to 1024")
     if not 1 <= clients <= MOST_CLIENTS:
         raise InvalidInputError("--clients", f"{clients} is out of range", f"Give 1 to {MOST_CLIENTS}")
-    if policy.startswith("replay:"):
+    kind = kind_of(policy)
+    needs = kind.needs_of(policy)
+    if needs.trial:
         raise InvalidInputError(
             f"policy {policy}", "a replay plays one known trial, so it cannot be served", "Evaluate it directly"
         )
     if trial is not None:
         resolve_condition(trial.task, trial.condition)
-    if layout is not None and not is_privileged(policy):
+    if layout is not None and not needs.state:
         raise InvalidInputError(
             "--layout", f"{policy} is no expert, and is asked in the layouts native and openpi_libero", "Leave it out"
         )
-    if is_learned(policy):
-        learned_info(policy)  # a checkpoint that is missing or damaged is said now, and not to the first client
-    if is_privileged(policy):
+    kind.describe(kind.parse(policy))  # a checkpoint that is missing is said now, and not to the first client
+    if needs.state:
         shadows = ShadowSimulations(policy)
         adapter = None if layout in (None, NATIVE.name) else own_preset(layout)
         return PolicyServer(
@@ -176,7 +176,7 @@ class SessionStore:
         with self._lock:
             policy = self._unused.pop() if self._unused else None
         if policy is None:
-            apart = self._deadline is not None and runs_apart(self._address)
+            apart = self._deadline is not None and needs_of(self._address).process
             policy = self._guarded(start_policy(self._address) if apart else make_policy(self._address))
         return PolicySession(policy.seat(), self._trial, within=within, on_close=lambda: self._take_back(policy))
 

@@ -19,7 +19,7 @@ from betterbench.geometry import normalize, to_axis_angle, turn_between
 from betterbench.interface import Observation
 from betterbench.interface.actions import EE_DELTA, EE_DELTA_MEASURED, EE_POSE, JOINT_DELTA, JOINT_POSITION
 from betterbench.interface.state import WorldState
-from betterbench.policies.kinds.factory import make_privileged
+from betterbench.policies.kinds import make_privileged
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
 from betterbench.tasks import TrialId

@@ -14,7 +14,7 @@ from betterbench.episodes import POLICY_BOUNDARY, Reply, answer
 from betterbench.errors import PolicyError
 from betterbench.interface import EpisodeStart, Observation, Policy
 from betterbench.interface.state import WorldState
-from betterbench.policies.kinds.factory import close_policy
+from betterbench.policies.factory import close_policy
 from betterbench.policies.process.policy_process import PolicyProcess
 from betterbench.tasks import TrialId
 

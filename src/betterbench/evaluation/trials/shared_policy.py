@@ -11,7 +11,7 @@ import numpy as np
 from betterbench.evaluation.trials.policy_thread import no_answer, ready_at
 from betterbench.interface import BatchPolicy, EpisodeStart, Observation, Policy
 from betterbench.policies.batching import BatchCollector
-from betterbench.policies.kinds.factory import close_policy
+from betterbench.policies.factory import close_policy
 
 
 @dataclass(frozen=True, slots=True)

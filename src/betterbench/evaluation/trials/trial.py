@@ -19,13 +19,7 @@ from betterbench.jobs.durable import on_disk
 from betterbench.jobs.lock import HeldFolder, held_folders
 from betterbench.jobs.retries import MAX_DEATHS
 from betterbench.json_form import file_digest
-from betterbench.policies.kinds.factory import (
-    PolicyFactory,
-    answer_limit_s,
-    close_policy,
-    is_privileged,
-    needs_no_thread,
-)
+from betterbench.policies.factory import PolicyFactory, answer_limit_s, close_policy
 from betterbench.records import JournalEntry, RunFolder, TrialStatus
 from betterbench.sim.scenes import Scene
 from betterbench.sim.scenes.stage import quality_preset
@@ -159,7 +153,7 @@ class TrialRunner:
         try:
             scene, context = self._set_up(trial)
             wall["setup_s"] = round(time.perf_counter() - began, 6)
-            if needs_no_thread(self.settings.asked):
+            if not self.policies.needs.thread:
                 result, ground_truth = self._run_here(scene, trial, context)
             else:
                 result = yield from self._run_asking(scene, context)
@@ -201,7 +195,7 @@ class TrialRunner:
     @property
     def _shown_by(self) -> Observer | None:
         """What makes the observations; None for a privileged policy, which is shown the state."""
-        return None if is_privileged(self.settings.policy) else self._observer
+        return None if self.policies.needs.state else self._observer
 
     def _run_here(
         self, scene: Scene | ForeignScene, trial: Trial, context: TrialContext
@@ -212,7 +206,7 @@ class TrialRunner:
             result = run_episode(scene, policy, context=context, observer=self._shown_by, on_step=self._on_step)
             return result, dict(getattr(policy, "ground_truth", {}))
         finally:
-            if is_privileged(self.settings.policy):
+            if self.policies.needs.state:
                 close_policy(policy)
 
     def _run_asking(

@@ -25,7 +25,7 @@ from betterbench.evaluation.workers.environment_count import LONGEST_QUEUE_S, En
 from betterbench.evaluation.workers.memory import room_for, used_bytes
 from betterbench.interface import BatchPolicy, Observation, Policy
 from betterbench.policies.batching import MAX_BATCH
-from betterbench.policies.kinds.factory import PolicyFactory, is_remote, needs_no_thread, runs_apart
+from betterbench.policies.factory import PolicyFactory
 from betterbench.records import JournalEntry
 from betterbench.tasks import TrialId
 
@@ -59,9 +59,10 @@ def usual_envs(policies: PolicyFactory) -> int:
     It is 1 for a policy that answers at once, and for a Python policy that answers one observation at a time: each
     environment has an instance of it, and instances may hold weights.
     """
-    if needs_no_thread(policies.address):
+    needs = policies.needs
+    if not needs.thread:
         return 1
-    return USUAL_ENVS if is_remote(policies.address) or policies.takes_batches else 1
+    return USUAL_ENVS if needs.server or policies.takes_batches else 1
 
 
 def fair_envs(envs: int, workers: int) -> int:
@@ -130,10 +131,11 @@ class Worker:
             raise InvalidInputError("--envs", f"{settings.envs} is out of range", f"Give a number from 1 to {MAX_ENVS}")
         self._settings = settings
         self._trial_runner = TrialRunner(settings, policies=policies, on_step=on_step)
-        self._threaded = not needs_no_thread(settings.asked)
-        self._timed = self._threaded and not is_remote(settings.asked)
+        needs = self._trial_runner.policies.needs
+        self._threaded = needs.thread
+        self._timed = needs.thread and not needs.server
         # Waiting for an answer can be ended where another process gives it.
-        self._cuts = is_remote(settings.asked) or runs_apart(settings.asked)
+        self._cuts = needs.server or needs.process
         self._shared: SharedPolicy | None = None
         self._lock = threading.Lock()
         self._slots = [_Slot() for _ in range(settings.envs)]
@@ -368,7 +370,7 @@ class Worker:
 
     def _new_thread(self) -> PolicyThread:
         make = self._share if self._trial_runner.policies.takes_batches else self._trial_runner.policies.take
-        client = is_remote(self._settings.asked)
+        client = self._trial_runner.policies.needs.server
         return PolicyThread(make, self._outbox, lambda: next(self._numbers), client=client)
 
     def _share(self) -> Policy:

@@ -17,8 +17,9 @@ from betterbench.errors import BetterError, RecordError, TrainingError, describe
 from betterbench.jobs.lock import HeldFolder, held_folders
 from betterbench.jobs.worker_process import interrupts_blocked, prepare_process
 from betterbench.json_form import file_digest
-from betterbench.policies.learned.address import FILE_NAME as CHECKPOINT
-from betterbench.policies.learned.address import PREFIX, checkpoint_of
+from betterbench.policies.kinds.learned import LEARNED, learned_address
+from betterbench.policies.learned.loading import FILE_NAME as CHECKPOINT
+from betterbench.policies.learned.loading import checkpoint_of
 from betterbench.policies.learned.recipe import TrainingRecipe
 from betterbench.policies.process.policy_process import exit_text
 from betterbench.tasks.user_files import TaskFile, load_sources, loaded_files
@@ -48,7 +49,7 @@ class TrainedPolicy:
 
     def require(self) -> None:
         """Raise RecordError if its checkpoint is not the one that was trained."""
-        require_weights(checkpoint_of(self.address), self.digest)
+        require_weights(checkpoint_of(LEARNED.parse(self.address)), self.digest)
 
     @classmethod
     def of(cls, address: str, digest: str, recipe: TrainingRecipe) -> TrainedPolicy:
@@ -214,4 +215,4 @@ def _train(job: TrainingJob, device: str, tell: OnWork) -> TrainedPolicy:
     result = train(
         job.recipe, data, job.out, device=device, on_progress=lambda p: tell(p.step, p.steps, f"loss {p.loss:.4f}")
     )
-    return TrainedPolicy.of(f"{PREFIX}{job.out}", file_digest(result.checkpoint), job.recipe)
+    return TrainedPolicy.of(learned_address(job.out), file_digest(result.checkpoint), job.recipe)

@@ -32,6 +32,7 @@ from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJ
 from betterbench.learning.study.outcomes import LearnerOutcome, TrialOutcome, read_trials, trials_form
 from betterbench.learning.study.plan import PlannedLearner, StudyPlan
 from betterbench.learning.study.work import Workshop
+from betterbench.policies.kinds.learned import learned_address
 from betterbench.policies.learned.recipe import TrainingRecipe
 from betterbench.tasks import get_task
 from betterbench.tasks.interventions.regimes import Regime, conditions_of
@@ -330,7 +331,7 @@ class _Study:
         for one in group:
             output = self._counted("learners", one.learner.name, one.inputs)
             address = str(output["address"]).replace(_HERE, str(self._out))
-            if address != f"learned:{one.job.out}":  # another address would run another policy, even a file of code
+            if address != learned_address(one.job.out):  # another address would run another policy, even a file of code
                 file = self._marker("learners", one.learner.name)
                 raise RecordError(f"{file}: output.address does not name the learner {one.learner.name}. {_CURE}.")
             policies.append(TrainedPolicy.of(address, str(output["digest"]), one.job.recipe))

@@ -16,7 +16,7 @@ from betterbench.evaluation.figures.views import ViewRenderer
 from betterbench.learning.study.learning import OnWork, TrainedPolicy, TrainingJob, train_learners
 from betterbench.learning.study.outcomes import TrialOutcome, outcomes_of
 from betterbench.learning.training.data import require_questions
-from betterbench.policies.learned.address import require_torch
+from betterbench.policies.learned.loading import require_torch
 from betterbench.policies.learned.recipe import TrainingRecipe
 from betterbench.records import RunFolder
 from betterbench.vqa import SetOptions

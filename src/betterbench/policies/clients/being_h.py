@@ -21,7 +21,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.endpoint_server import EndpointServer
 from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
-from betterbench.policies.conventions.presets import USUAL_ADAPTERS, adapter_of
+from betterbench.policies.conventions.presets import BEING_H_LIBERO, adapter_of
 from betterbench.policies.protocols.torch_payload import import_torch, read_torch, write_torch
 
 _UNIFIED = "action_unified"
@@ -50,7 +50,7 @@ class BeingHClient(ServerClient[BeingHServer]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         import_torch()
-        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        super().__init__(address, adapter_of(address, BEING_H_LIBERO), seed=seed)
         self._last: tuple[int, np.ndarray] | None = None  # step of the last question, and the whole chunk it brought
         self.info = describe_remote_policy(address, self.adapter, {}, says_actions=False)
         self._delay = address.whole("delay", self.info.execution.ahead)

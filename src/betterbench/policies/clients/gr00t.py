@@ -36,7 +36,7 @@ from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter, set_entry
 from betterbench.policies.conventions.modality import SEEN, Modalities, name_of
-from betterbench.policies.conventions.presets import USUAL_ADAPTERS, adapter_of
+from betterbench.policies.conventions.presets import GR00T_NEW_EMBODIMENT, adapter_of
 from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 
 logger = logging.getLogger(__name__)
@@ -88,7 +88,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
     """A GR00T policy; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        super().__init__(address, adapter_of(address, GR00T_NEW_EMBODIMENT), seed=seed)
         for name in ("constants", "depths"):
             if getattr(self.adapter, name):
                 raise address.error(f"adapter {self.adapter.name} has {name}, and GR00T knows none", "Remove them")

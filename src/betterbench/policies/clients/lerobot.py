@@ -22,7 +22,7 @@ import numpy as np
 
 from betterbench.errors import HandshakeError, InvalidInputError
 from betterbench.interface import EpisodeStart, Execution, Observation, Policy, PolicyInfo
-from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.address import EXECUTION, PolicyAddress
 from betterbench.policies.clients.checkpoint import CHUNK_TYPES, NOISE_TYPES, Checkpoint, Features, load_checkpoint
 from betterbench.policies.clients.remote import AdaptedPolicy, check_start, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter, InstructionRule
@@ -76,7 +76,7 @@ class LerobotPolicy(AdaptedPolicy):
 
     def _execution(self) -> Execution:
         """Return how chunks are played: as the address says, else as the checkpoint was evaluated in LeRobot."""
-        if any(option in self._address.options for option in EXECUTION_OPTIONS):
+        if self._address.given(EXECUTION):
             return self._address.execution()
         config = self._checkpoint.config
         rate = getattr(config, "temporal_ensemble_coeff", None)
@@ -120,7 +120,7 @@ class LerobotStepPolicy(AdaptedPolicy):
     """A policy with a memory; each environment has one of its own, and all share the weights."""
 
     def __init__(self, address: PolicyAddress, checkpoint: Checkpoint) -> None:
-        given = [option for option in EXECUTION_OPTIONS if option in address.options]
+        given = address.given(EXECUTION)
         if given:
             raise address.error(
                 f"a policy of type {checkpoint.type} sees every step and plays its chunks itself",

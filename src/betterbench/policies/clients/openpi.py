@@ -27,7 +27,7 @@ import numpy as np
 
 from betterbench.errors import PolicyError, last_line, one_line, printable
 from betterbench.interface import EpisodeStart, Observation
-from betterbench.policies.address import EXECUTION_OPTIONS, PolicyAddress
+from betterbench.policies.address import EXECUTION, PolicyAddress
 from betterbench.policies.clients.previous_chunk import moved_up, rows_left
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter
@@ -39,7 +39,7 @@ from betterbench.policies.conventions.handshake import (
     read_execution,
     read_server,
 )
-from betterbench.policies.conventions.presets import PRESETS, USUAL_ADAPTERS, adapter_of
+from betterbench.policies.conventions.presets import NATIVE, PRESETS, adapter_of
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import (
     MAX_FRAME_BYTES,
@@ -59,7 +59,7 @@ class OpenpiClient(ServerClient[WebSocket]):
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
         # What is wrong with the address itself is told before anybody is dialed.
-        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        super().__init__(address, adapter_of(address, NATIVE), seed=seed)
         self._max_bytes = max_bytes
         self._arrays: OpenpiArrays = address.choice("arrays", get_args(OpenpiArrays), "openpi")
         self._session = _new_session()
@@ -90,7 +90,7 @@ class OpenpiClient(ServerClient[WebSocket]):
         )
         # What the address says about playing chunks goes before what the server says, and that before the preset.
         told = read_execution(self._where, ours)
-        if told is not None and not set(EXECUTION_OPTIONS) & set(address.options):
+        if told is not None and not address.given(EXECUTION):
             info = replace(info, execution=told)
         self.info = info
 

@@ -127,7 +127,7 @@ class AdaptedPolicy:
 class ServerClient(AdaptedPolicy, Generic[Connection]):
     """A policy behind a server; each environment has a client of its own.
 
-    What a client raises when it is made is said at :func:`betterbench.policies.clients.connect.connect`. Its ``act``
+    What a client raises when it is made is said at :func:`betterbench.policies.kinds.make_policy`. Its ``act``
     raises PolicyError if the reply cannot be used or none came, and PolicyUnavailableError if the server cannot be
     reached.
     """

@@ -23,7 +23,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.remote import ServerClient, check_start, describe_remote_policy
 from betterbench.policies.conventions.adapter import set_entry
 from betterbench.policies.conventions.answers import number_array
-from betterbench.policies.conventions.presets import USUAL_ADAPTERS, adapter_of
+from betterbench.policies.conventions.presets import STARVLA, adapter_of
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
@@ -38,7 +38,7 @@ class StarVlaClient(ServerClient[WebSocket]):
     """A policy behind starVLA's websocket; one client asks for many environments."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
-        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        super().__init__(address, adapter_of(address, STARVLA), seed=seed)
         self._layout = address.choice("layout", get_args(ExampleLayout), "payload")
         self._metadata: Mapping[Any, Any] = {}
         self._lock = threading.Lock()

@@ -28,7 +28,7 @@ from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.remote import ServerClient, describe_remote_policy
 from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.handshake import Declaration, compare_declarations
-from betterbench.policies.conventions.presets import USUAL_ADAPTERS, adapter_of
+from betterbench.policies.conventions.presets import VLA_EVAL, adapter_of
 from betterbench.policies.conventions.proprioception import StatePart, StateRule
 from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import MAX_FRAME_BYTES, ImageCoding, decode_vla_eval, encode_vla_eval
@@ -75,7 +75,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
     """A policy behind the protocol of vla-evaluation-harness; each environment has a client of its own."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0, max_bytes: int = MAX_FRAME_BYTES) -> None:
-        super().__init__(address, adapter_of(address, USUAL_ADAPTERS[address.scheme]), seed=seed)
+        super().__init__(address, adapter_of(address, VLA_EVAL), seed=seed)
         self._max_bytes, self._wanted = max_bytes, self.adapter
         self._images: ImageCoding = address.choice("images", get_args(ImageCoding), "raw")
         self._hello: Mapping[Any, Any] = {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -16,7 +15,7 @@ from betterbench.interface.actions import (
     TRANSLATION_PER_UNIT_M,
     WORLD_ACTION_SPACES,
 )
-from betterbench.policies.address import CAMERA_OPTION, CONSTANT_OPTION, OWN_OPTIONS, PolicyAddress
+from betterbench.policies.address import CAMERA, CONSTANT, PolicyAddress
 from betterbench.policies.conventions.adapter import Adapter, ConstantRule, InstructionRule
 from betterbench.policies.conventions.answers import AnswerKind, AnswerPart, AnswerRule, Polarity, twist
 from betterbench.policies.conventions.image_rule import EVERY_CAMERA, Fit, ImageRule, QuarterTurn
@@ -396,15 +395,6 @@ _LIBERO_LAYOUTS: tuple[tuple[Adapter, str, Polarity], ...] = (
     (DEXBOTIC_COGACT, "dexbotic_cogact_libero", "close_positive"),
 )
 
-USUAL_ADAPTERS: Mapping[str, Adapter] = {
-    "openpi": NATIVE,
-    "gr00t": GR00T_NEW_EMBODIMENT,
-    "being-h": BEING_H_LIBERO,
-    "vla-eval": VLA_EVAL,
-    "starvla": STARVLA,
-}
-"""The preset of each kind of server whose address names none."""
-
 _LAYOUTS = (
     *(NATIVE, OPENPI_LIBERO, OPENPI_DROID, GR00T_NEW_EMBODIMENT, GR00T_LIBERO_PANDA, GR00T_OXE_WIDOWX),
     *(GR00T_OXE_DROID, BEING_H_LIBERO, VLA_EVAL, STARVLA, STARVLA_STATE, OPENVLA, OPENVLA_OFT, X_VLA, LEROBOT),
@@ -480,7 +470,7 @@ def adapter_of(address: PolicyAddress, default: Adapter | None = None) -> Adapte
             "neither it nor the server says which images and state the policy wants",
             f"Add ?preset=NAME ({', '.join(presets_in(address.world))}{also}) or ?adapter=FILE",
         )
-    cameras = {k.removeprefix(CAMERA_OPTION): v for k, v in options.items() if k.startswith(CAMERA_OPTION)}
+    cameras = {k.removeprefix(CAMERA.name): v for k, v in options.items() if k.startswith(CAMERA.name)}
     if cameras:
         adapter = adapter.with_cameras(cameras)
     adapter = _with_constants(adapter, address)
@@ -542,28 +532,16 @@ def presets_in(world: str) -> tuple[str, ...]:
 _WORLD_NAMES = {"": "our own scene", "libero": "LIBERO", "libero_plus": "LIBERO-Plus", "calvin": "CALVIN"}
 
 
-def space_in_world(text: str, world: str) -> str | None:
-    """Return the action space in which a remote policy answers in a foreign world; None where its address does not say.
-
-    Raises what :func:`adapter_of` raises.
-    """
-    if text.partition(":")[0] not in OWN_OPTIONS:
-        return None
-    address = PolicyAddress.parse(text, world=world)
-    usual = USUAL_ADAPTERS.get(address.scheme)
-    return adapter_of(address, usual).answer.space if usual is not None or address.names_adapter else None
-
-
 def _with_constants(adapter: Adapter, address: PolicyAddress) -> Adapter:
     """Return the adapter with the constants that an address gives; raise InvalidInputError if one is still open."""
-    given = {k.removeprefix(CONSTANT_OPTION): v for k, v in address.options.items() if k.startswith(CONSTANT_OPTION)}
+    given = {k.removeprefix(CONSTANT.name): v for k, v in address.options.items() if k.startswith(CONSTANT.name)}
     if given:
         adapter = adapter.with_constants({key: _constant(text) for key, text in given.items()})
     for rule in adapter.constants:
         if rule.value is None:
             name = "/".join(rule.key)
             raise address.error(
-                f"{adapter.name} sends {name}, which has no safe default", f"Add {CONSTANT_OPTION}{name}=VALUE"
+                f"{adapter.name} sends {name}, which has no safe default", f"Add {CONSTANT.name}{name}=VALUE"
             )
     return adapter
 

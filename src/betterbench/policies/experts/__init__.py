@@ -1,19 +1,28 @@
-"""Privileged policies: the expert, and the faulty policies that calibrate the diagnosis."""
+"""Privileged policies: the expert, and the faulty policies that calibrate the diagnosis.
 
+Each public name is imported from its module when it is first used: an address can be read without a simulator.
+"""
+
+import importlib
 from typing import TYPE_CHECKING
 
-from betterbench.policies.experts.registry import EXPERTS, REPLAYS, Address, expert_names, parse_address
-
 if TYPE_CHECKING:
+    from betterbench.policies.experts.address import Address
     from betterbench.policies.experts.privileged import PrivilegedAgent, make_expert
+    from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names, parse_address
 
 __all__ = ["EXPERTS", "REPLAYS", "Address", "PrivilegedAgent", "expert_names", "make_expert", "parse_address"]
 
+_MODULES = {
+    "address": ("Address",),
+    "privileged": ("PrivilegedAgent", "make_expert"),
+    "registry": ("EXPERTS", "REPLAYS", "expert_names", "parse_address"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
 
 def __getattr__(name: str) -> object:
-    """Import what needs a simulator when it is asked for; the list of policies needs none."""
-    if name not in ("PrivilegedAgent", "make_expert"):
+    """Import the module of a name when it is first used."""
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from betterbench.policies.experts import privileged  # noqa: PLC0415
-
-    return getattr(privileged, name)
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -71,10 +71,11 @@ class LiberoAgent:
         """Prepare for an episode that has been reset.
 
         Raises:
-            InvalidInputError: If there is no such policy in LIBERO, or the task asks for something else.
+            UnknownNameError: If there is no such policy.
+            InvalidInputError: If it does not know LIBERO, or the task asks for something else.
         """
         asked = parse_address(address)
-        if asked is None or asked.name not in POLICIES:
+        if asked.name not in POLICIES:
             raise InvalidInputError("policy", f"{address} does not know LIBERO", f"Give {', '.join(POLICIES)}")
         self._name, self._rule, self._noise_m = address, asked.name, asked.action_noise_m
         self._scene = scene

@@ -8,21 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from betterbench.errors import UnknownNameError
 from betterbench.interface.state import PrivilegedPolicy, WorldState
 from betterbench.policies.decisions import Bring, Decision, Draw, Freeze, GraspAt, GraspOffset, Rest, Situation, Wander
+from betterbench.policies.experts.address import WITNESS, Address
 from betterbench.policies.experts.motion import OPEN, TRANSLATION_PER_UNIT_M, delta_action, hold
 from betterbench.policies.experts.planner import Planner
 from betterbench.policies.experts.probes import make_replay
-from betterbench.policies.experts.registry import (
-    EXPERTS,
-    REPLAYS,
-    WITNESS,
-    Address,
-    expert_names,
-    parse_address,
-    witnessed,
-)
+from betterbench.policies.experts.registry import EXPERTS, REPLAYS, parse_address, witnessed
 from betterbench.policies.experts.skills import Skills
 from betterbench.policies.experts.witness import Witness
 from betterbench.policies.faulty import BrokenRule, Clumsy, Crash, Slow
@@ -215,12 +207,10 @@ def make_expert(address: str, scene: Scene) -> PrivilegedPolicy:
         scene: The scene the episode runs in.
 
     Raises:
-        UnknownNameError: If there is no such policy.
-        InvalidInputError: If an option is unknown or out of range.
+        UnknownNameError: If there is no such policy or option.
+        InvalidInputError: If an option is out of range.
     """
     asked = parse_address(address)
-    if asked is None:
-        raise UnknownNameError("privileged policy", address, expert_names())
     if asked.name in REPLAYS:
         return make_replay(asked.name, scene, play=lambda other: make_expert("expert", other))
     situation = Situation(scene.task, scene.condition, scene.seed)

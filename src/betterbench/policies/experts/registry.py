@@ -1,14 +1,14 @@
-"""Addresses of the privileged policies: "expert", "zoo:lexical", "zoo:lexical?strength=0.3&action_noise=0.002"."""
+"""The privileged policies by address, with the rule of each."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from urllib.parse import parse_qsl
 
-from betterbench.errors import InvalidInputError
+from betterbench.errors import UnknownNameError
+from betterbench.policies.address import AddressForm
 from betterbench.policies.decisions import Situation
+from betterbench.policies.experts.address import EXPERT_FORM, PROBE_FORM, WITNESS, ZOO_FORM, Address
 from betterbench.policies.faulty import (
     BrokenRule,
     Clumsy,
@@ -30,9 +30,6 @@ from betterbench.policies.faulty import (
     Shape,
     Slow,
 )
-
-MAX_ACTION_NOISE_M = 0.02
-"""Largest action noise that can be asked for [m]; with more, everything is knocked over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,10 +79,6 @@ REPLAYS = {
     "probe:replay": "Plays a demonstration of the twin's condition, without looking.",
 }
 
-WITNESS = "expert:witness"
-"""The expert that also writes down which faulty rules decide as it does (see
-:mod:`betterbench.policies.experts.witness`)."""
-
 
 def witnessed() -> tuple[str, ...]:
     """Return the rules that a witness asks: those that move as well as the expert and never break down."""
@@ -93,54 +86,21 @@ def witnessed() -> tuple[str, ...]:
     return tuple(name for name, e in EXPERTS.items() if e.rule not in (BrokenRule, *motion))
 
 
-@dataclass(frozen=True, slots=True)
-class Address:
-    """A privileged policy and the noise in which it is asked for.
-
-    Attributes:
-        name: Its name without options.
-        strength: Share of trials in which its rule applies.
-        action_noise_m: Standard deviation of the noise on each control step's translation [m].
-    """
-
-    name: str
-    strength: float = 1.0
-    action_noise_m: float = 0.0
-
-    def __str__(self) -> str:
-        """Return the address, options that have their default left out."""
-        options = [f"strength={self.strength:g}"] * (self.strength < 1.0) + [
-            f"action_noise={self.action_noise_m:g}"
-        ] * (self.action_noise_m > 0.0)
-        return self.name + ("?" + "&".join(options) if options else "")
+def expert_names(form: AddressForm | None = None) -> tuple[str, ...]:
+    """Return the addresses of the privileged policies: all, or those of one form."""
+    return tuple(name for name in (*EXPERTS, *REPLAYS) if form is None or form.has(name))
 
 
-def expert_names() -> tuple[str, ...]:
-    """Return the addresses of all privileged policies."""
-    return (*EXPERTS, *REPLAYS)
-
-
-def parse_address(address: str) -> Address | None:
-    """Return what an address asks for, or None if it names no privileged policy.
+def parse_address(address: str) -> Address:
+    """Return what an address asks for.
 
     Raises:
-        InvalidInputError: If an option is unknown or out of range.
+        UnknownNameError: If it names no privileged policy, or an option is unknown.
+        InvalidInputError: If an option is out of range.
     """
-    name, _, query = address.partition("?")
-    if name not in EXPERTS and name not in REPLAYS and name != WITNESS:
-        return None
-    ranges = {"strength": (0.0, 1.0), "action_noise": (0.0, MAX_ACTION_NOISE_M)}
-    found = {"strength": 1.0, "action_noise": 0.0}
-    for key, text in parse_qsl(query, keep_blank_values=True):
-        where = f"policy {address}"
-        if key not in ranges:
-            raise InvalidInputError(where, f"the option {key!r} is unknown", f"Use {' or '.join(ranges)}")
-        low, high = ranges[key]
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            raise InvalidInputError(where, f"{key} is {text!r}", f"Give a number from {low:g} to {high:g}")
-        found[key] = value
-    return Address(name, found["strength"], found["action_noise"])
+    form = next((form for form in (EXPERT_FORM, ZOO_FORM, PROBE_FORM) if form.has(address)), None)
+    if form is not None:
+        read = form.read(address)
+        if read.name in EXPERTS or read.name in REPLAYS or read.name == WITNESS:
+            return Address.of(read)
+    raise UnknownNameError("privileged policy", address, expert_names())

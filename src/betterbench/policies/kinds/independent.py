@@ -4,32 +4,53 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from betterbench.installation import calibration_module
-from betterbench.interface.state import PrivilegedPolicy
+from betterbench.policies.address import AddressForm, PolicyAddress
+from betterbench.policies.kinds.kind import STATE, PlannedTrial, PolicyKind, register
+from betterbench.policies.kinds.privileged import describe_privileged, needs_own_scenes, own_scene
 
 if TYPE_CHECKING:
+    from types import ModuleType
+
+    from betterbench.interface.state import PrivilegedPolicy
     from betterbench.sim.scenes import Scene
+    from betterbench.sim.worlds import ForeignScene
 
-PREFIX = "independent:"
-
-
-def is_independent(address: str) -> bool:
-    """Tell whether an address is one of the independent family.
-
-    Raises:
-        UnknownNameError: If the family has no such policy.
-        MissingDependencyError: If the distribution is not installed; the text says how to install it.
-    """
-    if not address.startswith(PREFIX):
-        return False
-    return bool(calibration_module("independent", _problem(address)).is_independent(address))
+_FORM = AddressForm(scheme="independent", example="independent:HABIT-MANNER")
 
 
-def make_independent(address: str, scene: Scene) -> PrivilegedPolicy:
-    """Return a policy of the independent family for one episode in a scene; raises what :func:`is_independent` does."""
-    made: PrivilegedPolicy = calibration_module("independent", _problem(address)).make_independent(address, scene)
+def _family(address: str) -> ModuleType:
+    """Return the register of the family; the error without the distribution says how to install it."""
+    from betterbench.installation import calibration_module
+
+    problem = f"{address} is a policy of the independent family, which needs betterbench-calibration"
+    return calibration_module("independent.registry", problem)
+
+
+def _read(text: str, world: str) -> PolicyAddress:
+    address = _FORM.read(text, world=world)
+    _family(text).policy_of(text)
+    return address
+
+
+def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+    del trial
+    made: PrivilegedPolicy = _family(address.text).make_independent(address.text, own_scene(address, scene))
     return made
 
 
-def _problem(address: str) -> str:
-    return f"{address} is a policy of the independent family, which needs betterbench-calibration"
+def _require_world(address: PolicyAddress, world: str) -> None:
+    raise needs_own_scenes(address, "plans with the privileged state", world)
+
+
+INDEPENDENT = register(
+    PolicyKind(
+        form=_FORM,
+        shown="independent:HABIT-MANNER",
+        summary="A faulty policy of the second, independent family, for calibrations.",
+        needs=STATE,
+        read=_read,
+        make_for=_make_for,
+        describe=describe_privileged,
+        require_world=_require_world,
+    )
+)

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from betterbench.errors import InvalidInputError, RecordError
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
-from betterbench.policies.conventions.handshake import space_cure
-from betterbench.records import RunFolder
+from betterbench.policies.address import AddressForm, PolicyAddress
+from betterbench.policies.kinds.kind import PlannedTrial, PolicyKind, PolicyNeeds, register
+
+if TYPE_CHECKING:
+    from betterbench.sim.scenes import Scene
+    from betterbench.sim.worlds import ForeignScene
 
 
 class Replay:
@@ -20,6 +25,8 @@ class Replay:
 
     def __init__(self, folder: str, *, task: str, condition: str, base: str, seed: int) -> None:
         """Load the actions; raise InvalidInputError if the run has neither record, or no folder was named."""
+        from betterbench.records import RunFolder
+
         if not folder:
             raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
         run = RunFolder.open(Path(folder))
@@ -43,6 +50,8 @@ class Replay:
     def reset(self, start: EpisodeStart) -> None:
         """Go back to the first action; raise InvalidInputError if the run uses another action space than the record."""
         if start.action_space != self._space:
+            from betterbench.policies.conventions.handshake import space_cure
+
             raise InvalidInputError(
                 "action space",
                 f"the record was made with {self._space!r}, the run uses {start.action_space!r}",
@@ -62,3 +71,42 @@ class Replay:
         elif len(actions):
             still[-1] = actions[-1][-1]
         return still
+
+
+_FORM = AddressForm(scheme="replay", example="replay:RUN")
+
+
+def _read(text: str, world: str) -> PolicyAddress:
+    folder = text.partition(":")[2]  # all of it: a folder may have a question mark in its name
+    if not folder:
+        raise InvalidInputError("policy replay", "no run was named", "Write replay:RUN with the folder of a run")
+    return PolicyAddress(text, _FORM, folder, {}, world)
+
+
+def _describe(address: PolicyAddress) -> PolicyInfo:
+    """Return what is known before a trial: the action space is that of each record."""
+    from betterbench.records import RunFolder
+
+    RunFolder.open(Path(address.target))
+    return PolicyInfo(address.text, action_space="", needs_images=False)
+
+
+def _make_for(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> Replay:
+    del scene
+    if trial is None:
+        raise address.error("it replays the records of planned trials", "Evaluate it")
+    base = trial.base_condition or trial.condition
+    return Replay(address.target, task=trial.task, condition=trial.condition, base=base, seed=trial.seed)
+
+
+REPLAY = register(
+    PolicyKind(
+        form=_FORM,
+        shown="replay:RUN",
+        summary="Plays the recorded actions of another run, open loop.",
+        needs=PolicyNeeds(trial=True),
+        read=_read,
+        make_for=_make_for,
+        describe=_describe,
+    )
+)

@@ -1,15 +1,14 @@
 """Learned policies: what they are shown, their networks, their checkpoints, and how a checkpoint acts.
 
-Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`address`
+Only :mod:`network`, :mod:`pixels`, :mod:`networks`, :mod:`checkpoint` and :mod:`policy` need torch; :mod:`loading`
 imports them when they are used.
 """
 
-from betterbench.policies.learned.address import is_learned, is_seeing, learned_info, make_learned, make_seeing
+from betterbench.policies.learned.loading import is_seeing, learned_info, make_learned, make_seeing
 from betterbench.policies.learned.recipe import TrainingRecipe, read_training_recipe
 
 __all__ = [
     "TrainingRecipe",
-    "is_learned",
     "is_seeing",
     "learned_info",
     "make_learned",

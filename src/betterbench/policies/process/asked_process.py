@@ -6,7 +6,6 @@ Nothing here imports a simulator, so that the process starts fast and the memory
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import signal
 import socket
@@ -20,7 +19,7 @@ from typing import Any
 
 from betterbench.errors import BetterError, InvalidInputError, UnknownNameError, described
 from betterbench.interface import BatchPolicy, Policy
-from betterbench.policies.process.plugin import load_plugin, source_of
+from betterbench.policies.kinds import find_kind, make_policy, read_address
 from betterbench.policies.process.process_link import (
     LENGTH,
     Declared,
@@ -57,12 +56,14 @@ def main(address: str, link: int, life: int, world: str = "") -> None:
         Path("/proc/self/oom_score_adj").write_text("500")  # where memory runs out, it is this process that ends
     sys.excepthook = lambda *_: _exit(1)
     run = socket.socket(fileno=link)
+    kind = find_kind(address)
+    source_of = None if kind is None else kind.source_of
     try:
-        policy = _load(address, world)
-        source = source_of(address.removeprefix("python:")) if address.startswith("python:") else ""
+        policy = make_policy(address, world=world)
+        source = "" if source_of is None else source_of(read_address(address))
         run.sendall(answer_frame(ProcessAnswer(0, declared=_declared(policy, source))))
     except BaseException as problem:  # noqa: BLE001 - whatever a constructor raises is told to the run
-        if not (isinstance(problem, BetterError) or address.startswith("python:")):
+        if not (isinstance(problem, BetterError) or source_of):  # an error of the user's file names its line
             traceback.print_exc()
         run.sendall(answer_frame(_told(0, problem)))
         _exit(1)
@@ -87,14 +88,6 @@ def _end_with_run(life: int) -> None:
         with contextlib.suppress(BaseException):
             _killpg(0, signal.SIGKILL)
         _exit(1)
-
-
-def _load(address: str, world: str) -> Policy:
-    if address.startswith("python:"):
-        return load_plugin(address.removeprefix("python:"))
-    connect = importlib.import_module("betterbench.policies.clients.connect").connect
-    made: Policy = connect(address, world=world)
-    return made
 
 
 def _question(run: socket.socket) -> tuple[int, str, tuple[Any, ...], dict[str, Any]] | None:

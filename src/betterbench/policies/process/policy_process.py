@@ -34,6 +34,7 @@ from betterbench.errors import (
 from betterbench.interface import EpisodeStart, Observation
 from betterbench.jobs.leftovers import end_leftovers
 from betterbench.jobs.process_output import ProcessOutput
+from betterbench.policies.kinds import kind_of
 from betterbench.policies.process.asked_process import ERRORS
 from betterbench.policies.process.process_link import LENGTH, MAX_LINK_BYTES, Declared, ProcessAnswer
 from betterbench.policies.process.process_reader import read_answer
@@ -128,7 +129,7 @@ class PolicyProcess:
 
     def check(self, **conventions: Any) -> None:  # noqa: ANN401 - texts, numbers and specifications
         """Let a checkpoint compare its conventions with those of the run; others declare nothing to compare."""
-        if self._address.startswith("lerobot:"):
+        if kind_of(self._address).compares:
             self._ask("check", options=conventions)
 
     def distrust(self) -> None:

@@ -39,14 +39,14 @@ def write_calibration_page(
     svg = _drawn(figure, "svg")
     write(out / "confusion.svg", svg)
     write(out / "confusion.png", _drawn(figure, "png"))
-    write(out / "calibration.md", calibration_markdown(calibration))
+    write(out / "calibration.md", calibration_markdown(calibration, family))
     pages = environment()
     pages.filters.update(rate=rate_text, name=label_name)
     page = pages.get_template("calibration.html.jinja").render(
         calibration=calibration,
         what=FAMILIES[family],
         summary=calibration_summary(calibration),
-        policies=rates_by_policy(calibration),
+        policies=rates_by_policy(calibration, family),
         strips={key: data_uri(image, "image/jpeg") for key, image in (strips or {}).items()},
         matrix=data_uri(svg, "image/svg+xml"),
         scores=calibration.scores(),
@@ -101,8 +101,8 @@ def confusion_figure(calibration: Calibration) -> Figure:
     return figure
 
 
-def calibration_markdown(calibration: Calibration) -> str:
-    """Return the tables of a calibration as Markdown."""
+def calibration_markdown(calibration: Calibration, family: str = "faulty") -> str:
+    """Return the tables of a calibration as Markdown; the policies of which family were run decides their rows."""
     lines = [
         calibration_summary(calibration),
         "",
@@ -114,15 +114,17 @@ def calibration_markdown(calibration: Calibration) -> str:
         for s in calibration.scores()
     ]
     lines += ["", "| policy | right |", "|---|---|"]
-    lines += [f"| {markdown_code(name)} | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration).items()]
+    lines += [
+        f"| {markdown_code(name)} | {rate_text(rate)} |" for name, rate in rates_by_policy(calibration, family).items()
+    ]
     return "\n".join(lines) + "\n"
 
 
-def rates_by_policy(calibration: Calibration) -> dict[str, Rate]:
-    """Return the right trials of each policy; those of a habit of the independent family count together."""
+def rates_by_policy(calibration: Calibration, family: str) -> dict[str, Rate]:
+    """Return the right trials of each policy of the zoo, or of each habit of the independent family in any manner."""
     rates: dict[str, Rate] = {}
-    for address, rate in calibration.policies.items():
-        name = address.rpartition("-")[0] if address.startswith("independent:") else address
+    for policy, rate in calibration.policies.items():
+        name = policy if family == "faulty" else policy.rpartition("-")[0]
         before = rates.get(name, Rate(0, 0))
         rates[name] = Rate(before.k + rate.k, before.n + rate.n)
     return rates

@@ -187,7 +187,7 @@ def _overall(matrix: PowerMatrix) -> Table:
 def _rules(matrix: PowerMatrix) -> Table:
     rows = [(_name(key), *(_count(matrix.cell(name, key)) for name in matrix.rules)) for key in matrix.variations]
     caption = "Successes out of trials of every faulty rule at full strength, with the expert's motion."
-    names = (f"`{name.removeprefix('zoo:')}`" for name in matrix.rules)
+    names = (f"`{name.rpartition(':')[2]}`" for name in matrix.rules)
     return Table("The faulty rules by variation", caption, ("variation", *names), tuple(rows))
 
 

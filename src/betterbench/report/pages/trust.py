@@ -57,7 +57,7 @@ def _blind(ran: set[str]) -> dict[str, str]:
     for cell in flagged(cells):
         if f"{cell.task}/{cell.variation}" in ran:
             name = f"{cell.task}/{cell.variation} ({cell.rate.k}/{cell.rate.n})"
-            blind.setdefault(cell.pretender.removeprefix("probe:"), []).append(name)
+            blind.setdefault(cell.pretender.rpartition(":")[2], []).append(name)
     facts = {
         "Blind probes": "; ".join(f"{probe} solves {listed(names)}" for probe, names in sorted(blind.items()))
         + " more often than by chance: a success there proves less."

@@ -5,9 +5,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING
 
-from betterbench_calibration.independent.address import PREFIX
-from betterbench_calibration.independent.membership import is_independent
-
 if TYPE_CHECKING:
     from betterbench_calibration.independent.registry import (
         FAMILY_PARTS,
@@ -15,22 +12,30 @@ if TYPE_CHECKING:
         IndependentPolicy,
         Shown,
         make_independent,
+        policy_of,
         shown_in,
     )
 
 __all__ = [
     "FAMILY_PARTS",
     "INDEPENDENT",
-    "PREFIX",
     "IndependentPolicy",
     "Shown",
-    "is_independent",
     "make_independent",
+    "policy_of",
     "shown_in",
 ]
 
 _MODULES = {
-    "registry": ("FAMILY_PARTS", "INDEPENDENT", "IndependentPolicy", "Shown", "make_independent", "shown_in"),
+    "registry": (
+        "FAMILY_PARTS",
+        "INDEPENDENT",
+        "IndependentPolicy",
+        "Shown",
+        "make_independent",
+        "policy_of",
+        "shown_in",
+    ),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

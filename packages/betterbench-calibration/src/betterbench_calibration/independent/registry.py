@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from betterbench.errors import UnknownNameError, find_named
 from betterbench.tasks import get_task, suite_tasks
 from betterbench.tasks.interventions import condition_names, resolve_condition
-from betterbench_calibration.independent.address import PREFIX
 from betterbench_calibration.independent.habit import Habit, Honest
 from betterbench_calibration.independent.habits_development import DEVELOPMENT
 from betterbench_calibration.independent.habits_fifth import FIFTH
@@ -48,7 +47,7 @@ class IndependentPolicy:
     @property
     def address(self) -> str:
         """Its address."""
-        return f"{PREFIX}{self.habit.name}-{self.manner.name}"
+        return f"independent:{self.habit.name}-{self.manner.name}"
 
 
 MANNERS_OF: dict[str, dict[str, Manner]] = {
@@ -78,6 +77,17 @@ def stated_truth(habit: Habit, case: Occasion) -> tuple[StatedTruth, bool]:
     return StatedTruth(HONEST, first_right=True if case.first_thing() else None), False
 
 
+def policy_of(address: str) -> IndependentPolicy:
+    """Return the policy of an address.
+
+    Raises:
+        UnknownNameError: If there is no such policy.
+    """
+    if address not in INDEPENDENT:
+        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
+    return INDEPENDENT[address]
+
+
 def make_independent(address: str, scene: Scene) -> IndependentAgent:
     """Return a policy of the family for one episode of a scene at its start.
 
@@ -88,9 +98,7 @@ def make_independent(address: str, scene: Scene) -> IndependentAgent:
     from betterbench_calibration.independent.agent import IndependentAgent  # noqa: PLC0415
     from betterbench_calibration.independent.body import Body  # noqa: PLC0415
 
-    if address not in INDEPENDENT:
-        raise UnknownNameError("policy of the independent family", address, INDEPENDENT)
-    policy = INDEPENDENT[address]
+    policy = policy_of(address)
     case = Occasion.of(scene.task, scene.condition)
     truth, shows = stated_truth(policy.habit, case)
     body = Body(scene, case, policy.manner, policy.habit.name, truth)

@@ -15,6 +15,8 @@ from urllib.parse import unquote
 
 from betterbench.errors import BetterError, InvalidInputError, PolicyProcessError, described
 from betterbench.interface import Policy, PolicyInfo
+from betterbench.policies.address import AddressForm, PolicyAddress
+from betterbench.policies.kinds.kind import OWN_PROCESS, PolicyKind, register
 
 
 def load_plugin(address: str) -> Policy:
@@ -58,7 +60,7 @@ def source_of(address: str) -> str:
     if not path or not Path(path).is_file():
         return ""
     # Imported here, as below, because the process of a policy needs no pydantic.
-    from betterbench.json_form import read_ordinary  # noqa: PLC0415
+    from betterbench.json_form import read_ordinary
 
     return f"{Path(path).name}, sha256 {hashlib.sha256(read_ordinary(Path(path))).hexdigest()}"
 
@@ -83,7 +85,7 @@ def _parts(address: str) -> tuple[str, str, dict[str, Any]]:
 
 
 def _value(text: str) -> Any:  # noqa: ANN401 - whatever JSON says
-    from betterbench.json_form import parse_json  # noqa: PLC0415 - as above
+    from betterbench.json_form import parse_json  # as above
 
     try:
         return parse_json(text)
@@ -143,3 +145,38 @@ def _load_file(path: Path) -> ModuleType:
             f"policy python:{path}", f"it cannot be loaded: {described(error)}", "Correct the file"
         ) from error
     return module
+
+
+_FORM = AddressForm(scheme="python", example="python:FILE.py:CLASS")
+
+
+def _rest(text: str) -> str:
+    return text.removeprefix(f"{_FORM.scheme}:")
+
+
+def _read(text: str, world: str) -> PolicyAddress:
+    """Read an address whose options are arguments of the user's class: which it has is known when it is loaded."""
+    _parts(_rest(text))
+    return PolicyAddress(text, _FORM, _rest(text).partition("?")[0], {}, world)
+
+
+def _make(address: PolicyAddress) -> Policy:
+    return load_plugin(_rest(address.text))
+
+
+def _source_of(address: PolicyAddress) -> str:
+    return source_of(_rest(address.text))
+
+
+PYTHON = register(
+    PolicyKind(
+        form=_FORM,
+        shown="python:FILE.py:CLASS",
+        summary="Your own class with info, reset and act; arguments follow as ?key=value.",
+        needs=OWN_PROCESS,
+        make=_make,
+        read=_read,
+        source_of=_source_of,
+        risk="runs the Python code of {target}",
+    )
+)

@@ -1,26 +1,18 @@
-"""Reference policies without a policy: do nothing, or do anything."""
+"""A random walk, which the floor of what can be reached by chance is measured with."""
 
 from __future__ import annotations
 
 import hashlib
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
+from betterbench.policies.address import AddressForm
+from betterbench.policies.kinds.kind import AT_ONCE, PolicyKind, register
 
-
-class Noop:
-    """Never moves."""
-
-    info = PolicyInfo("noop", needs_images=False)
-
-    def reset(self, start: EpisodeStart) -> None:
-        """Begin an episode; there is nothing to forget."""
-
-    def act(self, observation: Observation) -> np.ndarray:
-        """Return the action that holds still with an open gripper, shape (7,)."""
-        del observation
-        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+if TYPE_CHECKING:
+    from betterbench.policies.address import PolicyAddress
 
 
 class Random:
@@ -47,3 +39,19 @@ class Random:
         if self._draw.random() < 0.02:
             self._gripper = -self._gripper
         return np.concatenate([self._velocity, [self._gripper]])
+
+
+def _make(address: PolicyAddress) -> Random:
+    del address
+    return Random()
+
+
+RANDOM = register(
+    PolicyKind(
+        form=AddressForm(scheme="random", example="random", target="none"),
+        shown="random",
+        summary="A seeded random walk with a gripper that opens and closes.",
+        needs=AT_ONCE,
+        make=_make,
+    )
+)

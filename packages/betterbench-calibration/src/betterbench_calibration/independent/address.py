@@ -1,3 +1,0 @@
-"""How the addresses of the independent family begin."""
-
-PREFIX = "independent:"

@@ -1,0 +1,6 @@
+"""The expert: plans with the privileged state and does what is asked."""
+
+from betterbench.policies.experts.address import EXPERT_FORM
+from betterbench.policies.kinds.privileged import register_privileged
+
+EXPERT = register_privileged(EXPERT_FORM, "Does what is asked, in order.")

@@ -1,0 +1,271 @@
+"""A kind of policies as one value, and the register of all kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, cast
+
+from betterbench.errors import UnknownNameError
+from betterbench.policies.address import AddressForm, PolicyAddress
+
+if TYPE_CHECKING:
+    from betterbench.interface import Policy, PolicyInfo
+    from betterbench.interface.state import AnyPolicy, PrivilegedPolicy
+    from betterbench.sim.scenes import Scene
+    from betterbench.sim.worlds import ForeignScene
+
+
+class PlannedTrial(Protocol):
+    """The trial that a policy is made for."""
+
+    @property
+    def task(self) -> str:
+        """Name of the task."""
+
+    @property
+    def condition(self) -> str:
+        """Name of the condition."""
+
+    @property
+    def base_condition(self) -> str | None:
+        """Name of the training condition that a variation changes."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the trial."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolicyNeeds:
+    """What a policy needs of the run that asks it.
+
+    Attributes:
+        state: The privileged state, instead of observations. One is made for each episode, in its scene.
+        trial: The trial that it is made for. One is made for each episode.
+        thread: A thread that waits for its answers, while the simulation of other trials goes on. A policy without one
+            is built in and answers at once.
+        process: A process of its own, because it is not ours: whatever it does there costs at most its own trial.
+        server: A server that somebody else has started.
+    """
+
+    state: bool = False
+    trial: bool = False
+    thread: bool = False
+    process: bool = False
+    server: bool = False
+
+    def __post_init__(self) -> None:
+        """Check that the needs go together."""
+        if (self.process or self.server) and not self.thread:
+            raise ValueError("a process or a server is waited for: set thread=True")
+        if (self.state or self.trial) and self.thread:
+            raise ValueError("a policy of one episode is made in the worker and answers at once: set thread=False")
+
+
+AT_ONCE = PolicyNeeds()
+"""Needs of a built-in policy that sees observations."""
+
+OWN_PROCESS = PolicyNeeds(thread=True, process=True)
+
+SERVER = PolicyNeeds(thread=True, server=True)
+
+STATE = PolicyNeeds(state=True)
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyEntry:
+    """One policy as ``better list policies`` shows it; a privileged one sees the state instead of observations."""
+
+    address: str
+    summary: str
+    privileged: bool
+
+
+def _declares_nothing(address: PolicyAddress) -> PolicyInfo | None:
+    del address
+    return None
+
+
+def _acts_in_each(address: PolicyAddress, world: str) -> None:
+    del address, world
+
+
+def _leaves_open(address: PolicyAddress) -> str | None:
+    del address
+    return None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PolicyKind:
+    """A kind of policies: what its addresses look like, what they need, and how a policy is made.
+
+    The functions get an address that :attr:`read` has checked, and raise a BetterError where they cannot go on.
+
+    Attributes:
+        form: Form of its addresses, with their options.
+        shown: Address in ``better list policies``, with words for its parts ("openpi://HOST:PORT").
+        summary: One sentence about its policies.
+        needs: Needs of its policies; a function where they depend on the address.
+        make: Makes a policy that sees observations and plays one episode after the other.
+        make_for: Makes a policy for one episode in a scene; the trial is None outside a run.
+        named: Its policies by address with a sentence each, where their number is fixed; else None.
+        read: Reads an address, for a foreign world or ""; the form does it unless told otherwise.
+        describe: Returns what a policy says about itself, or None where one has to be made to be asked.
+        compares: Whether its policies have a ``check`` that compares their conventions with those of the run.
+        source_of: Returns name and fingerprint of the user's file behind a policy. A resumed run compares them.
+        risk: Risk of evaluating such an address, which the owner of the machine has to allow, with ``{target}``.
+        require_world: Raises InvalidInputError if a policy cannot act in a foreign world ("LIBERO").
+        space_in_world: Returns the action space in which a policy answers in the world of its address; None if open.
+    """
+
+    form: AddressForm
+    shown: str
+    summary: str
+    needs: PolicyNeeds | Callable[[PolicyAddress], PolicyNeeds]
+    make: Callable[[PolicyAddress], Policy] | None = None
+    make_for: Callable[[PolicyAddress, Scene | ForeignScene, PlannedTrial | None], AnyPolicy] | None = None
+    named: Callable[[], Mapping[str, str]] | None = None
+    read: Callable[[str, str], PolicyAddress] | None = None
+    describe: Callable[[PolicyAddress], PolicyInfo | None] = _declares_nothing
+    compares: bool = False
+    source_of: Callable[[PolicyAddress], str] | None = None
+    risk: str = ""
+    require_world: Callable[[PolicyAddress, str], None] = _acts_in_each
+    space_in_world: Callable[[PolicyAddress], str | None] = _leaves_open
+
+    @property
+    def name(self) -> str:
+        """Its name, with which its addresses begin."""
+        return self.form.scheme
+
+    def parse(self, text: str, *, world: str = "") -> PolicyAddress:
+        """Read one of its addresses, for a foreign world if one is named.
+
+        Raises:
+            UnknownNameError: If there is no such policy or option.
+            InvalidInputError: If the target or an option is malformed.
+        """
+        return self.form.read(text, world=world) if self.read is None else self.read(text, world)
+
+    def needs_of(self, text: str) -> PolicyNeeds:
+        """Return what the policy of an address needs; raises what :meth:`parse` raises where it has to be read."""
+        return self.needs if isinstance(self.needs, PolicyNeeds) else self.needs(self.parse(text))
+
+    def entries(self) -> tuple[PolicyEntry, ...]:
+        """Return its rows in ``better list policies``; none if it has no summary, because its addresses are refused."""
+        privileged = not isinstance(self.needs, PolicyNeeds) or self.needs.state
+        rows = {self.shown: self.summary} if self.named is None else self.named()
+        return tuple(PolicyEntry(address, text, privileged) for address, text in rows.items() if text)
+
+
+KINDS: dict[str, PolicyKind] = {}
+"""All kinds by name."""
+
+
+def register(kind: PolicyKind) -> PolicyKind:
+    """Enter a kind into the register, and return it.
+
+    Raises:
+        ValueError: If another kind has its name.
+    """
+    if KINDS.setdefault(kind.name, kind) is not kind:
+        raise ValueError(f"another kind of policies is called {kind.name!r}; give this one another scheme")
+    return kind
+
+
+def find_kind(address: str) -> PolicyKind | None:
+    """Return the kind of an address, or None if no kind has such addresses."""
+    return next((kind for kind in KINDS.values() if kind.form.has(address)), None)
+
+
+def kind_of(address: str) -> PolicyKind:
+    """Return the kind of an address.
+
+    Raises:
+        UnknownNameError: If no kind has such addresses; the text names the closest ones.
+    """
+    kind = find_kind(address)
+    if kind is None:
+        raise unknown_policy(address)
+    return kind
+
+
+def unknown_policy(address: str) -> UnknownNameError:
+    """Return the error about an address that no policy has; it names the closest kinds or the closest addresses."""
+    scheme, colon, _ = address.partition("?")[0].partition(":")
+    if colon and scheme not in KINDS:
+        return UnknownNameError("kind of policy", scheme, (kind.name for kind in KINDS.values() if kind.summary))
+    return UnknownNameError("policy", address, (entry.address for entry in known_policies()))
+
+
+def known_policies() -> tuple[PolicyEntry, ...]:
+    """Return all policies that can be evaluated: those that see the state first, and servers last."""
+    entries = [(kind, entry) for kind in KINDS.values() for entry in kind.entries()]
+    return tuple(entry for _, entry in sorted(entries, key=lambda pair: _place(*pair)))
+
+
+def _place(kind: PolicyKind, entry: PolicyEntry) -> tuple[bool, bool, bool]:
+    needs = kind.needs if isinstance(kind.needs, PolicyNeeds) else AT_ONCE
+    return (not entry.privileged, needs.thread, needs.server)
+
+
+def needs_of(address: str) -> PolicyNeeds:
+    """Return what the policy of an address needs of a run.
+
+    Raises:
+        UnknownNameError: If no kind has such addresses.
+        InvalidInputError: If the address has to be read and is malformed.
+    """
+    return kind_of(address).needs_of(address)
+
+
+def read_address(address: str, *, world: str = "") -> PolicyAddress:
+    """Read an address, for a foreign world if one is named.
+
+    Raises:
+        UnknownNameError: If there is no such policy or option.
+        InvalidInputError: If the target or an option is malformed.
+    """
+    return kind_of(address).parse(address, world=world)
+
+
+def make_policy(address: str, *, world: str = "") -> Policy:
+    """Return a policy that sees observations, for a foreign world if one is named.
+
+    Raises:
+        UnknownNameError: If there is no such policy or option.
+        InvalidInputError: If an option is malformed, or the policy cannot be loaded or sees no observations.
+        PolicyUnavailableError: If its server cannot be reached.
+        HandshakeError: If its server declares other conventions.
+        MissingDependencyError: If an extra is not installed.
+    """
+    kind = kind_of(address)
+    read = kind.parse(address, world=world)
+    if kind.make is None:
+        raise read.error("it is made for one episode, in its scene", "Evaluate it directly")
+    return kind.make(read)
+
+
+def make_for(address: str, scene: Scene | ForeignScene, trial: PlannedTrial | None = None) -> AnyPolicy:
+    """Return a policy for one episode in a scene; the trial is None outside a run.
+
+    Raises:
+        UnknownNameError: If there is no such policy or option.
+        InvalidInputError: If an option is out of range, a checkpoint or a record is missing, or the policy does not
+            know the world of the scene.
+        MissingDependencyError: If an extra or a distribution is not installed.
+    """
+    kind = kind_of(address)
+    read = kind.parse(address)
+    if kind.make_for is None:
+        raise read.error("it is not made for one episode", "Ask it for observations")
+    return kind.make_for(read, scene, trial)
+
+
+def make_privileged(address: str, scene: Scene) -> PrivilegedPolicy:
+    """Return a policy that sees the privileged state, for one episode in a scene; raises as :func:`make_for`."""
+    made = make_for(address, scene)
+    if not needs_of(address).state:
+        raise read_address(address).error("it sees observations and not the state", "Ask it for observations")
+    return cast("PrivilegedPolicy", made)

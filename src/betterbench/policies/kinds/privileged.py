@@ -1,0 +1,98 @@
+"""What the kinds of built-in privileged policies have in common: their names, their options, and one maker."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from betterbench.errors import InvalidInputError
+from betterbench.interface import PolicyInfo
+from betterbench.policies.address import AddressForm, PolicyAddress
+from betterbench.policies.kinds.kind import STATE, PlannedTrial, PolicyKind, register, unknown_policy
+
+if TYPE_CHECKING:
+    from betterbench.interface.state import PrivilegedPolicy
+    from betterbench.sim.scenes import Scene
+    from betterbench.sim.worlds import ForeignScene
+
+
+def register_privileged(form: AddressForm, summary: str) -> PolicyKind:
+    """Enter the privileged policies of one form of addresses into the register."""
+
+    def named() -> dict[str, str]:
+        from betterbench.policies.experts.registry import EXPERTS, REPLAYS, expert_names
+
+        summaries = {**{name: entry.summary for name, entry in EXPERTS.items()}, **REPLAYS}
+        return {name: summaries[name] for name in expert_names(form)}
+
+    def read(text: str, world: str) -> PolicyAddress:
+        from betterbench.policies.experts.address import WITNESS
+
+        address = form.read(text, world=world)
+        if address.name not in (*named(), WITNESS):
+            raise unknown_policy(text)
+        return address
+
+    return register(
+        PolicyKind(
+            form=form,
+            shown=form.example,
+            summary=summary,
+            needs=STATE,
+            named=named,
+            read=read,
+            make_for=_make,
+            describe=describe_privileged,
+            require_world=_require_world,
+        )
+    )
+
+
+def describe_privileged(address: PolicyAddress) -> PolicyInfo:
+    """Return what a policy says about itself that sees the state and answers in ``ee_delta``."""
+    return PolicyInfo(address.text, action_space="ee_delta", needs_images=False)
+
+
+def own_scene(address: PolicyAddress, scene: Scene | ForeignScene) -> Scene:
+    """Return a scene of our own; InvalidInputError about a policy that is to act in a foreign one."""
+    from betterbench.sim.scenes import Scene
+
+    if not isinstance(scene, Scene):
+        raise needs_own_scenes(address, "plans with the privileged state", "this world")
+    return scene
+
+
+def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tuple[str, ...] = ()) -> InvalidInputError:
+    """Return the error about a policy that cannot act in a foreign world.
+
+    Args:
+        address: Address of the policy.
+        needs: What it does with our own scenes ("plans with the privileged state").
+        world: Name of the world in messages.
+        known: Policies that know this world's state.
+    """
+    return InvalidInputError(
+        "--policy",
+        f"{address} {needs} of our own scenes, which {world} does not have",
+        "Name a policy that sees observations" + (f", or one that knows it: {', '.join(known)}" if known else ""),
+    )
+
+
+def _make(address: PolicyAddress, scene: Scene | ForeignScene, trial: PlannedTrial | None) -> PrivilegedPolicy:
+    del trial
+    from betterbench.sim.scenes import Scene
+
+    if isinstance(scene, Scene):
+        from betterbench.policies.experts.privileged import make_expert
+
+        return make_expert(address.text, scene)
+    from betterbench.policies.experts.libero import LiberoAgent
+
+    return LiberoAgent(address.text, scene)
+
+
+def _require_world(address: PolicyAddress, world: str) -> None:
+    from betterbench.policies.experts.libero import POLICIES
+
+    known = tuple(POLICIES) if world == "LIBERO" else ()
+    if address.name not in known:
+        raise needs_own_scenes(address, "plans with the privileged state", world, known)

@@ -1,0 +1,6 @@
+"""Probes: privileged policies that lack the instruction, the images or both."""
+
+from betterbench.policies.experts.address import PROBE_FORM
+from betterbench.policies.kinds.privileged import register_privileged
+
+PROBE = register_privileged(PROBE_FORM, "Lacks something to see or hear.")

@@ -1,0 +1,113 @@
+"""What the kinds of servers have in common, and with them checkpoints that are spoken to in a preset."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from betterbench.errors import InvalidInputError
+from betterbench.policies.address import (
+    ADAPTER,
+    CAMERA,
+    CONNECTION,
+    CONSTANT,
+    EXECUTION,
+    AddressForm,
+    Option,
+    PolicyAddress,
+    Transport,
+)
+from betterbench.policies.kinds.kind import SERVER, PolicyKind, register
+
+if TYPE_CHECKING:
+    from betterbench.interface import Policy
+
+COMMON = (*EXECUTION, *CONNECTION, *ADAPTER)
+"""Options of each server, and of a checkpoint in process."""
+
+_COUNT = itertools.count()
+
+
+def register_server(
+    scheme: str,
+    *,
+    summary: str,
+    transport: Transport,
+    port: int,
+    connect: Callable[[PolicyAddress, int], Policy],
+    usual: str = "",
+    options: tuple[Option, ...] = (),
+    constants: bool = True,
+    shown: str = "",
+) -> PolicyKind:
+    """Enter a kind of policy servers into the register.
+
+    Args:
+        scheme: What its addresses begin with.
+        summary: Which servers they are, one sentence.
+        transport: How such a server is spoken to.
+        port: The port that it listens on unless told otherwise.
+        connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
+        usual: The preset of an address that names none; empty if it has to name one.
+        options: The options that only this kind knows.
+        constants: Whether an address can add constants to each request.
+        shown: What stands in lists; the scheme with host and port if empty.
+    """
+    form = AddressForm(
+        scheme=scheme,
+        example=f"{scheme}://localhost:{port}{'/act' if transport == 'http' else ''}",
+        options=(*COMMON, *options, CAMERA, *([CONSTANT] if constants else [])),
+        transport=transport,
+        port=port,
+    )
+
+    def make(address: PolicyAddress) -> Policy:
+        # Each client jitters in its own way; results do not depend on it.
+        return connect(address, 1_000_003 * os.getpid() + next(_COUNT))
+
+    def answers_in(address: PolicyAddress) -> str | None:
+        return space_in_world(address, usual)
+
+    return register(
+        PolicyKind(
+            form=form,
+            shown=shown or f"{scheme}://HOST:PORT",
+            summary=summary,
+            needs=SERVER,
+            make=make,
+            compares=True,
+            require_world=require_own_layout,
+            space_in_world=answers_in,
+        )
+    )
+
+
+def space_in_world(address: PolicyAddress, usual: str = "") -> str | None:
+    """Return the action space of the answers in the world of an address; None where it does not say.
+
+    ``usual`` is the preset of an address that names none. Raises what
+    :func:`betterbench.policies.conventions.presets.adapter_of` raises.
+    """
+    from betterbench.policies.conventions.presets import adapter_of, preset
+
+    if not (usual or address.names_adapter):
+        return None
+    return adapter_of(address, preset(usual) if usual else None).answer.space
+
+
+def require_own_layout(address: PolicyAddress, world: str) -> None:
+    """Raise InvalidInputError about a preset that translates from our scenes to another world's conventions."""
+    from betterbench.policies.conventions.in_calvin import CALVIN_PRESETS
+    from betterbench.policies.conventions.presets import UNTRANSLATED
+
+    named = address.options.get("preset", "")
+    if named in UNTRANSLATED:
+        raise InvalidInputError(
+            "--policy",
+            f"the preset {named} translates from our scenes to LIBERO's conventions, and this run is in {world} itself",
+            f"Give preset={UNTRANSLATED[named]}"
+            if world == "LIBERO"
+            else f"Give preset=NAME ({', '.join(CALVIN_PRESETS)})",
+        )
