@@ -1,0 +1,61 @@
+"""The page on policy kinds is carried out: its file registers a kind, and a trial is run with it."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from betterbench.cli.main import main
+from betterbench.evaluation import evaluate, make_plan
+from betterbench.policies.factory import check_policy
+from betterbench.policies.kinds import KINDS, PolicyKind
+
+PAGE = (Path(__file__).parents[2] / "docs" / "adding-a-policy-kind.md").read_text(encoding="utf-8")
+FILE, CHECK = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+@pytest.fixture
+def sway(tmp_path, monkeypatch):
+    (tmp_path / "sway_of_the_page.py").write_text(FILE, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    module = __import__("sway_of_the_page")
+    yield module
+    del KINDS["sway"], sys.modules["sway_of_the_page"]
+
+
+def test_the_kind_of_the_page_is_listed_and_read(sway, capsys):
+    exec(compile(CHECK, "adding-a-policy-kind.md", "exec"), {"SWAY": sway.SWAY})  # noqa: S102 - the page's own code
+    assert main(["list", "policies"]) == 0
+    assert "sway:AXIS" in capsys.readouterr().out
+    for address, text in (
+        ("sway:x?amplitud=1", "Did you mean 'amplitude'"),
+        ("sway:x?amplitude=2", "Give the share of the largest action, from 0 to 1"),
+        ("sway:x?period=0", "Give a whole number such as 40"),
+        ("sway:w", "Unknown axis 'w'"),
+        ("sway", "Unknown policy 'sway'"),
+    ):
+        assert main(["eval", "--policy", address, "--out", "/nowhere/run"]) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert text in said
+
+
+@pytest.mark.usefixtures("sway")
+def test_a_trial_is_run_with_the_kind_of_the_page(tmp_path):
+    assert check_policy("sway:y?amplitude=0.3").action_space == "ee_delta"
+    plan = make_plan("sway:y?amplitude=0.3", tasks=("fruit_lunch",), trials=1, observation="state_only")
+    run = evaluate(dataclasses.replace(plan, trials=plan.trials[:1]), tmp_path / "run", workers=1)
+    (entry,) = run.entries()
+    assert entry.status == "done"
+    applied = run.read_record(entry.task, entry.condition, entry.seed).applied[1:]
+    steps = np.arange(len(applied))
+    np.testing.assert_allclose(applied[:, 1], 0.3 * np.cos(2.0 * np.pi * steps / 40), atol=1e-6)
+
+
+def test_each_field_of_a_kind_is_explained():
+    for name in PolicyKind.__dataclass_fields__:
+        assert f"`{name}`" in PAGE
