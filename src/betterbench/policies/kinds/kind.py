@@ -67,10 +67,13 @@ AT_ONCE = PolicyNeeds()
 """Needs of a built-in policy that sees observations."""
 
 OWN_PROCESS = PolicyNeeds(thread=True, process=True)
+"""Needs of a policy whose code is not ours."""
 
 SERVER = PolicyNeeds(thread=True, server=True)
+"""Needs of a policy that somebody else's server answers for."""
 
 STATE = PolicyNeeds(state=True)
+"""Needs of a policy that sees the privileged state."""
 
 
 @dataclass(frozen=True, slots=True)
