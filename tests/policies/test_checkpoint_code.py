@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from betterbench.errors import UNPRINTABLE, InvalidInputError
+from betterbench.policies.clients import checkpoint
 from betterbench.policies.clients.checkpoint_code import PROCESSORS, require_no_code
 
 OWN = {"registry_name": "normalizer_processor", "config": {"eps": 1e-8}, "state_file": "x.safetensors"}
@@ -72,3 +73,30 @@ def test_a_malformed_file_is_one_line(tmp_path, text, problem):
     with pytest.raises(InvalidInputError, match=problem) as caught:
         require_no_code(CONFIG, files(tmp_path, text=text), "policy p")
     assert "\n" not in str(caught.value)
+
+
+class NotThereError(Exception):
+    """Of the hub: it has no such file."""
+
+
+class NotHereError(NotThereError):
+    """Of the hub: the file cannot be fetched, and is not on this machine."""
+
+
+@pytest.mark.parametrize(("error", "known"), [(NotThereError, {}), (NotHereError, None)])
+def test_a_file_on_the_hub_that_cannot_be_fetched_is_not_passed_over(monkeypatch, error, known):
+    def download(repository, name):
+        raise error(f"{repository}/{name}")
+
+    modules = {
+        "huggingface_hub": SimpleNamespace(hf_hub_download=download),
+        "huggingface_hub.errors": SimpleNamespace(
+            EntryNotFoundError=NotThereError, LocalEntryNotFoundError=NotHereError
+        ),
+    }
+    monkeypatch.setattr(checkpoint, "_import", modules.__getitem__)
+    if known is not None:
+        assert checkpoint._processor_files("owner/name") == known
+        return
+    with pytest.raises(NotHereError):
+        checkpoint._processor_files("owner/name")

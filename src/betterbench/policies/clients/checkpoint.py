@@ -240,10 +240,14 @@ def _processor_files(path: str) -> dict[str, Path]:
     folder = Path(path)
     if folder.is_dir():
         return {name: folder / name for name in PROCESSORS if (folder / name).exists()}
-    hub, found = _import("huggingface_hub"), {}
+    hub, errors, found = _import("huggingface_hub"), _import("huggingface_hub.errors"), {}
     for name in PROCESSORS:
-        with contextlib.suppress(_import("huggingface_hub.errors").EntryNotFoundError):
+        try:
             found[name] = Path(hub.hf_hub_download(path, name))
+        except errors.EntryNotFoundError as error:
+            # A file that cannot be fetched now is not one that is not there: LeRobot might fetch it a moment later.
+            if isinstance(error, errors.LocalEntryNotFoundError):
+                raise
     return found
 
 
