@@ -24,15 +24,18 @@ HEAD = """# Calibration
 Calibration measures how often the diagnosis gives the true label. Policies with a known fault are run, and the
 diagnosis has to find the fault from the records alone. There are two families of such policies, with separate numbers.
 
-- The **independent family** has a controller of its own, and faulty behaviors in three motion styles: other speeds,
-  heights, hesitations, feints, pauses, retries, pushes, hovering, misses by depth and by yaw. The true label of each
+- The **independent family** (in the distribution `betterbench-calibration`, which `make setup` installs) has a
+  controller of its own, and faulty behaviors in three motion styles: other speeds, heights,
+  hesitations, feints, pauses, retries, pushes, hovering, misses by depth and by yaw. The true label of each
   trial is fixed in the code before its first action, and its author had not read the diagnosis. The first part was used
   to develop the diagnosis. Each of the other six was written by an author who had not read the diagnosis, after the
   diagnosis had been repaired on the parts before, and was **used once**: the numbers below are those of that one use.
   The numbers of the sixth part, the last, estimate how well the diagnosis judges policies by other authors. The faults
   of the diagnosis that one part revealed were repaired before the next part was used. The last column gives the share
   of the same failed trials that get their true label now, with no honest policy accused; for this number the parts are
-  no longer held out.
+  no longer held out. The suite was changed after these uses: in four conditions a habit of the fourth, fifth or sixth
+  part has nothing to show any more, and its truth there is withdrawn. The numbers include them as they were then, with
+  the versions of the tasks of that time.
 
 @USES@
 - The **[faulty policies](diagnosis.md#faulty-policies)** move as well as the expert and decide by one wrong rule, at
