@@ -71,6 +71,18 @@ def test_the_case_of_the_issue_claims_nothing():
     assert headline.claim.command.startswith("better eval --policy ")
 
 
+def test_the_advised_run_has_the_settings_of_the_run():
+    usual = {"action_space": "ee_delta", "camera_preset": "default", "render_quality": "standard", "looks": "seen"}
+    versions = lost(4).versions
+    blind = {"camera_preset": "None", "render_quality": "None", "looks": "seen | unseen"}
+    for settings in (usual, blind):
+        command = headline_of(replace(lost(4), versions={**versions, **settings})).claim.command
+        assert not any(f"--{word}" in command for word in ("action-space", "observation", "quality", "looks")), command
+    other = {"action_space": "joint_abs", "camera_preset": "official", "render_quality": "high", "looks": "unseen"}
+    command = headline_of(replace(lost(4), versions={**versions, **other})).claim.command
+    assert "--action-space joint_abs --observation official --quality high --looks unseen --seed" in command
+
+
 @pytest.mark.parametrize("twins", [4, 8])
 def test_failures_as_frequent_in_training_are_no_claim_about_variations(twins):
     assert headline_of(lost(8, twins=twins)).conclusion.startswith(NOTHING_YET)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from betterbench.diagnosis.foreign import is_of_libero
@@ -29,6 +29,14 @@ MOST_PAIRS = 100
 
 MOST_VARIATIONS = 3
 """Most variations that are advised."""
+
+_SETTINGS = (
+    ("--action-space", "action_space", "ee_delta"),
+    ("--observation", "camera_preset", "default"),
+    ("--quality", "render_quality", "standard"),
+    ("--looks", "looks", "seen"),
+)
+"""Options of ``better eval``, the version of a record that holds each, and the value without the option."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,10 +207,21 @@ def _evaluation(
         return ""
     named = ["--variations", *variations] if variations else []
     words = [
-        "--policy", diagnosis.address, "--tasks", *tasks, *named, "--seed", str(seed), "--trials", str(trials),
-        "--out", out,
+        "--policy", diagnosis.address, "--tasks", *tasks, *named, *_settings(diagnosis.versions),
+        "--seed", str(seed), "--trials", str(trials), "--out", out,
     ]  # fmt: skip
     return f"better eval{options_for(tasks)} {shell_line(words)}"
+
+
+def _settings(versions: Mapping[str, str]) -> Iterator[str]:
+    """Yield the options of the settings of a run that are not the usual ones, so that another run is like it.
+
+    Settings that are mixed in the run, or that its records do not have, are left to the command.
+    """
+    for option, name, usual in _SETTINGS:
+        value = versions.get(name, usual)
+        if value not in (usual, str(None)) and " | " not in value:
+            yield from (option, value)
 
 
 def _next_seed(diagnosis: RunDiagnosis) -> int:
