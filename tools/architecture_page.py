@@ -29,8 +29,10 @@ from code_measures import Package, imported, measure, read_files, read_layers
 ROOT = Path(__file__).parents[1]
 HOME = ROOT / "src" / "betterbench"
 INK, SOFT, RULE, FILL, ACCENT, UPWARD = "#1c1e21", "#5c6066", "#dedad2", "#e9f0f6", "#1d5a8a", "#bf4a14"
-COMMON = frozenset({"errors", "geometry", "installation", "json_form", "quoting"})
-"""Modules at the top of the package that everything uses; calls into them say nothing about a way."""
+COMMON = frozenset(
+    {"errors", "geometry", "installation", "interface", "json_form", "lazy_names", "quoting", "statistics"}
+)
+"""What everything uses: plain values and small modules. Calls into them say nothing about a way."""
 
 
 @dataclass(frozen=True)
@@ -200,11 +202,11 @@ def draw_way(calls: Sequence[Call], order: Sequence[str], out: Path) -> None:
     """Draw calls from above to below, one column a package in an order, each arrow from the caller to what it calls."""
     used = [name for name in order if any(name in (c.caller, c.callee) for c in calls)]
     column = {name: i for i, name in enumerate(used)}
-    figure = Figure(figsize=(1.15 * len(used) + 1.2, 0.34 * len(calls) + 1.0), layout="constrained")
+    figure = Figure(figsize=(0.78 * len(used) + 1.0, 0.3 * len(calls) + 0.9), layout="constrained")
     axes = figure.add_subplot()
     for name, x in column.items():
         axes.plot([x, x], [-0.4, len(calls)], color=RULE, lw=1, zorder=0)
-        axes.text(x, -0.9, name, ha="center", va="center", fontsize=9, color=INK, fontweight="bold")
+        axes.text(x, -0.7, name, ha="left", va="bottom", fontsize=9.5, color=INK, rotation=35)
     for y, call in enumerate(calls):
         start, end = column[call.caller], column[call.callee]
         down = end > start
@@ -213,9 +215,9 @@ def draw_way(calls: Sequence[Call], order: Sequence[str], out: Path) -> None:
         axes.annotate("", (end, y), (start, y), arrowprops=arrow)
         axes.scatter(start, y, s=10, color=color, zorder=3)
         text = axes.text(end + (0.08 if down else -0.08), y, call.name, ha="left" if down else "right", va="center")
-        text.set(fontsize=7.6, color=INK, bbox={"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85})
+        text.set(fontsize=9.5, color=INK, bbox={"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85})
     axes.set_xlim(-0.9, len(used) + 0.6)
-    axes.set_ylim(len(calls) + 0.2, -1.4)
+    axes.set_ylim(len(calls) + 0.2, -3.0)
     axes.axis("off")
     figure.savefig(out, dpi=150)
 
@@ -268,7 +270,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the documentation")
     out = parser.parse_args().out
     mpl.rcParams["font.family"] = "DejaVu Sans"
-    packages = [p for p in measure(ROOT).packages if p.name not in COMMON]
+    packages = [p for p in measure(ROOT).packages if (HOME / p.name).is_dir()]
     draw_imports(packages, read_layers(ROOT), out / "pictures" / "packages.png")
     with tempfile.TemporaryDirectory() as folder:
         shown = list(ways(Path(folder)))
