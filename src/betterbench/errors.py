@@ -1,4 +1,4 @@
-"""The errors a user can meet: each names the thing that is wrong and what to do about it.
+"""Errors that a user can meet: each names the problem and its remedy.
 
 Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as
 one line and exits with status 2; anything else is a bug and keeps its traceback.
@@ -23,13 +23,13 @@ UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
     r"\U000e0000-\U000e007f]"
 )
-"""What steers a terminal, hides or reorders letters, or has no encoding; not the tab and the line feed."""
+"""Characters that control a terminal, hide or reorder letters, or have no encoding, without tab and line feed."""
 
 
 def printable(text: str, *, most: int) -> str:
     """Return a text from outside without escape sequences, and of bounded length; its lines stay.
 
-    What steers a terminal is replaced by U+FFFD, and what is beyond ``most`` characters by their number.
+    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
     """
     cut = len(text) - most
     if cut > 0:
@@ -93,7 +93,7 @@ def described(problem: BaseException) -> str:
 
 
 class UnknownNameError(BetterError):
-    """A name was asked for that is not registered.
+    """A requested name is not registered.
 
     Args:
         kind: What sort of thing was looked up, in the singular ("task", "policy").
@@ -127,7 +127,7 @@ class UnknownNameError(BetterError):
 
 
 class Named(Protocol):
-    """Something with a name."""
+    """An object with a name."""
 
     @property
     def name(self) -> str:
@@ -213,7 +213,7 @@ class PolicyKilledError(PolicyError):
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, refuses a request, or answers what cannot be read."""
+    """A language model cannot be reached, refuses a request, or gives an answer that cannot be read."""
 
 
 class HandshakeError(BetterError):
@@ -225,7 +225,7 @@ class PremiseError(BetterError):
 
 
 class RunConflictError(BetterError):
-    """A run folder holds something else than the run that was asked for."""
+    """A run folder holds another run than the requested one, or other files."""
 
 
 class RecordError(BetterError):
@@ -274,7 +274,7 @@ STORAGE_CURES: Mapping[int, str] = {
     errno.EROFS: "choose a place that can be written to",
     errno.EIO: "see to the disk, then run the same command again",
 }
-"""What to do about each error of a disk after which whatever is written next fails alike, by its number."""
+"""Remedy for each disk error after which every further write fails in the same way, by errno."""
 
 
 class PlanningError(BetterError):

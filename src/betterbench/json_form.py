@@ -198,8 +198,8 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
 
 _HUGE_DIGITS = 20
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
-"""What may be a number that does not fit into 64 bits: nothing here counts so far, and arithmetic with it breaks in
-odd places."""
+"""Pattern of a number that may not fit into 64 bits. No value here is that large, and arithmetic with such a number
+fails in unexpected places."""
 
 
 def _whole_number(digits: str) -> int:

@@ -22,7 +22,7 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObservationSpec:
-    """Which images an observation holds, and whether depth and masks come with them.
+    """Preset of an observation: its cameras, and whether depth images and instance masks are included.
 
     Attributes:
         depth: True to add depth images [m].
@@ -84,7 +84,7 @@ def observation_spec(name: str) -> ObservationSpec:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a policy sees at one control step.
+    """Input of a policy at one control step: instruction, images and proprioception.
 
     Attributes:
         instruction: What the robot is asked to do.

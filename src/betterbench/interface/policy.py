@@ -24,7 +24,7 @@ _EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """How the chunks of a policy are played.
+    """Execution settings of action chunks: horizon, requests ahead of time, and temporal ensembling.
 
     Attributes:
         horizon: Actions of each chunk that are executed before the policy is asked again; None for all of them.
@@ -65,7 +65,7 @@ class Execution:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """What a policy is told when an episode begins: nothing that tells a test condition from a training condition.
+    """Message to a policy at the start of an episode; it does not reveal whether the condition is for training or test.
 
     Attributes:
         episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
@@ -87,7 +87,9 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """What a policy says about itself; stored with the run.
+    """Description of a policy, given by the policy itself: its name, its action space and its needs.
+
+    It is stored with the run.
 
     Attributes:
         name: Address by which the policy was asked for.
@@ -95,7 +97,7 @@ class PolicyInfo:
         needs_images: False if it uses no image, so that none is rendered for it.
         cameras: Cameras of the run's observation that it looks at, so that no other is rendered; None for all.
         metadata: Texts by name (checkpoint, revision, server); they are copied.
-        execution: How its chunks are played.
+        execution: Execution settings of its action chunks.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
             batches (:class:`BatchPolicy`); otherwise there is one worker unless more are asked for.
     """
@@ -142,7 +144,7 @@ class Policy(Protocol):
 
     @property
     def info(self) -> PolicyInfo:
-        """What the policy says about itself."""
+        """Description of the policy, which is stored with the run."""
 
     def reset(self, start: EpisodeStart) -> None:
         """Forget the last episode and prepare for the next one."""

@@ -135,7 +135,7 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """What worker processes are told; None where no folder is held, or the lock would be taken anew."""
+        """The locked folder, for worker processes; None if no folder is held, or the lock would be taken anew."""
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)
@@ -143,7 +143,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """What is locked, as the user knows it."""
+        """Locked path, as the user named it."""
         return self._output
 
     def _guard(self) -> None:
@@ -181,7 +181,7 @@ class RunLock:
             os.close(handle)
 
     def _conflict(self, holder: str) -> str:
-        """Return what is said where a process holds the lock."""
+        """Return the message for a lock that another process holds."""
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
@@ -193,7 +193,7 @@ class RunLock:
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
 
     def _lost(self, consequence: str) -> str:
-        """Return what is said where the locked folder is not there any more."""
+        """Return the message for a locked folder that no longer exists."""
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
@@ -236,11 +236,11 @@ class FileLock(RunLock):
 
     @property
     def _locked(self) -> Path:
-        """What is locked, as the user knows it."""
+        """Locked path, as the user named it."""
         return self._file
 
     def _conflict(self, holder: str) -> str:
-        """Return what is said where a process holds the lock."""
+        """Return the message for a lock that another process holds."""
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:

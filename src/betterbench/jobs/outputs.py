@@ -33,7 +33,7 @@ LIST_NAME = ".written.json"
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""How much of both ends of a file is searched for a mark: PNG has its texts first, MP4 last."""
+"""Length of the part at either end of a file that is searched for a mark [byte]: PNG has its texts first, MP4 last."""
 
 
 def mark_of(verb: str) -> str:

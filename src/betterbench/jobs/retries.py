@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""How many workers may die with an item before the item is given up; from the second time on it runs alone."""
+"""Number of workers that die with an item until the item is given up; after the first death it runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""How many workers may die, with no item ended in between, before the whole work is given up."""
+"""Number of workers that die, with no item ended in between, until the whole job is given up."""
 
 Item = TypeVar("Item", bound=Hashable)
 

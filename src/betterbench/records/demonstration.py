@@ -1,4 +1,4 @@
-"""What the record of a demonstration says beside its columns: who demonstrated, and which rows serve which subgoal."""
+"""Metadata of a demonstration: its demonstrator, and the rows of each skill and subgoal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _Row = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrator:
-    """Who or what gave a demonstration, and how.
+    """Source of a demonstration: an expert, a method or a person, with its motion style and its noise.
 
     Attributes:
         kind: Sort of demonstrator.
@@ -55,7 +55,7 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near one thing, to take it, let go of it or move it along its rails.
+    """The rows in which the gripper is near one object, to take it, let go of it or move it along its rails.
 
     Attributes:
         kind: What happens to the object.

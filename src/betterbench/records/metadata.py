@@ -1,4 +1,4 @@
-"""What a record says about itself: which trial it is of, under which versions, and how the episode ended."""
+"""Metadata of a record: its trial, the versions it was made with, and the outcome of the episode."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SCHEMA_VERSION = 1
 """Version of the record's columns and metadata; it moves when an older reader would misunderstand a newer file."""
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
-"""Why an episode ended: the goal was met (or rightly left alone), it became unreachable or forbidden, the step limit
-was reached, the policy broke its protocol, or the operator stopped it."""
+"""Reason for the end of an episode: the goal was met (or rightly left alone), it became unreachable or forbidden, the
+step limit was reached, the policy broke its protocol, or the operator stopped it."""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -29,7 +29,7 @@ TERMINATIONS: tuple[str, ...] = get_args(Termination)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an episode ended.
+    """Outcome of an episode.
 
     Attributes:
         success: Whether the trial counts as a success under its expected behavior.
@@ -61,7 +61,7 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """What is known about an episode before it starts.
+    """Metadata of an episode that are fixed before it starts.
 
     Attributes:
         suite_version: Version of the suite, which also seeds its random streams.

@@ -49,13 +49,13 @@ MAX_UNPACKED_BYTES = 2 << 30
 _CURE = "Record the trial again"
 
 AGAIN = "The command that made the run records the trial again"
-"""What to do about a record of a run that cannot be read."""
+"""Remedy for a record of a run that cannot be read."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """What stands in the schema of a record beside its columns."""
+    """Document in the Parquet schema of a record, beside its columns: metadata, outcome, and widths of the columns."""
 
     metadata: RecordMetadata
     outcome: Outcome
@@ -98,7 +98,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """What a record is of, and how its episode ended: what a run compares without reading the columns."""
+    """Trial and outcome of a record, which a run compares without reading the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -108,7 +108,7 @@ _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly),
 
 _PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 _WHOLE = f"Copy it again from where it is whole. {AGAIN}"
-"""What to do about a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
+"""Remedy for a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
 _MAGIC = b"PAR1"
 
 

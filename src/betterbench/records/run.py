@@ -1,4 +1,4 @@
-"""A run folder: where everything of a run lies, and whose run it is."""
+"""A run folder: the paths of its files, its plan, and its lock and context."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """What is read of a context; it may say more."""
+    """Fields of a run's context that are read here; it may have more."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]
@@ -484,7 +484,7 @@ _DIGESTS: dict[str, str] = {}
 """Digests of the scenes that trials of this process ran in, by their names."""
 
 _WITHOUT_SCENES: set[Path] = set()
-"""Runs of which was said that their journals hold no digests of scenes."""
+"""Runs for which the missing digests of scenes in the journal have been reported."""
 
 _TOLD: set[tuple[Path, int]] = set()
 """Runs with the number of trials that they listed when their unlisted records were looked for."""

@@ -1,4 +1,4 @@
-"""Segments of a record: which rows serve which subgoal, derived from the states and from nothing that a policy says.
+"""Segments of a record: the rows of each subgoal, derived from the states alone.
 
 A skill is told by the gripper: from the action that closes it to the action that opens it. What was held in between was
 picked and placed, a drawer that moved was slid, and if there was neither it was a miss. A skill's window reaches back
@@ -32,7 +32,7 @@ SLID_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """The rows [closed, opened) in which the gripper is told to be closed, and what happened to which object."""
+    """The rows [closed, opened) in which the gripper is commanded to close, with the object and the effect on it."""
 
     closed: int
     opened: int

@@ -1,4 +1,4 @@
-"""Twin demonstrations of a run: two records with one history, bit for bit, until what was said has an effect."""
+"""Twin demonstrations of a run: two records that agree bit for bit until their instructions have an effect."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Rows = Annotated[int, Field(ge=1)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TwinPair:
-    """Two demonstrations from the same start, to which something else was said.
+    """Two demonstrations from the same start with different instructions.
 
     Attributes:
         pair: Its id, "TASK/SEED/CONDITION+CONDITION".

@@ -33,7 +33,7 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """What is known about one object of a scene for as long as the scene exists.
+    """Constant properties of one object of a scene: its kind, its asset, its looks and its size.
 
     Attributes:
         name: Name in the scene ("burger_1"); it carries no meaning for any verdict.

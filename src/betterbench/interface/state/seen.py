@@ -1,4 +1,4 @@
-"""What a camera shows of a scene: which objects are seen, how much of each, and where in the image.
+"""Objects in the image of a camera: the visible part of each and its position in the image.
 
 These values follow from a record and the model alone.
 """

@@ -1,4 +1,4 @@
-"""Files of modalities: written row group by row group beside their place, read row by row.
+"""Modality files: written by row groups to a temporary file, and read row by row.
 
 The footer of a file, with the header in it, carries a seal as a record does, and lists the SHA-256 of each row group.
 Both are compared before the Parquet reader, which is native code, gets to see the bytes.
@@ -47,7 +47,7 @@ COMPRESSION_LEVEL = 1
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
 AGAIN = "The same better materialize command draws it again"
-"""What to do about a file that cannot be read."""
+"""Remedy for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_ROWS = 10_000_000

@@ -1,4 +1,4 @@
-"""What is to be materialized: views of a scene, and what of each."""
+"""Views of a scene to materialize, and the modalities of each."""
 
 from __future__ import annotations
 

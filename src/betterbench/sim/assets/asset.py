@@ -1,4 +1,4 @@
-"""The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
+"""The asset: description of one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The OpenGL back ends: which one images are made with, and whether its libraries are there.
+"""The OpenGL back ends: the one that images are made with, and the presence of its libraries.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """

@@ -1,4 +1,4 @@
-"""What can be wrong with the environment variables that decide what images are drawn with, and the cure.
+"""Checks of the environment variables that choose the OpenGL back end, with a remedy for each problem.
 
 Sources: MuJoCo 3.17 ``mujoco/egl`` and ``mujoco/osmesa`` for ``PYOPENGL_PLATFORM`` and ``MUJOCO_EGL_DEVICE_ID``.
 """

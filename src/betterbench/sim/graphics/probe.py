@@ -1,4 +1,4 @@
-"""Looks at every EGL device in a process of its own, and prints what it can draw as one JSON list.
+"""Probe of every EGL device, run in a process of its own, which prints the capabilities as one JSON list.
 
 A driver that crashes costs this process alone, and no display of a device that is not used stays open. It is run as a
 file and imports the standard library alone.

@@ -1,4 +1,4 @@
-"""What a file of modalities has to be to count as the one of a view of a trial."""
+"""Expected header of a modality file, for one view of one trial."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MOST = 120
 
 @dataclass(frozen=True, slots=True)
 class ExpectedFile:
-    """What the header of the file of a view of a trial has to say.
+    """Values that the header of a modality file must have, for one view of one trial.
 
     Attributes:
         record_sha256: SHA-256 of the file of the trial's record.

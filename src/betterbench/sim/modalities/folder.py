@@ -1,4 +1,4 @@
-"""The folder of materialized modalities: what was asked for, the files of each trial, and the list of semantic ids."""
+"""Folder of materialized modalities: its settings, the files of each trial, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is asked for: the same for every trial of a folder.
+    """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
         quality: Render preset of the colors, or None for the one that each record's policy saw.
@@ -64,7 +64,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A folder of modalities. The same wish resumes it; another one is refused as soon as it holds a file.
+    """A modality folder. The same settings resume it; other settings are refused once it holds a file.
 
     Raises:
         RunConflictError: If it holds other modalities, or other files.

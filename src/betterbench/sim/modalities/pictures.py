@@ -1,4 +1,4 @@
-"""Pictures of what is drawn: masks and depth in colors, and boxes."""
+"""Color images of masks and depth, and boxes drawn over images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What varies by seed besides the slots: looks, room, places of the cameras, direction of the light, start of the arm.
+"""Seeded variation besides the slots: looks, room, poses of the cameras, direction of the light, start of the arm.
 
 A trial and its twin share all of it, because nothing here depends on the condition. Looks and room change the compiled
 model, so a trial draws one of a limited number of sets of them; the rest changes no model.

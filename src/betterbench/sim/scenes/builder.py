@@ -1,4 +1,4 @@
-"""From a condition and a seed to a compiled model: which assets stand where, and which geometry belongs to whom."""
+"""Compilation of a scene from a condition and a seed: placement of the assets, and the body label of each geom."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: what it is, the asset chosen for it, and its pose ``T_world_object`` at reset.
+    """One object of a scene: its description, the asset chosen for it, and its pose ``T_world_object`` at reset.
 
     ``shut`` is the pose of a drawer while it is shut.
     """
@@ -71,7 +71,7 @@ class CompiledScene:
 
 
 LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
-"""Names of bodies that are no objects, as contacts name them."""
+"""Names of bodies that are not objects, as contacts name them."""
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:

@@ -1,4 +1,4 @@
-"""Collision checks on a private copy of a scene, for planners: which bodies would touch in a given configuration."""
+"""Collision checks on a private copy of a scene, for planners: the bodies that would touch in a given configuration."""
 
 from __future__ import annotations
 

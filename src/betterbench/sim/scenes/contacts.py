@@ -1,4 +1,4 @@
-"""Which bodies touch: the contacts of the physics engine as pairs of names, those of sleeping objects included."""
+"""Contacts of the physics engine as pairs of body names, those of sleeping objects included."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from betterbench.sim.scenes.builder import LABELS, CompiledScene
 
 
 class _Sleep(NamedTuple):
-    """Which objects sleep.
+    """The sleeping objects of a scene.
 
     Attributes:
-        cycles: What the engine says of its trees, as it stands in memory.
+        cycles: Bytes of the engine's ``tree_asleep``, from which the rest follows.
         sleeping: The numbers of the objects.
         places: Returns their positions, given those of all objects.
     """
@@ -34,14 +34,14 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """What a reading returns, but for the forces, for as long as the same pairs touch.
+    """Result of a reading without the forces; it is reused as long as the same pairs touch.
 
     Attributes:
         groups: The pairs that the engine lists.
-        kept: What the sleeping objects touch.
+        kept: Contacts of the sleeping objects.
         order: The numbers of all pairs that touch.
         contacts: Their contacts in this order; those with a force to be read are to be replaced.
-        awake: These: where they stand, their names, and where their forces stand.
+        awake: Contacts with a force to be read: index in ``contacts``, both names, and addresses of the forces.
         held: The object that is held.
     """
 
@@ -226,7 +226,7 @@ class ContactReader:
 
 
 _NOTHING: Mapping[int, Contact] = {}
-"""What is kept while nothing sleeps."""
+"""Contacts of sleeping objects while no object sleeps."""
 
 _KEPT_BETWEEN_READINGS = (
     "_kept_for",

@@ -1,4 +1,4 @@
-"""Leaving out what a view does not show, before it is drawn.
+"""Culling of geometry that a view does not show, before it is drawn.
 
 MuJoCo hands every visible geom and the sky to OpenGL, which then throws away what lies outside the view or behind
 something. A software renderer has transformed the vertices and painted the pixels by then: a camera at the wrist, which

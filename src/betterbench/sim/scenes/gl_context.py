@@ -1,4 +1,4 @@
-"""The OpenGL context of this process: which back end it comes from, who may use it, and how pixels are read.
+"""The OpenGL context of this process: its back end, the thread that may use it, and the reading of pixels.
 
 A process holds one context, made on first use and shared by all renderers of that process. Rendering belongs to the
 thread that made the first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a
@@ -25,7 +25,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.sim.graphics import INSTALL_HINT, gl_backend, no_window, require_drawing
 
 CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are set, or run: {INSTALL_HINT}"
-"""What to do where OpenGL does not work and no variable is known to be the cause."""
+"""Remedy if OpenGL does not work and no variable is known to be the cause."""
 
 
 _SPAWN = (
@@ -35,7 +35,7 @@ _SPAWN = (
 
 
 class _GLContext(Protocol):
-    """What the classes of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw`` have in common."""
+    """Common interface of the contexts of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
 
     def make_current(self) -> None: ...
 
@@ -43,7 +43,7 @@ class _GLContext(Protocol):
 
 
 class Closable(Protocol):
-    """Holds buffers in the context until it is closed."""
+    """An object that holds buffers in the context until it is closed."""
 
     def close(self) -> None:
         """Free the buffers."""
@@ -64,7 +64,7 @@ def renderer_fingerprint() -> dict[str, str]:
 
 @dataclass(slots=True)
 class _ProcessContext:
-    """The OpenGL context of this process, and who may use it."""
+    """The OpenGL context of this process, with the process and the thread that may use it."""
 
     gl: _GLContext | None = None
     pid: int = 0
@@ -77,7 +77,7 @@ class _ProcessContext:
 CONTEXT = _ProcessContext()
 """The context of this process."""
 RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
-"""What holds buffers in the context and has to be closed before the context is freed at exit."""
+"""Objects with buffers in the context; they are closed before the context is freed at exit."""
 
 
 def make_current() -> None:

@@ -394,7 +394,7 @@ def _opened(pipe: object) -> BinaryIO:
 
 
 class _Drawer:
-    """What the process holds between two requests: a scene, a view of it, and what draws its sights."""
+    """State of the process between two requests: a scene, a view of it, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size

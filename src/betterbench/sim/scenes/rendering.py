@@ -45,7 +45,7 @@ _FONT_SCALE = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """One view of a scene; what was not asked for is None.
+    """Images of one view of a scene; those that were not requested are None.
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.

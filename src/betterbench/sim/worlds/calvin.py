@@ -66,26 +66,26 @@ OURS = (
     "every chain is played in a process of its own, as the first one of CALVIN's evaluation is, so that it does not "
     "depend on the chains before it"
 )
-"""Where every run here differs from CALVIN's own evaluation."""
+"""Difference of every run here from CALVIN's own evaluation."""
 
 PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK}, CHAINS, settling_steps=0, seed=0)
 """CALVIN's own protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
 
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
-"""What a record says of the table at every step: doors beyond half of what the starts open them, and the lights."""
+"""Relations of the table in a record: doors opened beyond half of their opening in the start states, and lights."""
 
 _SPLITS = {
     CALVIN_ABSOLUTE.name: [3, 6],
     CALVIN_DELTA.name: [3, 6],
     CALVIN_ABSOLUTE_QUATERNION.name: [3, 7],
 }
-"""Where calvin_env wants an action of an action space cut into position, rotation and gripper."""
+"""Indices at which an action is split into position, rotation and gripper for calvin_env, by action space."""
 
 _HALF_CLOSED = 0.5
 """Gripper command below which X-VLA's client takes the gripper for closed."""
 _MODULE = "envs/play_table_env.py"
 _RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
-"""What the command says of the renderer at its end."""
+"""Last word of the simulator's command, which chooses the renderer: with EGL, without, or by itself."""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -101,7 +101,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """What a simulator says at the start of a chain, beside what :func:`read_play_table` reads."""
+    """Reply of the simulator to the start of a chain, without the part that :func:`read_play_table` reads."""
 
     engine: dict[str, str]
     code: str
@@ -129,10 +129,10 @@ class ChainTask(WorldTask):
 
 @dataclass(frozen=True, slots=True)
 class ChainSettings(WorldSettings):
-    """What a worker needs to play chains in CALVIN.
+    """Settings of a worker that plays chains in CALVIN.
 
     Attributes:
-        objects: The blocks, then what is fixed.
+        objects: The blocks, then the fixtures.
     """
 
     objects: tuple[ObjectInfo, ...] = ()
@@ -214,7 +214,7 @@ class ChainScene(ForeignScene):
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """What a record says of the table."""
+        """Names of the relation columns, which describe the table."""
         return RELATIONS
 
     @property
@@ -381,7 +381,7 @@ class ChainScene(ForeignScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """What the simulator is told at each instruction: what it draws, and how actions are cut into parts."""
+        """Settings sent to the simulator with each instruction: images to draw, and the split of actions into parts."""
         return {
             "images": self._images,
             "depth": self.draws_depth,

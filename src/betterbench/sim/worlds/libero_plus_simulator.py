@@ -61,7 +61,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What a class of the wheel's problems adds to that of LIBERO.
+    """Changes of a problem class of LIBERO-Plus to its base class in LIBERO.
 
     Attributes:
         name: Its name.

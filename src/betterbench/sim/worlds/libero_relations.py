@@ -1,4 +1,4 @@
-"""What touches what in LIBERO's simulator and which relations hold, read by the numbers of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator, read by the numbers of geoms, sites and bodies.
 
 LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place costs a
 dozen calls of NumPy. Here the same is read by numbers. Read in an environment without betterbench: NumPy alone is
@@ -13,17 +13,19 @@ from typing import Any
 import numpy as np
 
 _RESTS = {"arm", "table", "floor"}
-"""Contacts among these are no matter of a record."""
+"""Bodies whose contacts among each other are not recorded."""
 
 _HEIGHT_M = 0.1
 _SUNK_M = 0.005
-"""How high above the top of a place, and how far below it, something may be that is on it (LIBERO's ``under``)."""
+"""Depth below the top of a site, and height above it, at which an object still counts as on it [m].
+
+Both are those of LIBERO's ``under``."""
 
 _BELOW_M = 0.01
-"""How far below a box something may be that is in it (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""LIBERO itself is asked where so little decides: products of matrices are not summed in the same order."""
+"""Margin below which LIBERO's own check decides [m]: it sums the products of matrices in another order."""
 
 
 class Touching:

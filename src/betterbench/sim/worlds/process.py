@@ -1,4 +1,4 @@
-"""The process of a foreign simulator, as a worker sees it: whatever it does costs at most its own trial."""
+"""The process of a foreign simulator, as a worker sees it: a failure of it costs at most its own trial."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _END_S = 5.0
 _LONGEST_TEXT = 10_000
 """Most characters of a name, a sentence or a version."""
 _SAID_BYTES = 4000
-"""How much of what a simulator printed last is looked at."""
+"""Length of the end of a simulator's output that is searched for its last line [byte]."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 

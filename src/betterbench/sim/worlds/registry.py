@@ -1,4 +1,4 @@
-"""The foreign worlds: what each is, where its environment lies, and how it is installed."""
+"""Register of the foreign worlds: the description, the environment and the installation of each."""
 
 from __future__ import annotations
 

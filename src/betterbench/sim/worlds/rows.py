@@ -1,4 +1,4 @@
-"""Rows: all numbers of one control step as one array, in a form that is said once at the start of an episode.
+"""Rows: all numbers of one control step as one array, in a form that is sent once at the start of an episode.
 
 Between two control steps the processor's caches are cold, and twenty arrays cost both sides of the socket twenty
 times what one costs. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
@@ -27,7 +27,7 @@ def form_of(arrays: Mapping[str, np.ndarray]) -> list[list[Any]]:
 
 
 class RowForm:
-    """Where each array is in a row."""
+    """Form of a row: the position and the shape of each array in it."""
 
     def __init__(self, form: object) -> None:
         """Read what :func:`form_of` returned; ValueError or TypeError if it is nothing of that kind."""

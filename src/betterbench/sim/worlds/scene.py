@@ -1,4 +1,4 @@
-"""A trial in a foreign world, with the interface that an episode wants of a scene of ours."""
+"""A trial in a foreign world, with the interface of :class:`betterbench.sim.scenes.Scene` that an episode uses."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""What a row holds, and how many numbers each of it has where that is the same for all tasks."""
+"""Arrays of a row with the number of values of each; None where it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
-"""What a row holds of each object."""
+"""Arrays of a row that have one entry per object, with the number of values of an entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""What is sent at each step beside images, each (n,), and the kinds of numbers that it may be made of."""
+"""Arrays, (n,) each, that are sent at each step beside the images, with the NumPy kinds that each may have."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -74,7 +74,7 @@ class _StartObject:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeStart:
-    """What a simulator says at the start of an episode; ``row`` is read by :class:`RowForm`."""
+    """Reply of a simulator to the start of an episode, without ``row``, which :class:`RowForm` reads."""
 
     objects: tuple[_StartObject, ...]
     relations: tuple[str, ...]
@@ -132,14 +132,14 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
-    """What a worker needs to run trials in a foreign world; small and picklable.
+    """Settings of a worker that runs trials in a foreign world; small and picklable.
 
     Attributes:
         world: Its name.
         command: The command of its process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
-        regime: What the tasks of the base suite teach.
+        regime: Training distribution of the base suite.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
     """
 
@@ -153,7 +153,7 @@ class WorldSettings:
 
     @property
     def simulator(self) -> str:
-        """Name of what simulates it; records of different simulators are not compared."""
+        """Name of the simulator; records of different simulators are not compared."""
         return self.world
 
     @property
@@ -219,7 +219,7 @@ class _Instruction:
 
 @dataclass(frozen=True, slots=True)
 class Instructed:
-    """A condition of a foreign world, as far as an episode asks for it."""
+    """A condition of a foreign world, with the fields that an episode reads."""
 
     id: str
     name: str
@@ -271,12 +271,12 @@ class ForeignScene:
 
     @property
     def info(self) -> SceneInfo:
-        """What stays the same in the episode; known after the reset."""
+        """Properties of the scene that stay the same in the episode; known after the reset."""
         return self._info
 
     @property
     def whole_instruction(self) -> str:
-        """Everything that the policy is told in the episode."""
+        """All instructions of the episode, as one text."""
         return self.condition.instruction.text
 
     @property
@@ -286,7 +286,7 @@ class ForeignScene:
 
     @property
     def _process_key(self) -> object:
-        """What a process is kept for: the next trial of the same scene; None if it runs one trial alone."""
+        """Key under which a process is kept for the next trial of the same scene; None if it runs one trial alone."""
         return tuple(self.task.asked().values())
 
     @property
@@ -563,7 +563,7 @@ class ForeignTracker:
 
     @property
     def undecided_states(self) -> int:
-        """0: what holds is asked of the world itself, while it is in the state in question."""
+        """0: relations are evaluated by the world itself at every state, so that none is left undecided."""
         return 0
 
     def update(self, state: WorldState) -> Truth:

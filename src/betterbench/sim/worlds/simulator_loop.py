@@ -1,6 +1,6 @@
-"""What the process of a foreign simulator does: it answers requests until the run has gone.
+"""Main loop of the process of a foreign simulator, which answers requests until the run closes the connection.
 
-Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+Like :mod:`betterbench.sim.worlds.frames`, it is imported in an environment without betterbench.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a generator returns, and the words in which it describes an object: parts, grasps and regions."""
+"""Draft of an asset, as a generator returns it, and the helpers that make its parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence

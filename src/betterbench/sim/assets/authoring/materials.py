@@ -1,9 +1,9 @@
-"""What things are made of: how each material slides, how dense it is, and where the numbers come from.
+"""Materials of objects: friction and density of each, with the sources of the numbers.
 
 A coefficient of friction belongs to a pair of surfaces, but MuJoCo takes the larger of two numbers, each of one
 surface. The number of a material here is that of the material against itself or against a painted or laminated table
-top; the table's own number, 0.5, is below or at all of them, so that each thing brings its own, and the rubber pads of
-the gripper, 1.2, exceed all of them, so that a grasp holds everything alike.
+top; the table's own number, 0.5, is below or at all of them, so that the number of each object counts. The rubber
+pads of the gripper have 1.2, more than any material, so that a grasp holds every object alike.
 
 Tables of dry static friction differ by half of their values; those here lie inside the published ranges and are
 rounded to 0.05:

@@ -1,4 +1,4 @@
-"""Collision shapes: convex solids, and the walls of hollow things made of them."""
+"""Collision shapes: convex solids, and the walls of hollow objects made of them."""
 
 import math
 from collections.abc import Iterable

@@ -43,11 +43,11 @@ _SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """What the carcass and the drawers of one look share.
+    """Style of one look, shared by the carcass and the drawers.
 
     Attributes:
-        half_x, half_y, height: Of the carcass [m]: half its depth, half its width.
-        front: How the front is worked: "plain", "frame", "groove" or "band".
+        half_x, half_y, height: Half the depth, half the width and the height of the carcass [m].
+        front: Pattern of the front: "plain", "frame", "groove" or "band".
         handle: One of :data:`_HANDLES`, with its extents along x, y and z [m].
         boards, fronts, top: Colors of the sides, of the front panels and of the top board.
         card: True for a holder with a card on each front.

@@ -1,4 +1,4 @@
-"""Open laptops: the anchor beside which things are put on a desk."""
+"""Open laptops: the anchor beside which objects are put on a desk."""
 
 import math
 
