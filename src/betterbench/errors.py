@@ -50,12 +50,12 @@ def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def encodable(text: str) -> str:
-    """Return a text with what has no encoding, such as half of a pair of surrogates, written by its number."""
+    """Return a text in which characters without an encoding, such as lone surrogates, are written by their numbers."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return what begins a message on a stream: on a terminal, what wipes a progress bar off the line it stands in."""
+    """Return the start of a message on a stream: on a terminal, the codes that erase the progress bar on the line."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
@@ -68,7 +68,7 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return where in somebody's own code an exception was raised ("my_policy.py, line 12, in act"), or an empty text.
+    """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
     It is the innermost place outside betterbench, the standard library and installed packages. The file is named
     without its folder, so that a record of the error is the same wherever the file lies.
@@ -96,8 +96,8 @@ class UnknownNameError(BetterError):
     """A requested name is not registered.
 
     Args:
-        kind: What sort of thing was looked up, in the singular ("task", "policy").
-        name: The name that was asked for.
+        kind: Sort of object that was looked up, in the singular ("task", "policy").
+        name: The requested name.
         known: The names that exist.
     """
 
@@ -138,12 +138,12 @@ NamedThing = TypeVar("NamedThing", bound=Named)
 
 
 def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing:
-    """Return the thing of that name.
+    """Return the object of that name.
 
     Args:
-        kind: What sort of thing is looked up, in the singular.
+        kind: Sort of object that is looked up, in the singular.
         name: Name to look for.
-        things: Where to look.
+        things: Objects to search.
 
     Raises:
         UnknownNameError: If none has the name.
@@ -160,8 +160,8 @@ class InvalidInputError(BetterError):
 
     Args:
         where: The field or file that is wrong.
-        problem: What is wrong with it.
-        cure: What to do instead.
+        problem: Description of the problem.
+        cure: Remedy.
     """
 
     where: str
@@ -253,7 +253,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Return what the system refused and where, in one line with a cure."""
+    """Return the message of an error of the operating system, with its path and a remedy, in one line."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__

@@ -75,7 +75,7 @@ def read_form(
         adapter: Reads the form.
         form: JSON as bytes or text, which is the fastest, or a value that was parsed before.
         where: File (and place in it) for the error.
-        cure: What to do about a wrong form, for the error.
+        cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
         sealed: True for a text whose content a digest has confirmed, so that a key that stands twice need not be looked
             for, which takes as long as reading it.
@@ -129,7 +129,7 @@ def open_seal(
     Args:
         raw: The document.
         where: File for the error.
-        cure: What to do about a document that was changed.
+        cure: Remedy for a document that was changed.
         raises: Class of the error.
         since: Field with the version of the form, and the first version that is sealed. Older documents, and those
             without the field, are read with a warning. None if every document is sealed.
@@ -181,7 +181,7 @@ def say_unsealed(where: str) -> None:
 
 
 _SAID: set[str] = set()
-"""Documents without a seal of which that was said."""
+"""Documents whose missing seal has been reported."""
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
@@ -211,7 +211,7 @@ def _whole_number(digits: str) -> int:
 
 @contextmanager
 def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
-    """Turn what is raised while a form is read into one line that names the file, the field and the cure.
+    """Turn exceptions from reading a form into one line that names the file, the field and the remedy.
 
     Raises:
         BetterError: In place of what pydantic, ``json`` or the dataclass itself raised.
@@ -296,7 +296,7 @@ class NotOrdinaryError(OSError):
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file of a stranger for reading; every file that we did not just write is opened by this function.
+    """Open a file from outside for reading; every file that this process did not just write is opened here.
 
     A pipe or a device is not waited for.
 
@@ -349,7 +349,7 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 _MOST_OF_A_FIELD = 200
 """Characters of the name of a field in a message; the keys of a map are a stranger's."""
 _MOST_OF_A_PROBLEM = 600
-"""Characters of what is wrong with a field in a message, which may show its value."""
+"""Most characters of the description of a problem in a message, which may show the value of the field."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
@@ -376,7 +376,7 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
 
 
 def dump_json(form: object) -> bytes:
-    """Return the one byte sequence that stands for a JSON value: sorted keys, no spaces, no NaN.
+    """Return the canonical bytes of a JSON value: sorted keys, no spaces, no NaN.
 
     Raises InvalidInputError if the value holds something that JSON cannot say.
     """

@@ -87,7 +87,7 @@ class Observation:
     """Input of a policy at one control step: instruction, images and proprioception.
 
     Attributes:
-        instruction: What the robot is asked to do.
+        instruction: Instruction of the task.
         step: Control steps taken since reset.
         images: Per camera an upright RGB image, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].

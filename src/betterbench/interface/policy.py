@@ -42,7 +42,7 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a value is no such number or out of range, or two exclude each other."""
+        """Raise InvalidInputError if a value has the wrong type or is out of range, or two exclude each other."""
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):

@@ -31,8 +31,8 @@ class DurableFile:
     Missing folders are made.
 
     Attributes:
-        file: What is written to.
-        part: Where it is until it is finished, for a library that writes to a file of its own.
+        file: The open file to write to.
+        part: Path of the unfinished file, for a library that opens files itself.
 
     Raises:
         StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the

@@ -49,7 +49,7 @@ class HeldFolder:
 
     Attributes:
         lock: File of the lock.
-        output: What is locked, as the user knows it.
+        output: Locked path, as the user named it.
         identity: Device and inode of the file.
     """
 

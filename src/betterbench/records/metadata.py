@@ -33,7 +33,7 @@ class Outcome:
 
     Attributes:
         success: Whether the trial counts as a success under its expected behavior.
-        error: What went wrong, for "policy_error" and "interrupted".
+        error: Description of the error, for "policy_error" and "interrupted".
         clipped_actions: Actions that had to be clipped to the bounds of the action space.
         invalid_actions: Answers of the policy that could not be executed.
     """
@@ -70,18 +70,18 @@ class RecordMetadata:
         axis: Axis of the variation, or None on a training condition.
         base_condition: Training condition a variation is derived from; the same seed of it is the twin.
         interventions: The operations as text, in order.
-        expected: What a correct policy does ("succeed", "refuse", "stay_still").
+        expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number of an action.
         camera_preset: Name of the observation preset, or None when no image was rendered.
         render_quality: Name of the render preset, or None likewise.
         engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        looks: Which looks the run draws from.
+        looks: Set of looks that the run draws from.
         room: Name of the room that the trial drew.
         view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
-        demonstrator: Who or what demonstrated; None for the trial of a policy under test.
+        demonstrator: Source of the demonstration; None for the trial of a policy under test.
         segments: The rows that serve each subgoal, derived from the states; of demonstrations alone.
     """
 
@@ -116,7 +116,7 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; what only demonstrations have is left out of all other records."""
+        """Return the JSON form; fields of demonstrations are left out of all other records."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)

@@ -151,7 +151,7 @@ def seal(data: bytes) -> bytes:
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return where the digest stands; raise RecordError if there is not exactly one."""
+    """Return the span of the digest in the file; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(f"is damaged or no record. {_PLACE}")
@@ -173,7 +173,7 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
 
 
 def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
-    """Read how the episode of a record ended, and nothing else, which is fast.
+    """Read the outcome of a record's episode and nothing else, which is fast.
 
     Raises:
         RecordError: As :func:`read_record`, of which it checks less.
@@ -182,7 +182,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read of which trial a record is, and how its episode ended; raises what :func:`read_outcome` raises."""
+    """Read the trial and the outcome of a record; raises what :func:`read_outcome` raises."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 

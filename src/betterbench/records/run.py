@@ -86,8 +86,8 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """A folder that holds one run.
 
-    ``plan`` is everything that two runs must share to be the same run; ``context`` is good to know and may differ on
-    resuming: machine, policy handshake.
+    ``plan`` is everything that two runs must share to be the same run. ``context`` is further information that may
+    differ on resuming: machine, policy handshake.
     """
 
     path: Path
@@ -96,7 +96,7 @@ class RunFolder:
     _planned: Mapping[TrialId, Mapping[str, Any]] | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the path absolute: whoever changes the working directory later does not move the run."""
+        """Make the path absolute, so that a later change of the working directory does not move the run."""
         object.__setattr__(self, "path", self.path.absolute())
         object.__setattr__(self, "_planned", _planned(self.plan))
 
@@ -194,7 +194,7 @@ class RunFolder:
         return is_locked(self.path / LOCK_NAME)
 
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
-        """Write what became known about the run later into its context, and return the run.
+        """Add later information to the context of the run, and return the run.
 
         Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
         """
@@ -278,7 +278,7 @@ class RunFolder:
             )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Refuse a journal that lists what the plan does not."""
+        """Refuse a journal that lists a trial outside the plan."""
         planned = self._planned
         for entry in entries if planned is not None else ():
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
@@ -332,7 +332,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read of which trial a record is and how its episode ended, which is fast; raises what read_record raises.
+        """Read the trial and the outcome of a record, which is fast; raises what read_record raises.
 
         With the journal's ``entry`` the journal is not read for it.
         """
@@ -342,7 +342,7 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return how the trial of a line of the journal ended; raises what :meth:`read_record` raises."""
+        """Return the outcome of the trial of a line of the journal; raises what :meth:`read_record` raises."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
@@ -354,7 +354,7 @@ class RunFolder:
         return entry.record if entry is not None and entry.status == "done" else None
 
     def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
-        """Refuse a record that says something else than where it lies and what is planned there."""
+        """Refuse a record whose metadata disagree with its path or with the plan."""
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
         if self._planned is not None:
             if trial not in self._planned:

@@ -32,7 +32,7 @@ class TwinPair:
         task: Their task.
         seed: Their seed.
         conditions: Their conditions.
-        instructions: What differs: what was said to each.
+        instructions: Their instructions, which differ.
         shared_rows: Rows that are the same in both, bit for bit: the state at reset and after each shared action.
         rows: Rows of each.
     """

@@ -135,7 +135,7 @@ class ModalityWriter:
         self._file.__exit__(kind, error, trace)
 
     def finish(self, header: ViewHeader) -> Path:
-        """Write what the file says about itself, force it to disk and put it at its place, which is returned."""
+        """Write the header, force the file to disk and put it at its place, which is returned."""
         self._flush()
         told = {
             HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json")),
@@ -252,7 +252,7 @@ class ModalityFile:
         return os.pread(self._source, end - begin, begin)
 
     def _checked_footer(self) -> int:
-        """Return where the footer begins, whose seal fits; raise RecordError if it does not."""
+        """Return the offset of the footer, whose seal fits [byte]; raise RecordError if it does not."""
         size = os.fstat(self._source or 0).st_size
         tail = self._bytes(max(0, size - _TAIL), size)
         length = int.from_bytes(tail[:4], "little")
@@ -297,13 +297,13 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return what an error about a file says is wrong with it, without its name and the cure."""
+    """Return the problem in the message of an error about a file, without the file's name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Turn what reading a damaged file can raise into an error that names it."""
+    """Turn exceptions from reading a damaged file into an error that names it."""
     try:
         yield
     except BetterError:

@@ -34,7 +34,7 @@ class PlacedCamera:
     """A camera of your own that stands in the world.
 
     Attributes:
-        position: Where it is, world frame [m].
+        position: Its position, world frame [m].
         target: Point that it looks at, world frame [m]; world up is up in the image, +x if it looks straight down.
         fovy_deg: Vertical field of view [degree].
     """

@@ -39,7 +39,7 @@ def gl_backend() -> str | None:
 
 
 def asked_back_end() -> str:
-    """Return what ``MUJOCO_GL`` says, as MuJoCo reads it."""
+    """Return the back end named by ``MUJOCO_GL``, as MuJoCo reads it; empty if none."""
     return os.environ.get("MUJOCO_GL", "").strip().lower()
 
 

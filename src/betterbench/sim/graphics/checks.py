@@ -23,7 +23,7 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check what MuJoCo reads when it is imported; it would end there with an error that names no cure.
+    """Check the variables that MuJoCo reads when it is imported; its own error would not name a remedy.
 
     Raises:
         GraphicsError: If a variable has a value that it cannot have.

@@ -53,7 +53,7 @@ def devices() -> list[int]:
 
 
 def draws_with(handle: int) -> dict[str, Any]:
-    """Return what a device draws with: OpenGL's "vendor", "renderer" and "version", and its CUDA number and UUID.
+    """Return the OpenGL of a device: its "vendor", "renderer" and "version", and its CUDA number and UUID.
 
     Empty if no OpenGL context can be made on it, as where the job may not use the graphics card.
     """

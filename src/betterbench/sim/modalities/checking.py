@@ -95,7 +95,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield what the file of each view of a recorded trial has to be."""
+    """Yield the expected file of each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # its files can be whole even if the record is not any more
@@ -106,7 +106,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
 
 
 def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], found: FolderCheck) -> FileProblem | None:
-    """Read a file, and return what is wrong with it."""
+    """Read a file, and return its problem."""
     if not path.exists():
         return FileProblem(path, "is missing", "missing")
     found.files += 1

@@ -94,7 +94,7 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Note by which OpenGL the images are drawn, or raise RunConflictError if others were drawn by another one."""
+        """Store the fingerprint of the OpenGL that draws; RunConflictError if another one drew earlier images."""
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
@@ -146,7 +146,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return what a folder of modalities holds; RecordError if it is none or damaged."""
+    """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
     cure = "Name a folder that better materialize wrote"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

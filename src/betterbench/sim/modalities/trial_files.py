@@ -81,7 +81,7 @@ class TrialFiles:
             self._append(last, sights)
 
     def finish(self, origin: TrialOrigin) -> list[Path]:
-        """Write the last row and what the files say about themselves, and return their places."""
+        """Write the last row and the headers of the files, and return their places."""
         last, self._last = self._last, None
         if last is not None:
             self._append(last, None)

@@ -170,7 +170,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
+        """Adopt the present joint angles and finger distance as the command; the arm holds still there."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -210,7 +210,7 @@ class ArmController:
         self._get_reference = number_reader(data.act, self._act)
 
     def state(self) -> ControllerState:
-        """Return what the controller remembers between actions."""
+        """Return the controller's memory between actions."""
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:

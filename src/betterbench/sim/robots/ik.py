@@ -164,7 +164,7 @@ class ArmIK:
     def step(
         self, q: Sequence[float], target: Pose, *, around: Sequence[float] | None = None, lead_rad: float = 0.0
     ) -> list[float]:
-        """Return what :meth:`solve` does, in plain numbers.
+        """Return the joint angles of :meth:`solve`, in plain numbers.
 
         Plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are cold; an
         array operation then costs three times what it does in a benchmark of its own, `all` and `map` twice a loop.

@@ -23,7 +23,7 @@ class RobotSpec:
 
     Attributes:
         name: Name in the register ("panda").
-        source: Where kinematics, masses and meshes come from.
+        source: Source of kinematics, masses and meshes.
         position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
@@ -97,7 +97,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return what a contact of this body is recorded as; None if it is not a part. The name is without prefix."""
+        """Return the name of this body in recorded contacts; None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:

@@ -65,7 +65,7 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return which of ``count`` looks a trial shows: each set takes the next one of a shuffled order of its own."""
+    """Return the number of a trial's look, of ``count``: each set takes the next one of a shuffled order of its own."""
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
@@ -77,7 +77,7 @@ def _order(task: str, round_: int, purpose: str, count: int) -> tuple[int, ...]:
 
 
 def view_jitter_of(task: str, seed: int) -> ViewJitter:
-    """Return by how much the cameras and the key light of a trial are off their nominal places."""
+    """Return the offsets of the cameras and of the key light of a trial from their nominal poses."""
     cameras = {}
     for camera in (*CAMERAS, WRIST_CAMERA):
         x, y, z, rx, ry, rz = stream(task, seed, f"camera:{camera}").uniform(-1.0, 1.0, 6).tolist()

@@ -75,7 +75,7 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
-    """Return where a slot's occupant stands in a trial: position on the table [m] and heading [rad].
+    """Return the pose of a slot's occupant in a trial: position on the table [m] and heading [rad].
 
     The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
     """
@@ -120,7 +120,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is drawn out at the start [m], within its travel."""
+    """Return the opening of a drawer at the start [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
@@ -128,7 +128,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return what a pre-placed object rests on: the layer below it where the stack has one, else the target itself."""
+    """Return the object below a pre-placed one: the layer below it where the stack has one, else the target itself."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -140,7 +140,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the middle of the surface on which things rest at a target, in its frame [m]."""
+    """Return the middle of the surface on which objects rest at a target, in its frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
@@ -149,7 +149,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
+    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn by the trial's stream.
 
     In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
 

@@ -77,7 +77,7 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return what would be touched with these joint angles [rad]: one text "a-b" per pair, none if all is free.
+        """Return the contacts that these joint angles [rad] would cause: one text "a-b" per pair, none if all is free.
 
         ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
         """

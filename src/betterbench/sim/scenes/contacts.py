@@ -95,7 +95,7 @@ class ContactReader:
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
-        """Take note of what the robot touches at one of the physics steps between two readings.
+        """Note the contacts of the robot at one of the physics steps between two readings.
 
         A reading lists these touches too, with their largest force: a graze can begin and end between two readings.
         """
@@ -166,7 +166,7 @@ class ContactReader:
         return self._groups
 
     def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
-        """Return what readings return where these pairs touch and the sleeping objects touch what is kept."""
+        """Return the result of readings for these touching pairs and these contacts of the sleeping objects."""
         asleep = frozenset() if kept is _NOTHING else self._kept_numbers
         awake = {number: addresses for number, addresses in groups if number not in asleep}
         order = tuple(sorted({*awake, *kept}))
@@ -183,14 +183,14 @@ class ContactReader:
         return tuple([found[number] for number in sorted(found)])
 
     def _who_sleeps(self, cycles: bytes) -> _Sleep:
-        """Return which objects sleep, from what the engine says of its trees."""
+        """Return the sleeping objects, from the sleep state of the engine's trees."""
         asleep = self._asleep
         sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
         picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a row of one, not its element
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Find what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
+        """Find the contacts of the sleeping objects, unless these and their places are those of the last call."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:

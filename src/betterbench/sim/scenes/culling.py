@@ -25,7 +25,7 @@ _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Knows what a perspective camera of a model, which looks through the middle of its image, cannot see.
+    """Tells which geometry a perspective camera of a model, with its optical axis in the image's middle, cannot see.
 
     The scene is the one that the images are drawn from; it is filled anew for each image.
     """

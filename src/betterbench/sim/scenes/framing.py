@@ -179,7 +179,7 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return how far slots and target regions stay from the image's edge at all jitters [m], negative outside.
+    """Return the least distance of slots and target regions from the image's edge at all jitters [m]; negative outside.
 
     A slot counts with every place that its jitter allows; a target region with its corners, wherever the jitter of its
     slot puts the target, and a drawer drawn out. Distances are those at the depth of the point.

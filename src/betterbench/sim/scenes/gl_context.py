@@ -50,7 +50,7 @@ class Closable(Protocol):
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return what decides about pixels besides the scene: images of two machines are equal if this is.
+    """Return the properties that pixels depend on besides the scene; images of two machines are equal if these are.
 
     It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
     MissingDependencyError if no off-screen OpenGL works here.
@@ -154,7 +154,7 @@ def as_upright(pixels: np.ndarray) -> np.ndarray:
 
 
 def _context_errors() -> tuple[type[Exception], ...]:
-    """Return what the creation of a context raises where libraries or devices are missing."""
+    """Return the exceptions that the creation of a context raises if libraries or devices are missing."""
     known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
     try:
         return (*known, importlib.import_module("OpenGL.error").Error)

@@ -299,7 +299,7 @@ class Renderer:
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if something may be see-through: the color pass leaves such things out of the depth."""
+        """Return True if a part may be transparent: the color pass leaves such parts out of the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True

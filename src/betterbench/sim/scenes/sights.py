@@ -133,7 +133,7 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return what all sights have in common; raises UnknownNameError if the model lacks a camera."""
+        """Return the properties that all sights share; raises UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
@@ -290,11 +290,11 @@ class StoredSights:
         self._state = StoredState(model)
 
     def facts(self) -> ModelFacts:
-        """Return what :meth:`Sights.facts` returns."""
+        """Return the properties that all sights share, as :meth:`Sights.facts`."""
         return self._sights.facts()
 
     def draw(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[np.ndarray]:
-        """Yield what :meth:`Sights.draw` yields of a recorded state, (nq,), with the record's jitter.
+        """Yield the sights of a recorded state, (nq,), with the record's jitter, as :meth:`Sights.draw`.
 
         Raises RecordError if the record belongs to another model.
         """

@@ -233,7 +233,7 @@ class ChainScene(ForeignScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return what is stored of a scene: the chain, and what the simulator says of its objects."""
+        """Return the stored files of a scene: the chain, and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -242,7 +242,7 @@ class ChainScene(ForeignScene):
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
     def start(self) -> ChainStart:
-        """Return where robot and scene are set to."""
+        """Return the start state to which robot and scene are set."""
         return start_of(self.chain.start) if self.condition.name == "base" else resampled_start_of(self.chain)
 
     def reset(self) -> WorldState:
@@ -305,7 +305,7 @@ class ChainScene(ForeignScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        """Return the privileged state; WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -344,7 +344,7 @@ class ChainScene(ForeignScene):
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
 
     def truth(self) -> Truth:
-        """Return what holds now: the table, and which subtasks have been done in a row."""
+        """Return the relations of the table that hold now, and the subtasks that have been done in a row."""
         if self._now is None:
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
@@ -409,7 +409,7 @@ class ChainScene(ForeignScene):
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if an array is missing, of another shape, or holds what is no number."""
+        """Keep an answer; WorldError if an array is missing, of another shape, or holds a number that is not finite."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
@@ -449,7 +449,7 @@ class ChainScene(ForeignScene):
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Return what is not where the start has it, in words."""
+        """Return descriptions of the parts that are not at their start."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):

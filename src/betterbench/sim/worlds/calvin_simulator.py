@@ -66,7 +66,7 @@ class CalvinSimulator:
         self._depth = False
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return what runs the chains; making the environment shows at once whether checkout and packages are whole.
+        """Return task, versions and objects of the chains, after making the environment to check the installation.
 
         The process is used up by it.
         """

@@ -45,7 +45,7 @@ class VariantTask(WorldTask):
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
-        """Return by what its world knows its scene."""
+        """Return the fields by which the simulator identifies the scene."""
         return {**WorldTask.asked(self), "variant": self.variant}
 
 

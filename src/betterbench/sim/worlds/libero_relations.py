@@ -32,7 +32,7 @@ class Touching:
     """The contacts of a simulation."""
 
     def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
-        """Prepare; ``labels`` says what each body belongs to."""
+        """Prepare; ``labels`` are the labels of all bodies."""
         self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))
@@ -82,7 +82,7 @@ class Touching:
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
     def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
-        """Return which geoms are those that a model touches others with, (ngeom,)."""
+        """Return a mask of the contact geoms of a model, (ngeom,)."""
         mask = self._masks.get(thing)
         if mask is None:
             mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
@@ -120,7 +120,7 @@ class Relations:
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 
     def hold(self) -> np.ndarray:
-        """Return which relations hold now, (n,)."""
+        """Return a mask of the relations that hold now, (n,)."""
         found, unsure = np.zeros(len(self._relations), bool), self._asked
         if self._known:
             data, sites = self._data, self._sites
@@ -143,7 +143,7 @@ class Relations:
         return found
 
     def hold_by_libero(self) -> np.ndarray:
-        """Return which relations hold now by LIBERO's own predicates alone, (n,)."""
+        """Return a mask of the relations that hold now by LIBERO's own predicates alone, (n,)."""
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
@@ -155,7 +155,7 @@ class Relations:
 
 
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return by how much something is on a box, above 0 if it is: LIBERO's ``under`` [m]."""
+    """Return the margin by which an object is on a box, above 0 if it is [m]: LIBERO's ``under``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
     return min(
@@ -167,7 +167,7 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 
 
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return by how much something is in a box, above 0 if it is: LIBERO's ``in_box`` [m]."""
+    """Return the margin by which an object is in a box, above 0 if it is [m]: LIBERO's ``in_box``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)
     return min(

@@ -30,7 +30,7 @@ class RowForm:
     """Form of a row: the position and the shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read what :func:`form_of` returned; ValueError or TypeError if it is nothing of that kind."""
+        """Read a form from :func:`form_of`; ValueError or TypeError if it has another structure."""
         if not isinstance(form, list):
             raise TypeError("the form of its rows is missing")
         self.places: dict[str, slice] = {}
@@ -54,5 +54,5 @@ class RowForm:
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:
-        """Return the names of the arrays of a row that hold what is no number."""
+        """Return the names of the arrays of a row that hold a number that is not finite."""
         return [name for name, place in self.places.items() if not np.isfinite(row[place]).all()]

@@ -98,9 +98,9 @@ class WorldTask:
 
     Attributes:
         suite: Name of the suite ("libero_spatial_swap").
-        number: Its place in the suite.
-        name: What the world calls it.
-        instruction: What the policy is told.
+        number: Its number in the suite.
+        name: Its name in the world.
+        instruction: Instruction to the policy.
         bddl_sha256: Fingerprint of the file that defines it.
     """
 
@@ -121,7 +121,7 @@ class WorldTask:
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
-        """Return by what its world knows its scene."""
+        """Return the fields by which the simulator identifies the scene."""
         return {"suite": self.suite, "task": self.number}
 
 
@@ -310,7 +310,7 @@ class ForeignScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return what is stored of a scene: the task's file, and where its things stood after settling.
+        """Return the stored files of a scene: the task's file, and the places of its objects after settling.
 
         The models themselves belong to the world's packages and are not passed on.
         """
@@ -373,7 +373,7 @@ class ForeignScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        """Return the privileged state; WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -414,7 +414,7 @@ class ForeignScene:
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return what holds now; success is what the world itself calls so."""
+        """Return the relations and subgoals that hold now; success is decided by the world itself."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -467,7 +467,7 @@ class ForeignScene:
             process.kill()
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if it holds something that is no number or has another size than it should."""
+        """Keep an answer; WorldError if an array has a number that is not finite or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
@@ -492,9 +492,9 @@ class ForeignScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold.
+        """Keep the reply to the start of an episode; WorldError if a row lacks a required array.
 
-        What is malformed otherwise raises what :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
+        Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.
         """
         where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
@@ -567,7 +567,7 @@ class ForeignTracker:
         return 0
 
     def update(self, state: WorldState) -> Truth:
-        """Return what holds in the state that the world is in."""
+        """Return the relations and subgoals that hold in the current state of the world."""
         del state
         return self._scene.truth()
 
@@ -606,12 +606,12 @@ def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
 
 
 def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
-    """Return what something touches."""
+    """Return the names of the bodies that a body touches."""
     return {b if a == name else a for a, b, _ in contacts if name in (a, b)}
 
 
 def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise WorldError if an array that a simulator sent holds what is no number."""
+    """Raise WorldError if an array that a simulator sent holds a number that is not finite."""
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]

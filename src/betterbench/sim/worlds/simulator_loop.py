@@ -34,7 +34,7 @@ class Simulator(Protocol):
         """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle; return what stays the same in it, and its first row."""
+        """Begin an episode and settle; return its constant properties and its first row."""
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after it; with images if ``look``."""

@@ -263,7 +263,7 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
 
 
 def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[CollisionPart, ...]]:
-    """Return what is seen and what is touched of a handle at ``y`` on a panel whose front is at ``front`` [m]."""
+    """Return the visual and the collision parts of a handle at ``y`` on a panel whose front is at ``front`` [m]."""
     (kx, ky, kz), z = (0.5 * e for e in s.handle_size), _HANDLE_HEIGHT
     x, (sy, sz) = front + _HANDLE_AWAY, (0.5 * e for e in _STEM)
     length, middle = x - kx - front + 0.001, 0.5 * (front + x - kx)
