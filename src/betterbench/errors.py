@@ -1,4 +1,4 @@
-"""Errors that a user can meet: each names the problem and its remedy.
+"""The errors a user can meet: each names the thing that is wrong and what to do about it.
 
 Every error that betterbench raises on purpose derives from :class:`BetterError`. The command line prints its text as
 one line and exits with status 2; anything else is a bug and keeps its traceback.

@@ -87,9 +87,7 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """Description of a policy, given by the policy itself: its name, its action space and its needs.
-
-    It is stored with the run.
+    """Description of a policy, given by the policy itself and stored with the run.
 
     Attributes:
         name: Address by which the policy was asked for.

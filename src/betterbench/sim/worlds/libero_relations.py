@@ -17,9 +17,7 @@ _RESTS = {"arm", "table", "floor"}
 
 _HEIGHT_M = 0.1
 _SUNK_M = 0.005
-"""Depth below the top of a site, and height above it, at which an object still counts as on it [m].
-
-Both are those of LIBERO's ``under``."""
+"""Depth below the top of a site, and height above it, at which an object is still on it [m] (LIBERO's ``under``)."""
 
 _BELOW_M = 0.01
 """Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
