@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Most characters of a text from outside in a message, unless told otherwise."""
+"""Most characters of a text from outside in a message, by default."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -45,7 +45,7 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last line of a stranger's error that says something, as :func:`one_line`: of a traceback, its end."""
+    """Return the last line of an error from outside that is not empty, as :func:`one_line`: of a traceback, its end."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 

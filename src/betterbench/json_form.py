@@ -236,8 +236,8 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Return the value of a JSON text; raise ValueError if it is none, or nested deeper than 200.
 
-    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON: whoever
-    reckons with one takes it from a form that bounds it. With ``unique``, InvalidInputError is raised if a key stands
+    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON; for
+    calculations, take them from a form that bounds them. With ``unique``, InvalidInputError is raised if a key stands
     twice. With ``number``, numbers are what it makes of their text, and NaN and Infinity are refused.
     """
     try:

@@ -97,7 +97,7 @@ class PolicyInfo:
         metadata: Texts by name (checkpoint, revision, server); they are copied.
         execution: Execution settings of its action chunks.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
-            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are asked for.
+            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are requested.
     """
 
     name: str
@@ -109,7 +109,7 @@ class PolicyInfo:
     cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the types, because users write their own; InvalidInputError and UnknownNameError say what is wrong."""
+        """Check the types, because users write their own; raise InvalidInputError or UnknownNameError."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__

@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, whatever happens to the process or the machine while they are written."""
+"""Files that are either complete or absent, even if the process or the machine fails while they are written."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
+    """Turn an error of a full, broken or protected disk into a StorageError; further writes fail too."""
     try:
         yield
     except OSError as problem:

@@ -45,7 +45,7 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """A folder that a process has locked, as its worker processes are told; small and picklable.
+    """A folder that a process has locked, as it is passed to its worker processes; small and picklable.
 
     Attributes:
         lock: File of the lock.
@@ -101,7 +101,7 @@ class RunLock:
         self._guard()
 
     def _noted(self, *, waits: bool) -> int:
-        """Return the descriptor of the locked file, which says who holds it."""
+        """Return the descriptor of the locked file, after writing the holder into it."""
         with naming(self._locked):
             handle = self._taken(waits=waits)
             try:
@@ -155,7 +155,7 @@ class RunLock:
     def _taken(self, *, waits: bool) -> int:
         """Return the descriptor of the file with the lock on it that is still at its place.
 
-        Whoever held the lock before may have removed the file, or its folder: a lock on it would keep nobody out.
+        The last holder of the lock may have removed the file or its folder; a lock on it would exclude no process.
         """
         while True:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -254,8 +254,8 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
 
-    Locks of this process are meant, and those that its parent had told it of (:func:`write_within`); raises
-    RunConflictError if somebody else has taken one that is renewed.
+    Checked are the locks of this process and those that its parent passed on (:func:`write_within`). Raises
+    RunConflictError if another process has taken one that is renewed.
     """
     for held in _around():
         held.require_folder(path)

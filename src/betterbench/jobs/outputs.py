@@ -132,7 +132,7 @@ class OutputFolder:
     """A folder that a verb writes its files to, locked while it is open; a context manager.
 
     Every file that this process puts there meanwhile (:class:`~betterbench.jobs.durable.DurableFile`) is checked
-    and listed, whoever writes it; folders below with a lock of their own are left to their owners.
+    and listed, by any writer; folders below with a lock of their own are left to their owners.
 
     Args:
         path: The folder; made if it is missing.

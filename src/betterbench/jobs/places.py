@@ -97,7 +97,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing where it is, made if it is missing, and return its descriptor.
 
-    A journal and a lock are written in place, so whatever else has their name would be changed.
+    A journal and a lock are written in place, so any other file of that name would be changed.
 
     Raises:
         InvalidInputError: If it is a link, no ordinary file, or has a second name (a hard link).

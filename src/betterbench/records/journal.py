@@ -20,7 +20,7 @@ from betterbench.json_form import read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
-"""Whether a trial has a record, or broke down outside the policy and is run again when the run is resumed."""
+"""Status of a trial: it has a record, or it broke outside the policy and is run again when the run is resumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -222,7 +222,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
-    """Return the JSON document of a file, whose schema version is the one that is read here."""
+    """Return the JSON document of a file, after checking its schema version."""
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(

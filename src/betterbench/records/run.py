@@ -319,8 +319,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read a trial's record.
 
-        Whoever has noted the ``digest`` of the file before gives it: the run may have changed since. Otherwise it is
-        that of the journal.
+        Give the ``digest`` of the file if it was noted before, because the run may have changed since. Otherwise that
+        of the journal is used.
 
         Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
         policy or action space, or with other bytes than when it was written.
@@ -461,7 +461,7 @@ class RunFolder:
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder, and refuse one that would lead out of it."""
+        """Return a path below the folder; refuse a path that leads out of it."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
@@ -570,7 +570,7 @@ def _seed(seed: int) -> int:
 
 
 def _is_leftover(path: Path) -> bool:
-    """Tell whether a file is one that a run that never began may have left."""
+    """Tell whether a file may have been left by a run that never began."""
     return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
 
 

@@ -85,7 +85,7 @@ def _wrong(variable: str, problem: str, cure: str) -> GraphicsError:
 
 
 def _require_platform(backend: str) -> None:
-    """Check that PyOpenGL is not told to find its functions elsewhere."""
+    """Check that ``PYOPENGL_PLATFORM`` does not name another platform for PyOpenGL's functions."""
     platform = os.environ.get("PYOPENGL_PLATFORM", "")
     if platform and platform.lower() != backend:
         chosen = "as MUJOCO_GL says" if asked_back_end() == backend else "the back end found here"

@@ -44,7 +44,7 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene.
+    """Return the look of an object in a trial; equal objects look alike in every scene.
 
     Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
     the room. Categories of one family and color share their look, as a cabinet and its drawers do.

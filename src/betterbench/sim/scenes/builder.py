@@ -77,7 +77,7 @@ LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
     """Return the pose of a slot's occupant in a trial: position on the table [m] and heading [rad].
 
-    The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
+    The jitter belongs to the slot: it does not depend on the objects there or elsewhere.
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)

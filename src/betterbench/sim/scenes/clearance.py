@@ -36,7 +36,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Contacts are looked for by the robot and by what it holds alone, and found at anything but the robot. What the
-        # other things touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
+        # other objects touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0

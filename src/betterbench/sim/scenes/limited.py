@@ -85,7 +85,7 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
 class _EndedError(RecordError):
-    """The process has ended although nobody told it to."""
+    """The process has ended without a request to end."""
 
 
 @dataclass(slots=True)
@@ -278,7 +278,7 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was told to."""
+        """Whether the process has ended, or was requested to."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:

@@ -404,7 +404,7 @@ class ChainScene(ForeignScene):
         return played
 
     def _instruct(self) -> None:
-        """Let the policy be told the sentence of the subtask that is due."""
+        """Give the policy the instruction of the current subtask."""
         sentence = self.chain.subtasks[min(self._done, CHAIN_LENGTH - 1)].instruction
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 

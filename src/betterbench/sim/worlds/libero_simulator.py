@@ -66,7 +66,7 @@ class TaskFiles:
 
 
 class LiberoSimulator:
-    """One environment of LIBERO, which is kept while the same task is asked for."""
+    """One environment of LIBERO, which is kept while the same task is requested."""
 
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")

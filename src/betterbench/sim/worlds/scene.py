@@ -248,7 +248,7 @@ class ForeignScene:
     ) -> None:
         """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
 
-        ``instructed_anew`` is set by a step after which the policy is told another sentence.
+        ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
         self.settings, self.seed, self.action_space = settings, seed, action_space
         self.task = settings.tasks[f"{task}/{condition}"]
