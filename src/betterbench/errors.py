@@ -17,19 +17,19 @@ from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 LONGEST_SHOWN = 500
-"""Most characters of a text from outside in a message, unless told otherwise."""
+"""Most characters of a text from outside in a message, by default."""
 
 UNPRINTABLE = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
     r"\U000e0000-\U000e007f]"
 )
-"""What steers a terminal, hides or reorders letters, or has no encoding; not the tab and the line feed."""
+"""Characters that control a terminal, hide or reorder letters, or have no encoding, without tab and line feed."""
 
 
 def printable(text: str, *, most: int) -> str:
     """Return a text from outside without escape sequences, and of bounded length; its lines stay.
 
-    What steers a terminal is replaced by U+FFFD, and what is beyond ``most`` characters by their number.
+    Characters of :data:`UNPRINTABLE` are replaced by U+FFFD, and those beyond the first ``most`` by their number.
     """
     cut = len(text) - most
     if cut > 0:
@@ -45,17 +45,17 @@ def one_line(text: object, *, most: int = LONGEST_SHOWN) -> str:
 
 
 def last_line(text: str, *, most: int = LONGEST_SHOWN) -> str:
-    """Return the last line of a stranger's error that says something, as :func:`one_line`: of a traceback, its end."""
+    """Return the last line of an error from outside that is not empty, as :func:`one_line`: of a traceback, its end."""
     return next((one_line(line, most=most) for line in reversed(text.splitlines()) if line.strip()), "")
 
 
 def encodable(text: str) -> str:
-    """Return a text with what has no encoding, such as half of a pair of surrogates, written by its number."""
+    """Return a text in which characters without an encoding, such as lone surrogates, are written by their numbers."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def line_start(stream: TextIO) -> str:
-    """Return what begins a message on a stream: on a terminal, what wipes a progress bar off the line it stands in."""
+    """Return the start of a message on a stream: on a terminal, the codes that erase the progress bar on the line."""
     return "\r\x1b[2K" if stream.isatty() and os.environ.get("TERM", "dumb") != "dumb" else ""
 
 
@@ -68,7 +68,7 @@ _OURS = str(Path(__file__).resolve().parent)
 
 
 def raised_at(problem: BaseException) -> str:
-    """Return where in somebody's own code an exception was raised ("my_policy.py, line 12, in act"), or an empty text.
+    """Return the place in the user's code where an exception was raised ("my_policy.py, line 12, in act"), or "".
 
     It is the innermost place outside betterbench, the standard library and installed packages. The file is named
     without its folder, so that a record of the error is the same wherever the file lies.
@@ -93,11 +93,11 @@ def described(problem: BaseException) -> str:
 
 
 class UnknownNameError(BetterError):
-    """A name was asked for that is not registered.
+    """A requested name is not registered.
 
     Args:
-        kind: What sort of thing was looked up, in the singular ("task", "policy").
-        name: The name that was asked for.
+        kind: Sort of object that was looked up, in the singular ("task", "policy").
+        name: The requested name.
         known: The names that exist.
     """
 
@@ -127,7 +127,7 @@ class UnknownNameError(BetterError):
 
 
 class Named(Protocol):
-    """Something with a name."""
+    """An object with a name."""
 
     @property
     def name(self) -> str:
@@ -138,12 +138,12 @@ NamedThing = TypeVar("NamedThing", bound=Named)
 
 
 def find_named(kind: str, name: str, things: Iterable[NamedThing]) -> NamedThing:
-    """Return the thing of that name.
+    """Return the object of that name.
 
     Args:
-        kind: What sort of thing is looked up, in the singular.
+        kind: Sort of object that is looked up, in the singular.
         name: Name to look for.
-        things: Where to look.
+        things: Objects to search.
 
     Raises:
         UnknownNameError: If none has the name.
@@ -160,8 +160,8 @@ class InvalidInputError(BetterError):
 
     Args:
         where: The field or file that is wrong.
-        problem: What is wrong with it.
-        cure: What to do instead.
+        problem: Description of the problem.
+        cure: Remedy.
     """
 
     where: str
@@ -213,7 +213,7 @@ class PolicyKilledError(PolicyError):
 
 
 class ModelError(BetterError):
-    """A language model cannot be reached, refuses a request, or answers what cannot be read."""
+    """A language model cannot be reached, refuses a request, or gives an answer that cannot be read."""
 
 
 class HandshakeError(BetterError):
@@ -225,7 +225,7 @@ class PremiseError(BetterError):
 
 
 class RunConflictError(BetterError):
-    """A run folder holds something else than the run that was asked for."""
+    """A run folder holds another run than the requested one, or other files."""
 
 
 class RecordError(BetterError):
@@ -253,7 +253,7 @@ class GraphicsError(MissingDependencyError):
 
 
 def system_error_text(problem: OSError) -> str:
-    """Return what the system refused and where, in one line with a cure."""
+    """Return the message of an error of the operating system, with its path and a remedy, in one line."""
     where = "" if problem.filename is None else f"{problem.filename}: "
     other = "" if problem.filename2 is None else f" (to {problem.filename2})"
     reason = problem.strerror or str(problem) or type(problem).__name__
@@ -274,7 +274,7 @@ STORAGE_CURES: Mapping[int, str] = {
     errno.EROFS: "choose a place that can be written to",
     errno.EIO: "see to the disk, then run the same command again",
 }
-"""What to do about each error of a disk after which whatever is written next fails alike, by its number."""
+"""Remedy for each disk error after which every further write fails in the same way, by errno."""
 
 
 class PlanningError(BetterError):

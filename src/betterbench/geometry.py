@@ -33,7 +33,7 @@ def normalize(q: Sequence[float]) -> Quaternion:
 
 
 def unit_quaternion(q: Quaternion) -> Quaternion:
-    """Return what :func:`normalize` does, for plain floats alone and in less time."""
+    """Return a quaternion as :func:`normalize` does, for plain floats only and in less time."""
     w, x, y, z = q
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if norm == 0.0:

@@ -41,7 +41,7 @@ class Extra:
     """An optional part of the package.
 
     Attributes:
-        use: What it is for, in a few words.
+        use: Its purpose, in a few words.
         modules: The modules by which one sees whether it is installed.
     """
 
@@ -74,9 +74,9 @@ def missing_extra(problem: str, extra: str, *, otherwise: str = "") -> MissingDe
     """Return the error for a missing extra, with the command that installs it here.
 
     Args:
-        problem: What needs what, as a sentence without its period.
+        problem: Sentence that says what needs the extra, without its period.
         extra: Name of the extra.
-        otherwise: What can be done instead, as the end of the sentence after the command.
+        otherwise: Alternative, as the end of the sentence after the command.
     """
     return MissingDependencyError(f"{problem}. Run: {extra_command(extra)}{f', {otherwise}' if otherwise else ''}")
 
@@ -119,7 +119,7 @@ def calibration_module(name: str, problem: str) -> ModuleType:
 
     Args:
         name: Its name below ``betterbench_calibration``.
-        problem: What needs it, as a sentence without its period.
+        problem: Sentence that says what needs the distribution, without its period.
 
     Raises:
         MissingDependencyError: If the distribution is not installed; the text ends with the command that installs it.
@@ -149,7 +149,7 @@ def calibration_command() -> str:
 
 
 def requirements_of(extra: str) -> tuple[str, ...]:
-    """Return what an extra asks for on this Python, as its installer takes it ("torch>=2.10")."""
+    """Return the requirements of an extra on this Python, as installers take them ("torch>=2.10")."""
     listed = (text.partition(";") for text in importlib.metadata.requires(_NAME) or ())
     wanted = []
     for requirement, _, marker in listed:

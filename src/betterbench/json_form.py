@@ -75,7 +75,7 @@ def read_form(
         adapter: Reads the form.
         form: JSON as bytes or text, which is the fastest, or a value that was parsed before.
         where: File (and place in it) for the error.
-        cure: What to do about a wrong form, for the error.
+        cure: Remedy for a wrong form, for the error.
         raises: Class of the error.
         sealed: True for a text whose content a digest has confirmed, so that a key that stands twice need not be looked
             for, which takes as long as reading it.
@@ -129,7 +129,7 @@ def open_seal(
     Args:
         raw: The document.
         where: File for the error.
-        cure: What to do about a document that was changed.
+        cure: Remedy for a document that was changed.
         raises: Class of the error.
         since: Field with the version of the form, and the first version that is sealed. Older documents, and those
             without the field, are read with a warning. None if every document is sealed.
@@ -181,7 +181,7 @@ def say_unsealed(where: str) -> None:
 
 
 _SAID: set[str] = set()
-"""Documents without a seal of which that was said."""
+"""Documents whose missing seal has been reported."""
 
 
 def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
@@ -198,8 +198,8 @@ def unique_keys(pairs: Sequence[tuple[Any, Any]]) -> dict[Any, Any]:
 
 _HUGE_DIGITS = 20
 _HUGE = re.compile(rb"[\[,:]\s*-?\d{%d}" % _HUGE_DIGITS)
-"""What may be a number that does not fit into 64 bits: nothing here counts so far, and arithmetic with it breaks in
-odd places."""
+"""Pattern of a number that may not fit into 64 bits. No value here is that large, and arithmetic with such a number
+fails in unexpected places."""
 
 
 def _whole_number(digits: str) -> int:
@@ -211,7 +211,7 @@ def _whole_number(digits: str) -> int:
 
 @contextmanager
 def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputError) -> Iterator[None]:
-    """Turn what is raised while a form is read into one line that names the file, the field and the cure.
+    """Turn exceptions from reading a form into one line that names the file, the field and the remedy.
 
     Raises:
         BetterError: In place of what pydantic, ``json`` or the dataclass itself raised.
@@ -236,8 +236,8 @@ def form_errors(where: str, cure: str, raises: type[BetterError] = InvalidInputE
 def parse_json(text: str | bytes, *, unique: bool = False, number: Callable[[str], Any] | None = None) -> Any:  # noqa: ANN401
     """Return the value of a JSON text; raise ValueError if it is none, or nested deeper than 200.
 
-    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON: whoever
-    reckons with one takes it from a form that bounds it. With ``unique``, InvalidInputError is raised if a key stands
+    Code that goes through a deeper value would break somewhere else. Integers have any size here, as in JSON; for
+    calculations, take them from a form that bounds them. With ``unique``, InvalidInputError is raised if a key stands
     twice. With ``number``, numbers are what it makes of their text, and NaN and Infinity are refused.
     """
     try:
@@ -296,7 +296,7 @@ class NotOrdinaryError(OSError):
 
 
 def open_ordinary(path: Path) -> io.BufferedReader:
-    """Open a file of a stranger for reading; every file that we did not just write is opened by this function.
+    """Open a file from outside for reading; every file that this process did not just write is opened here.
 
     A pipe or a device is not waited for.
 
@@ -349,7 +349,7 @@ def _as(raises: type[BetterError], wrong: InvalidInputError) -> BetterError:
 _MOST_OF_A_FIELD = 200
 """Characters of the name of a field in a message; the keys of a map are a stranger's."""
 _MOST_OF_A_PROBLEM = 600
-"""Characters of what is wrong with a field in a message, which may show its value."""
+"""Most characters of the description of a problem in a message, which may show the value of the field."""
 
 
 def first_problem(error: ValidationError) -> tuple[str, str]:
@@ -376,7 +376,7 @@ def first_problem(error: ValidationError) -> tuple[str, str]:
 
 
 def dump_json(form: object) -> bytes:
-    """Return the one byte sequence that stands for a JSON value: sorted keys, no spaces, no NaN.
+    """Return the canonical bytes of a JSON value: sorted keys, no spaces, no NaN.
 
     Raises InvalidInputError if the value holds something that JSON cannot say.
     """

@@ -67,7 +67,7 @@ def _shell_letter(letter: str) -> str:
 
 
 def _encoding_of(letter: str) -> str:
-    """Return how a letter without an encoding is written: a byte of a file name that is not UTF-8, or as it is."""
+    """Return the error handler that encodes a letter: as a byte of a file name that is not UTF-8, or as a surrogate."""
     return "surrogateescape" if "\udc80" <= letter <= "\udcff" else "surrogatepass"
 
 
@@ -126,7 +126,7 @@ def json_text(
 
 
 def escaped_json(text: str) -> str:
-    """Return JSON in which what steers a terminal, hides or reorders letters, or has no encoding is written by number.
+    """Return JSON in which the characters of :data:`betterbench.errors.UNPRINTABLE` are written by number.
 
     It is read back as the same value.
     """
@@ -134,7 +134,7 @@ def escaped_json(text: str) -> str:
 
 
 def json_line(canonical: bytes) -> bytes:
-    """Return a line of a file of JSON lines from the one byte sequence that stands for its value."""
+    """Return a line of a file of JSON lines from the canonical bytes of its value."""
     return escaped_json(canonical.decode("utf-8")).encode("utf-8") + b"\n"
 
 

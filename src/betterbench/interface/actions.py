@@ -1,4 +1,4 @@
-"""Action spaces: what the numbers of an action mean, as values that both sides of a handshake compare.
+"""Action spaces: the meaning of the numbers of an action, as values that both sides of a handshake compare.
 
 The gripper is the last number of every action space: positive closes, negative opens, zero keeps the last commanded
 width. Only the sign counts, and the fingers travel at finite speed. That is what LIBERO and robosuite policies expect
@@ -34,7 +34,7 @@ GRIPPER_CONVENTION = (
 
 @dataclass(frozen=True, slots=True)
 class ActionSpace:
-    """Declaration of what the numbers of an action mean.
+    """Declaration of the meaning of the numbers of an action.
 
     Attributes:
         name: Name of the action space ("ee_delta").
@@ -42,7 +42,7 @@ class ActionSpace:
         units: Unit of each number after multiplication with its scale ("m", "rad", "1").
         low: Smallest allowed value of each number; smaller ones are clipped, except in CALVIN (:attr:`clips`).
         high: Largest allowed value of each number; larger ones are clipped, except in CALVIN.
-        scale: What one unit of each number amounts to, in ``units``.
+        scale: Size of one unit of each number, in ``units``.
         convention: Frame, reference and polarity in words, compared at every handshake.
     """
 
@@ -126,7 +126,7 @@ class ActionSpace:
         return np.array(values, dtype=np.float64)
 
     def count_clipped(self, actions: np.ndarray) -> int:
-        """Return how many actions, shape (n, dim), have a number out of bounds, clipped or not."""
+        """Return the number of actions, shape (n, dim), that have a number out of bounds, clipped or not."""
         if not len(actions):
             return 0
         outside = (actions < np.array(self.low)) | (actions > np.array(self.high))
@@ -252,7 +252,7 @@ CALVIN_RELATIVE = ActionSpace(
 ``max_rel_orn``; the gripper as its wrapper ``play_lmp_wrapper.py`` makes it 1 or -1)."""
 
 _UNBOUNDED = 1000.0
-"""Bound of a number that its world plays as it comes; it stops what is no position or angle at all."""
+"""Bound of a number that its world does not clip; it stops values that cannot be a position or an angle."""
 
 _CALVIN_GRIPPER = "gripper: positive opens, anything else closes"
 

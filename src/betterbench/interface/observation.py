@@ -22,7 +22,7 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class ObservationSpec:
-    """Which images an observation holds, and whether depth and masks come with them.
+    """Preset of an observation: its cameras, and whether depth images and instance masks are included.
 
     Attributes:
         depth: True to add depth images [m].
@@ -84,10 +84,10 @@ def observation_spec(name: str) -> ObservationSpec:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What a policy sees at one control step.
+    """Input of a policy at one control step: instruction, images and proprioception.
 
     Attributes:
-        instruction: What the robot is asked to do.
+        instruction: Instruction of the task.
         step: Control steps taken since reset.
         images: Per camera an upright RGB image, (height, width, 3) uint8.
         joint_positions: (7,) arm joint angles [rad].

@@ -24,7 +24,7 @@ _EXECUTION_KINDS: tuple[tuple[str, tuple[type, ...], str], ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Execution:
-    """How the chunks of a policy are played.
+    """Execution settings of action chunks: horizon, requests ahead of time, and temporal ensembling.
 
     Attributes:
         horizon: Actions of each chunk that are executed before the policy is asked again; None for all of them.
@@ -42,7 +42,7 @@ class Execution:
     ensemble: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidInputError if a value is no such number or out of range, or two exclude each other."""
+        """Raise InvalidInputError if a value has the wrong type or is out of range, or two exclude each other."""
         for name, kind, words in _EXECUTION_KINDS:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, kind):
@@ -65,7 +65,7 @@ class Execution:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeStart:
-    """What a policy is told when an episode begins: nothing that tells a test condition from a training condition.
+    """Message to a policy at the start of an episode; it does not reveal whether the condition is for training or test.
 
     Attributes:
         episode: Number that a policy may seed its random numbers with, by :func:`episode_number`.
@@ -87,7 +87,7 @@ def episode_number(seed: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PolicyInfo:
-    """What a policy says about itself; stored with the run.
+    """Description of a policy, given by the policy itself and stored with the run.
 
     Attributes:
         name: Address by which the policy was asked for.
@@ -95,9 +95,9 @@ class PolicyInfo:
         needs_images: False if it uses no image, so that none is rendered for it.
         cameras: Cameras of the run's observation that it looks at, so that no other is rendered; None for all.
         metadata: Texts by name (checkpoint, revision, server); they are copied.
-        execution: How its chunks are played.
+        execution: Execution settings of its action chunks.
         heavy: True if it keeps weights in this process. All workers of a run then share one instance if it takes
-            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are asked for.
+            batches (:class:`BatchPolicy`); otherwise there is one worker unless more are requested.
     """
 
     name: str
@@ -109,7 +109,7 @@ class PolicyInfo:
     cameras: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the types, because users write their own; InvalidInputError and UnknownNameError say what is wrong."""
+        """Check the types, because users write their own; raise InvalidInputError or UnknownNameError."""
         for name, kind in (("name", str), ("action_space", str), ("metadata", Mapping), ("execution", Execution)):
             if not isinstance(getattr(self, name), kind):
                 found = type(getattr(self, name)).__name__
@@ -142,7 +142,7 @@ class Policy(Protocol):
 
     @property
     def info(self) -> PolicyInfo:
-        """What the policy says about itself."""
+        """Description of the policy, which is stored with the run."""
 
     def reset(self, start: EpisodeStart) -> None:
         """Forget the last episode and prepare for the next one."""

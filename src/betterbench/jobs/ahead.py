@@ -1,4 +1,4 @@
-"""Taking from an iterator in a thread, so that whoever makes its items and whoever uses them work at the same time."""
+"""Prefetching from an iterator in a thread, so that items are made and used at the same time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PATIENCE_S = 0.2
 
 
 class _End:
-    """What stands in the queue after the last item: the error that ended the iterator, or None."""
+    """Last entry of the queue: the error that ended the iterator, or None."""
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error

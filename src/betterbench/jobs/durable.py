@@ -1,4 +1,4 @@
-"""Files that are either complete or absent, whatever happens to the process or the machine while they are written."""
+"""Files that are either complete or absent, even if the process or the machine fails while they are written."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class DurableFile:
     Missing folders are made.
 
     Attributes:
-        file: What is written to.
-        part: Where it is until it is finished, for a library that writes to a file of its own.
+        file: The open file to write to.
+        part: Path of the unfinished file, for a library that opens files itself.
 
     Raises:
         StorageError: If the disk is full, broken or protected, here or while the context manager is open, or if the
@@ -127,7 +127,7 @@ def remove_parts_of(file: Path) -> None:
 
 @contextlib.contextmanager
 def on_disk(path: Path) -> Iterator[None]:
-    """Turn an error of a full, broken or protected disk into a StorageError; whatever is written next fails alike."""
+    """Turn an error of a full, broken or protected disk into a StorageError; further writes fail too."""
     try:
         yield
     except OSError as problem:

@@ -1,4 +1,4 @@
-"""Processes that outlive the one that started them: found by a mark in their environment, and ended."""
+"""Leftover processes of an ended parent process: found by a mark in their environment, and ended."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def linked_forms(
     Args:
         path: File for the error.
         lines: Its lines, or those after some that were read before.
-        cure: What to do about a line that was changed.
+        cure: Remedy for a line that was changed.
         first: Number of the first of them.
         before: Link of the line before.
         needed: False for a file that earlier versions may have begun, whose first lines have no links. It is said.

@@ -45,11 +45,11 @@ def is_locked(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldFolder:
-    """A folder that a process has locked, as its worker processes are told; small and picklable.
+    """A folder that a process has locked, as it is passed to its worker processes; small and picklable.
 
     Attributes:
         lock: File of the lock.
-        output: What is locked, as the user knows it.
+        output: Locked path, as the user named it.
         identity: Device and inode of the file.
     """
 
@@ -101,7 +101,7 @@ class RunLock:
         self._guard()
 
     def _noted(self, *, waits: bool) -> int:
-        """Return the descriptor of the locked file, which says who holds it."""
+        """Return the descriptor of the locked file, after writing the holder into it."""
         with naming(self._locked):
             handle = self._taken(waits=waits)
             try:
@@ -135,7 +135,7 @@ class RunLock:
 
     @property
     def for_workers(self) -> HeldFolder | None:
-        """What worker processes are told; None where no folder is held, or the lock would be taken anew."""
+        """The locked folder, for worker processes; None if no folder is held, or the lock would be taken anew."""
         if self._handle is None or not self._is_folder or self._renews:
             return None
         held = os.fstat(self._handle)
@@ -143,7 +143,7 @@ class RunLock:
 
     @property
     def _locked(self) -> Path:
-        """What is locked, as the user knows it."""
+        """Locked path, as the user named it."""
         return self._output
 
     def _guard(self) -> None:
@@ -155,7 +155,7 @@ class RunLock:
     def _taken(self, *, waits: bool) -> int:
         """Return the descriptor of the file with the lock on it that is still at its place.
 
-        Whoever held the lock before may have removed the file, or its folder: a lock on it would keep nobody out.
+        The last holder of the lock may have removed the file or its folder; a lock on it would exclude no process.
         """
         while True:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -181,7 +181,7 @@ class RunLock:
             os.close(handle)
 
     def _conflict(self, holder: str) -> str:
-        """Return what is said where a process holds the lock."""
+        """Return the message for a lock that another process holds."""
         return f"{self._locked}: another run (process {holder}) is writing here. Wait for it, or choose another folder."
 
     def require_in_place(self) -> None:
@@ -193,7 +193,7 @@ class RunLock:
             raise StorageError(self._lost("a part of the output may be elsewhere or gone"))
 
     def _lost(self, consequence: str) -> str:
-        """Return what is said where the locked folder is not there any more."""
+        """Return the message for a locked folder that no longer exists."""
         return _lost_text(self._locked, self._path.name, consequence)
 
     def release(self) -> None:
@@ -236,11 +236,11 @@ class FileLock(RunLock):
 
     @property
     def _locked(self) -> Path:
-        """What is locked, as the user knows it."""
+        """Locked path, as the user named it."""
         return self._file
 
     def _conflict(self, holder: str) -> str:
-        """Return what is said where a process holds the lock."""
+        """Return the message for a lock that another process holds."""
         return f"{self._file}: another process ({holder}) is writing it. Wait for it, or choose another name."
 
     def release(self) -> None:
@@ -254,8 +254,8 @@ class FileLock(RunLock):
 def require_held(path: Path) -> None:
     """Raise StorageError if a file that is to be written lies in a locked folder that was removed or moved meanwhile.
 
-    Locks of this process are meant, and those that its parent had told it of (:func:`write_within`); raises
-    RunConflictError if somebody else has taken one that is renewed.
+    Checked are the locks of this process and those that its parent passed on (:func:`write_within`). Raises
+    RunConflictError if another process has taken one that is renewed.
     """
     for held in _around():
         held.require_folder(path)

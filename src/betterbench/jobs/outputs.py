@@ -33,7 +33,7 @@ LIST_NAME = ".written.json"
 
 _MAX_LIST_BYTES = 64 << 20
 _ENDS_BYTES = 1 << 16
-"""How much of both ends of a file is searched for a mark: PNG has its texts first, MP4 last."""
+"""Length of the part at either end of a file that is searched for a mark [byte]: PNG has its texts first, MP4 last."""
 
 
 def mark_of(verb: str) -> str:
@@ -57,8 +57,8 @@ def require_replaceable(
     """Raise RunConflictError if something stands at the place of a file that may not be replaced.
 
     Args:
-        path: Where the file is to be written.
-        verb: Who writes it.
+        path: Path of the file to write.
+        verb: Verb that writes it.
         overwrite: Whether files of others may be replaced.
         is_ours: Tells whether an ordinary file that is there was written by the same verb; by its mark if None.
     """
@@ -132,11 +132,11 @@ class OutputFolder:
     """A folder that a verb writes its files to, locked while it is open; a context manager.
 
     Every file that this process puts there meanwhile (:class:`~betterbench.jobs.durable.DurableFile`) is checked
-    and listed, whoever writes it; folders below with a lock of their own are left to their owners.
+    and listed, by any writer; folders below with a lock of their own are left to their owners.
 
     Args:
         path: The folder; made if it is missing.
-        verb: Who writes it.
+        verb: Verb that writes it.
         overwrite: Whether files of others may be replaced, and a folder that holds other files be taken.
         holds: Tells whether an entry of the folder belongs there though it is not listed, such as a run of its own.
         is_ours: Tells whether a folder without a list is ours all the same, as one of an older version is.
@@ -199,7 +199,7 @@ class OutputFolder:
                 self.path.rmdir()
 
     def _checked(self) -> dict[str, tuple[str, ...]]:
-        """Return what is listed, and refuse a folder that is not ours, or whose files are not."""
+        """Return the listed files; refuse a folder, or files in it, that this verb did not write."""
         path = self.path
         if (path.exists() or path.is_symlink()) and not path.is_dir():
             raise RunConflictError(f"{path}: this is a file. Choose another folder.")

@@ -20,7 +20,7 @@ from betterbench.errors import InvalidInputError
 
 
 class FolderClaim(Protocol):
-    """Who wrote the files of a folder, and which of them may be replaced."""
+    """Claim of a command on the files of a folder: it knows which of them may be replaced."""
 
     @property
     def thread(self) -> int:
@@ -34,7 +34,7 @@ class FolderClaim(Protocol):
 
 
 _GUARDED: dict[Path, list[FolderClaim | None]] = {}
-"""The folders that this process has locked, with who claims their files."""
+"""Folders that this process has locked, each with the claims on its files."""
 
 
 def guard(folder: Path, claim: FolderClaim | None = None) -> None:
@@ -57,7 +57,7 @@ def is_claimed_here(folder: Path) -> bool:
 
 
 def claim_of(path: Path) -> FolderClaim | None:
-    """Return who claims a file: the claim on the innermost guarded folder that it lies in."""
+    """Return the claim on a file: that on the innermost guarded folder around it."""
     around = [folder for folder in tuple(_GUARDED) if path.absolute().is_relative_to(folder)]
     innermost = max(around, key=lambda folder: len(folder.parts), default=None)
     return None if innermost is None else next(filter(None, reversed(_GUARDED.get(innermost, []))), None)
@@ -97,7 +97,7 @@ def naming(path: Path) -> Iterator[None]:
 def open_in_place(path: Path) -> int:
     """Open a file for reading and writing where it is, made if it is missing, and return its descriptor.
 
-    A journal and a lock are written in place, so whatever else has their name would be changed.
+    A journal and a lock are written in place, so any other file of that name would be changed.
 
     Raises:
         InvalidInputError: If it is a link, no ordinary file, or has a second name (a hard link).

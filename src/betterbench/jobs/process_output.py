@@ -1,4 +1,4 @@
-"""What a process of a policy writes, passed on to standard error: without what steers a terminal, and with an end."""
+"""Output of a policy's process, passed on to standard error without control characters and up to a limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import time
 from betterbench.errors import printable
 
 MAX_SHOWN_BYTES = 1 << 20
-"""How much of what one process writes is shown [byte]."""
+"""Most bytes of the output of one process that are shown."""
 
 _LONGEST_LINE = 2000
 _PIECE = 1 << 16

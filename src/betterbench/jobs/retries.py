@@ -9,10 +9,10 @@ from typing import Generic, TypeVar
 from betterbench.errors import WorkerError
 
 MAX_DEATHS = 3
-"""How many workers may die with an item before the item is given up; from the second time on it runs alone."""
+"""Number of workers that die with an item until the item is given up; after the first death it runs alone."""
 
 MAX_DEATHS_IN_A_ROW = 12
-"""How many workers may die, with no item ended in between, before the whole work is given up."""
+"""Number of workers that die, with no item ended in between, until the whole job is given up."""
 
 Item = TypeVar("Item", bound=Hashable)
 
@@ -20,7 +20,7 @@ Item = TypeVar("Item", bound=Hashable)
 class RetryLedger(Generic[Item]):
     """The items that no worker holds, and the deaths of workers so far.
 
-    Whoever distributes the work takes items from the ledger and reports what became of them. The items of a worker that
+    The distributor of the work takes items from the ledger and reports their results. The items of a worker that
     died are suspects: each of them runs again alone, so that an item which kills its worker takes no other one along.
     """
 
@@ -79,5 +79,5 @@ class RetryLedger(Generic[Item]):
         return given_up
 
     def reason(self, how: str) -> str:
-        """Return why an item is given up, in one line that says how the last worker died."""
+        """Return the reason for giving up an item, in one line that says how the last worker died."""
         return f"{MAX_DEATHS} {self._workers} died while they ran it ({how}); run the same command again to retry it"

@@ -1,4 +1,4 @@
-"""How a worker process of a run or of a certification is started, and what it does first."""
+"""Start of worker processes of a run or a certification: signals, numbers of threads, and the end with their parent."""
 
 from __future__ import annotations
 

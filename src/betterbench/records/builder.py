@@ -75,7 +75,7 @@ class RecordBuilder:
         forbidden: bool = False,
         **given: npt.NDArray[Any] | None,
     ) -> None:
-        """Append one row, :meth:`append_state`, and what holds in it, :meth:`append_truth`; raise as they do."""
+        """Append one row, :meth:`append_state`, and its relations, :meth:`append_truth`; raise as they do."""
         self._check_truths(predicates, subgoals)
         self.append_state(state, **given)  # type: ignore[arg-type]
         self.append_truth(predicates=predicates, subgoals=subgoals, goal=goal, forbidden=forbidden)
@@ -128,7 +128,7 @@ class RecordBuilder:
     def append_truth(
         self, *, predicates: Sequence[bool] = (), subgoals: Sequence[bool] = (), goal: bool, forbidden: bool = False
     ) -> None:
-        """Append what holds in the first row of which that is not known yet, in the order of the metadata.
+        """Append the relations of the first row that has none yet, in the order of the metadata.
 
         Raises:
             InvalidInputError: If a truth value is missing, or is known of every row.
@@ -240,7 +240,7 @@ class RecordBuilder:
             raise InvalidInputError("predicates, subgoals", problem, cure)
 
     def _attend(self, simulator: tuple[npt.NDArray[np.float64], ...]) -> None:
-        """Take over the arrays of the simulator, which it keeps in place for an episode, and refuse other shapes."""
+        """Keep references to the simulator's arrays, which stay in place for an episode; refuse other shapes."""
         shapes = tuple(a.shape for a in simulator)
         for name, shape, known in zip(_SIMULATOR_ROWS, shapes, self._shapes or shapes, strict=True):
             if len(shape) != 1:

@@ -1,4 +1,4 @@
-"""What the record of a demonstration says beside its columns: who demonstrated, and which rows serve which subgoal."""
+"""Metadata of a demonstration: its demonstrator, and the rows of each skill and subgoal."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _Row = Annotated[int, Field(ge=0)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrator:
-    """Who or what gave a demonstration, and how.
+    """Source of a demonstration: an expert, a method or a person, with its motion style and its noise.
 
     Attributes:
         kind: Sort of demonstrator.
         name: Name of the expert, the method or the person.
-        manner: How it moved, by name with the unit ("speed", "approach_height_m").
+        manner: Parameters of its motion style, by name with the unit ("speed", "approach_height_m").
         sources: Demonstrations that this one is made of, "TASK/CONDITION/SEED", in the order in which they were used.
         action_noise: Standard deviation of the noise that was added to the executed actions, in action units. With
             noise, the column ``action`` holds what was meant, which is the label to learn, and ``applied`` what was
@@ -55,12 +55,12 @@ class Demonstrator:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SkillWindow:
-    """The rows in which the gripper is near one thing, to take it, let go of it or move it along its rails.
+    """The rows in which the gripper is near one object, to take it, let go of it or move it along its rails.
 
     Attributes:
-        kind: What happens to the object.
+        kind: Effect on the object.
         object: Name of the object; for a miss, of the one that was taken next, "" if none was.
-        target: Where it is put, "" where it is not put at the target of a subgoal.
+        target: Target at which it is put, or "" if that is not the target of a subgoal.
         relation: Relation to the target, "" likewise.
         region: Region of the target, "" where it offers one alone.
         start: First row.
@@ -95,7 +95,7 @@ class SubgoalSegment:
         target: Name of the target.
         relation: Relation that the subgoal asks for.
         region: Region of the target, "" where it offers one alone.
-        skills: What the gripper does in these rows, in time; rows between two windows are transit.
+        skills: Skill windows within these rows, in the order of time; rows between two windows are transit.
     """
 
     subgoal: str

@@ -20,7 +20,7 @@ from betterbench.json_form import read_form
 from betterbench.tasks.trial_id import TrialId
 
 TrialStatus = Literal["done", "error"]
-"""Whether a trial has a record, or broke down outside the policy and is run again when the run is resumed."""
+"""Status of a trial: it has a record, or it broke outside the policy and is run again when the run is resumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +30,9 @@ class JournalEntry:
     Attributes:
         condition: Name of the condition within the task ("train1", "L3").
         status: "done" when its record is on disk, "error" when it has to be run again.
-        message: What broke, for "error".
+        message: Description of the failure, for "error".
         wall: Wall-clock figures by name with their unit ("duration_s", "policy_latency_p50_s"); records hold none.
-        ground_truth: What a faulty policy knows of its own episode, by name; no record holds it, no verdict reads it.
+        ground_truth: Notes of a faulty policy about its own episode, by name; neither records nor verdicts use them.
         record: SHA-256 of the file of its record, or None where there is no record or an older version wrote the line.
         scene: Digest of the files of the scene that it ran in
             (:func:`~betterbench.records.scene_archive.scene_digest`), or None likewise.

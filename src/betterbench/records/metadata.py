@@ -1,4 +1,4 @@
-"""What a record says about itself: which trial it is of, under which versions, and how the episode ended."""
+"""Metadata of a record: its trial, the versions it was made with, and the outcome of the episode."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SCHEMA_VERSION = 1
 """Version of the record's columns and metadata; it moves when an older reader would misunderstand a newer file."""
 
 Termination = Literal["success", "failure", "step_limit", "policy_error", "interrupted"]
-"""Why an episode ended: the goal was met (or rightly left alone), it became unreachable or forbidden, the step limit
-was reached, the policy broke its protocol, or the operator stopped it."""
+"""Reason for the end of an episode: the goal was met (or rightly left alone), it became unreachable or forbidden, the
+step limit was reached, the policy broke its protocol, or the operator stopped it."""
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -29,11 +29,11 @@ TERMINATIONS: tuple[str, ...] = get_args(Termination)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How an episode ended.
+    """Outcome of an episode.
 
     Attributes:
         success: Whether the trial counts as a success under its expected behavior.
-        error: What went wrong, for "policy_error" and "interrupted".
+        error: Description of the error, for "policy_error" and "interrupted".
         clipped_actions: Actions that had to be clipped to the bounds of the action space.
         invalid_actions: Answers of the policy that could not be executed.
     """
@@ -61,7 +61,7 @@ class Outcome:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordMetadata:
-    """What is known about an episode before it starts.
+    """Metadata of an episode that are fixed before it starts.
 
     Attributes:
         suite_version: Version of the suite, which also seeds its random streams.
@@ -70,18 +70,18 @@ class RecordMetadata:
         axis: Axis of the variation, or None on a training condition.
         base_condition: Training condition a variation is derived from; the same seed of it is the twin.
         interventions: The operations as text, in order.
-        expected: What a correct policy does ("succeed", "refuse", "stay_still").
+        expected: Behavior of a correct policy ("succeed", "refuse", "stay_still").
         action_components: Name of each number of an action.
         camera_preset: Name of the observation preset, or None when no image was rendered.
         render_quality: Name of the render preset, or None likewise.
         engine: Fingerprint of everything that can change the numbers: simulator and its version, renderer, model hash.
         scene_hash: Name of the stored scene ``scenes/HASH.zip``.
-        looks: Which looks the run draws from.
+        looks: Set of looks that the run draws from.
         room: Name of the room that the trial drew.
         view_jitter: Offsets of cameras and key light, which images follow from together with scene and state.
         predicate_names: Meaning of each column of ``predicates``.
         subgoal_names: Meaning of each column of ``subgoals``, in the order asked for.
-        demonstrator: Who or what demonstrated; None for the trial of a policy under test.
+        demonstrator: Source of the demonstration; None for the trial of a policy under test.
         segments: The rows that serve each subgoal, derived from the states; of demonstrations alone.
     """
 
@@ -116,7 +116,7 @@ class RecordMetadata:
     schema_version: int = SCHEMA_VERSION
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; what only demonstrations have is left out of all other records."""
+        """Return the JSON form; fields of demonstrations are left out of all other records."""
         form: dict[str, Any] = {}
         for f in fields(self):
             value = getattr(self, f.name)

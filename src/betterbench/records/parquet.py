@@ -49,13 +49,13 @@ MAX_UNPACKED_BYTES = 2 << 30
 _CURE = "Record the trial again"
 
 AGAIN = "The command that made the run records the trial again"
-"""What to do about a record of a run that cannot be read."""
+"""Remedy for a record of a run that cannot be read."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Document:
-    """What stands in the schema of a record beside its columns."""
+    """Document in the Parquet schema of a record, beside its columns: metadata, outcome, and widths of the columns."""
 
     metadata: RecordMetadata
     outcome: Outcome
@@ -98,7 +98,7 @@ class _TrialOnly(BaseModel, strict=True):
 
 
 class RecordBrief(BaseModel):
-    """What a record is of, and how its episode ended: what a run compares without reading the columns."""
+    """Trial and outcome of a record, which a run compares without reading the columns."""
 
     metadata: _TrialOnly
     outcome: Outcome
@@ -108,7 +108,7 @@ _DOCUMENT, _VERSION, _BRIEF = TypeAdapter(_Document), TypeAdapter(_VersionOnly),
 
 _PLACE = f"Name a record of a run, RUN/records/TASK/CONDITION/SEED.parquet. {AGAIN}"
 _WHOLE = f"Copy it again from where it is whole. {AGAIN}"
-"""What to do about a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
+"""Remedy for a record that was cut short or changed: resuming a run sets it aside and deletes nothing."""
 _MAGIC = b"PAR1"
 
 
@@ -151,7 +151,7 @@ def seal(data: bytes) -> bytes:
 
 
 def _seal_span(data: bytes) -> tuple[int, int]:
-    """Return where the digest stands; raise RecordError if there is not exactly one."""
+    """Return the span of the digest in the file; raise RecordError if there is not exactly one."""
     spans = [match.span(1) for match in _SEAL.finditer(data)]
     if len(spans) != 1:
         raise RecordError(f"is damaged or no record. {_PLACE}")
@@ -173,7 +173,7 @@ def read_record(path: Path, *, digest: str | None = None) -> Record:
 
 
 def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
-    """Read how the episode of a record ended, and nothing else, which is fast.
+    """Read the outcome of a record's episode and nothing else, which is fast.
 
     Raises:
         RecordError: As :func:`read_record`, of which it checks less.
@@ -182,7 +182,7 @@ def read_outcome(path: Path, *, digest: str | None = None) -> Outcome:
 
 
 def read_brief(path: Path, *, digest: str | None = None) -> RecordBrief:
-    """Read of which trial a record is, and how its episode ended; raises what :func:`read_outcome` raises."""
+    """Read the trial and the outcome of a record; raises what :func:`read_outcome` raises."""
     with _reading(path), pq.ParquetFile(io.BytesIO(_intact(path, digest))) as file:
         return read_form(_BRIEF, _document_bytes(file), where="metadata", cure=_CURE, sealed=True)
 
@@ -222,7 +222,7 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _document_bytes(file: pq.ParquetFile) -> bytes:
-    """Return the JSON document of a file, whose schema version is the one that is read here."""
+    """Return the JSON document of a file, after checking its schema version."""
     raw = (file.schema_arrow.metadata or {}).get(METADATA_KEY)
     if not isinstance(raw, bytes):
         raise RecordError(

@@ -1,4 +1,4 @@
-"""A run folder: where everything of a run lies, and whose run it is."""
+"""A run folder: the paths of its files, its plan, and its lock and context."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class _PolicyChange(TypedDict):
 
 @growing_form
 class _RunContext(TypedDict, total=False):
-    """What is read of a context; it may say more."""
+    """Fields of a run's context that are read here; it may have more."""
 
     policy: dict[str, Any]
     policy_changes: list[_PolicyChange]
@@ -86,8 +86,8 @@ _RUN_DOCUMENT = TypeAdapter(_RunDocument)
 class RunFolder:
     """A folder that holds one run.
 
-    ``plan`` is everything that two runs must share to be the same run; ``context`` is good to know and may differ on
-    resuming: machine, policy handshake.
+    ``plan`` is everything that two runs must share to be the same run. ``context`` is further information that may
+    differ on resuming: machine, policy handshake.
     """
 
     path: Path
@@ -96,7 +96,7 @@ class RunFolder:
     _planned: Mapping[TrialId, Mapping[str, Any]] | None = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Make the path absolute: whoever changes the working directory later does not move the run."""
+        """Make the path absolute, so that a later change of the working directory does not move the run."""
         object.__setattr__(self, "path", self.path.absolute())
         object.__setattr__(self, "_planned", _planned(self.plan))
 
@@ -194,7 +194,7 @@ class RunFolder:
         return is_locked(self.path / LOCK_NAME)
 
     def amended(self, changes: Mapping[str, Any]) -> RunFolder:
-        """Write what became known about the run later into its context, and return the run.
+        """Add later information to the context of the run, and return the run.
 
         Raises RunConflictError if a process is writing to it, InvalidInputError if a change is not JSON.
         """
@@ -278,7 +278,7 @@ class RunFolder:
             )
 
     def _check_entries(self, entries: tuple[JournalEntry, ...]) -> None:
-        """Refuse a journal that lists what the plan does not."""
+        """Refuse a journal that lists a trial outside the plan."""
         planned = self._planned
         for entry in entries if planned is not None else ():
             key = TrialId(entry.task, entry.variation or entry.condition, entry.seed)
@@ -319,8 +319,8 @@ class RunFolder:
     def read_record(self, task: str, condition: str, seed: int, *, digest: str | None = None) -> Record:
         """Read a trial's record.
 
-        Whoever has noted the ``digest`` of the file before gives it: the run may have changed since. Otherwise it is
-        that of the journal.
+        Give the ``digest`` of the file if it was noted before, because the run may have changed since. Otherwise that
+        of the journal is used.
 
         Raises RecordError if it is missing or unreadable, or not the one that plan and journal mean: of another trial,
         policy or action space, or with other bytes than when it was written.
@@ -332,7 +332,7 @@ class RunFolder:
         return record
 
     def read_brief(self, trial: TrialId, *, entry: JournalEntry | None = None) -> RecordBrief:
-        """Read of which trial a record is and how its episode ended, which is fast; raises what read_record raises.
+        """Read the trial and the outcome of a record, which is fast; raises what read_record raises.
 
         With the journal's ``entry`` the journal is not read for it.
         """
@@ -342,7 +342,7 @@ class RunFolder:
         return brief
 
     def outcome(self, entry: JournalEntry) -> Outcome:
-        """Return how the trial of a line of the journal ended; raises what :meth:`read_record` raises."""
+        """Return the outcome of the trial of a line of the journal; raises what :meth:`read_record` raises."""
         return self.read_brief(entry.key, entry=entry).outcome
 
     def succeeded(self, trial: TrialId, entry: JournalEntry | None = None) -> bool:
@@ -354,7 +354,7 @@ class RunFolder:
         return entry.record if entry is not None and entry.status == "done" else None
 
     def _check_record(self, path: Path, trial: TrialId, found: RecordMetadata | Any) -> None:  # noqa: ANN401
-        """Refuse a record that says something else than where it lies and what is planned there."""
+        """Refuse a record whose metadata disagree with its path or with the plan."""
         wanted: dict[str, object] = {"task": trial.task, "condition": trial.condition, "seed": trial.seed}
         if self._planned is not None:
             if trial not in self._planned:
@@ -461,7 +461,7 @@ class RunFolder:
         return self.load_scene(record.scene_hash, digest=digest)
 
     def _inside(self, top: str, *names: str) -> Path:
-        """Return a path below the folder, and refuse one that would lead out of it."""
+        """Return a path below the folder; refuse a path that leads out of it."""
         path = self.path / top
         for what, name in zip(("task", "condition", "file")[-len(names) :], names, strict=True):
             path /= _safe_name(what, name)
@@ -484,7 +484,7 @@ _DIGESTS: dict[str, str] = {}
 """Digests of the scenes that trials of this process ran in, by their names."""
 
 _WITHOUT_SCENES: set[Path] = set()
-"""Runs of which was said that their journals hold no digests of scenes."""
+"""Runs for which the missing digests of scenes in the journal have been reported."""
 
 _TOLD: set[tuple[Path, int]] = set()
 """Runs with the number of trials that they listed when their unlisted records were looked for."""
@@ -570,7 +570,7 @@ def _seed(seed: int) -> int:
 
 
 def _is_leftover(path: Path) -> bool:
-    """Tell whether a file is one that a run that never began may have left."""
+    """Tell whether a file may have been left by a run that never began."""
     return path.name == LOCK_NAME or path.name.endswith(PART_SUFFIX)
 
 

@@ -41,7 +41,7 @@ class StorableScene(Protocol):
         """Name of the stored scene; in one process it stands for the same files."""
 
     def files(self) -> dict[str, bytes]:
-        """Return what is stored."""
+        """Return the stored files: content by name."""
 
 
 def scene_digest(name: str, files: Mapping[str, bytes]) -> str:
@@ -124,7 +124,7 @@ def _seal(digest: str) -> bytes:
 
 
 def _member_problem(name: str) -> str | None:
-    """Return why a name must not stand in an archive, or None."""
+    """Return the reason for which a name must not stand in an archive, or None."""
     if not name or len(name) > 200 or any(ord(c) < 32 for c in name) or "\\" in name or ":" in name:
         return "is not a portable file name"
     path = PurePosixPath(name)

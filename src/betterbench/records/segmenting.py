@@ -1,4 +1,4 @@
-"""Segments of a record: which rows serve which subgoal, derived from the states and from nothing that a policy says.
+"""Segments of a record: the rows of each subgoal, derived from the states alone.
 
 A skill is told by the gripper: from the action that closes it to the action that opens it. What was held in between was
 picked and placed, a drawer that moved was slid, and if there was neither it was a miss. A skill's window reaches back
@@ -32,7 +32,7 @@ SLID_M = 0.005
 
 @dataclass(frozen=True, slots=True)
 class _Closure:
-    """The rows [closed, opened) in which the gripper is told to be closed, and what happened to which object."""
+    """The rows [closed, opened) in which the gripper is commanded to close, with the object and the effect on it."""
 
     closed: int
     opened: int
@@ -76,7 +76,7 @@ def _segment(goal: Subgoal, name: str, start: int, stop: int, skills: list[Skill
 
 
 def _closures(record: Record) -> Iterator[_Closure]:
-    """Yield what the gripper did from each closing to the opening after it."""
+    """Yield the effect of each closing of the gripper, up to the next opening."""
     closed = record.gripper_command > 0.0
     edges = np.flatnonzero(closed[1:] != closed[:-1]) + 1
     starts = [int(e) for e in edges if closed[e]]
@@ -99,7 +99,7 @@ def _closures(record: Record) -> Iterator[_Closure]:
 
 
 def _travel(record: Record, index: int, start: int, stop: int) -> float:
-    """Return how far an object is at one row from where it was at another [m]."""
+    """Return the distance of an object between two rows [m]."""
     positions = record.object_positions
     return float(np.linalg.norm(positions[stop, index] - positions[start, index]))
 
@@ -156,6 +156,6 @@ def _end(record: Record, change: int, away_m: float, latest: int) -> int:
 
 
 def _distances(record: Record, start: int, stop: int, row: int) -> np.ndarray:
-    """Return how far the tool is at the rows from ``start`` to ``stop`` from where it is at another one [m]."""
+    """Return the distance of the tool, at the rows from ``start`` to ``stop``, from its position at another row [m]."""
     found: np.ndarray = np.linalg.norm(record.ee_position[start:stop] - record.ee_position[row], axis=1)
     return found

@@ -1,4 +1,4 @@
-"""Plain tables as Parquet: rows of texts, numbers and lists of them, for whoever reads data with other tools."""
+"""Plain tables as Parquet: rows of texts, numbers and lists of them, for use with other tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Twin demonstrations of a run: two records with one history, bit for bit, until what was said has an effect."""
+"""Twin demonstrations of a run: two records that agree bit for bit until their instructions have an effect."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _Rows = Annotated[int, Field(ge=1)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TwinPair:
-    """Two demonstrations from the same start, to which something else was said.
+    """Two demonstrations from the same start with different instructions.
 
     Attributes:
         pair: Its id, "TASK/SEED/CONDITION+CONDITION".
         task: Their task.
         seed: Their seed.
         conditions: Their conditions.
-        instructions: What differs: what was said to each.
+        instructions: Their instructions, which differ.
         shared_rows: Rows that are the same in both, bit for bit: the state at reset and after each shared action.
         rows: Rows of each.
     """

@@ -14,7 +14,7 @@ class Region:
     """A named box or disc in an object's frame that tasks refer to: an opening, a ring, a handle, a stacking surface.
 
     Attributes:
-        name: What the region is ("inside", "ring", "handle", "top").
+        name: Kind of the region ("inside", "ring", "handle", "top").
         position: Center in the object frame [m].
         half_size: Half extents along the region's own axes [m]. For a disc the first two are its radius.
         quaternion: Rotation of the region in the object frame (w, x, y, z).
@@ -33,11 +33,11 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class ObjectInfo:
-    """What is known about one object of a scene for as long as the scene exists.
+    """Constant properties of one object of a scene: its kind, its asset, its looks and its size.
 
     Attributes:
         name: Name in the scene ("burger_1"); it carries no meaning for any verdict.
-        kind: What instructions call it ("burger"); two objects of one kind are interchangeable.
+        kind: Its noun in instructions ("burger"); two objects of one kind are interchangeable.
         asset: Identity of the asset ("burger#3").
         color: Color word a person would use ("red").
         shape: Coarse shape word ("round", "cylinder", "box"), compared when a look-alike is grasped.

@@ -1,4 +1,4 @@
-"""What a camera shows of a scene: which objects are seen, how much of each, and where in the image.
+"""Objects in the image of a camera: the visible part of each and its position in the image.
 
 These values follow from a record and the model alone.
 """
@@ -60,7 +60,7 @@ class FrameView:
         height: Rows of the image [pixel].
         T_world_camera: Pose of the camera in the convention of OpenCV: x right in the image, y down, z forward.
         focal: Focal length [pixel]; the optical axis goes through the middle of the image.
-        objects: What is seen, by name in the scene; the gripper as :data:`GRIPPER`. What has no visible pixel is not
+        objects: Visible objects, by name in the scene; the gripper as :data:`GRIPPER`. What has no visible pixel is not
             listed.
     """
 

@@ -1,4 +1,4 @@
-"""By how much cameras and key light of a trial are off their nominal places; images follow from it and the model."""
+"""Offsets of the cameras and of the key light of a trial from their nominal poses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.json_form import strict_form
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CameraOffset:
-    """Where a camera is in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
+    """Pose of a camera in its nominal frame, which has x to the right of the image, y up and z toward the viewer.
 
     Attributes:
         shift_m: Position of the camera [m].

@@ -1,4 +1,4 @@
-"""The columns of a file of modalities: one row per row of the record."""
+"""Columns of a modality file: one row per row of the record."""
 
 from __future__ import annotations
 

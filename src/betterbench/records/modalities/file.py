@@ -1,4 +1,4 @@
-"""Files of modalities: written row group by row group beside their place, read row by row.
+"""Modality files: written by row groups to a temporary file, and read row by row.
 
 The footer of a file, with the header in it, carries a seal as a record does, and lists the SHA-256 of each row group.
 Both are compared before the Parquet reader, which is native code, gets to see the bytes.
@@ -47,7 +47,7 @@ COMPRESSION_LEVEL = 1
 _GROUPS = TypeAdapter(tuple[tuple[int, str], ...])
 
 AGAIN = "The same better materialize command draws it again"
-"""What to do about a file that cannot be read."""
+"""Remedy for a file that cannot be read."""
 
 _MAX_HEADER_BYTES = 1 << 20
 _MAX_ROWS = 10_000_000
@@ -135,7 +135,7 @@ class ModalityWriter:
         self._file.__exit__(kind, error, trace)
 
     def finish(self, header: ViewHeader) -> Path:
-        """Write what the file says about itself, force it to disk and put it at its place, which is returned."""
+        """Write the header, force the file to disk and put it at its place, which is returned."""
         self._flush()
         told = {
             HEADER_KEY: dump_json(HEADER.dump_python(header, mode="json")),
@@ -252,7 +252,7 @@ class ModalityFile:
         return os.pread(self._source, end - begin, begin)
 
     def _checked_footer(self) -> int:
-        """Return where the footer begins, whose seal fits; raise RecordError if it does not."""
+        """Return the offset of the footer, whose seal fits [byte]; raise RecordError if it does not."""
         size = os.fstat(self._source or 0).st_size
         tail = self._bytes(max(0, size - _TAIL), size)
         length = int.from_bytes(tail[:4], "little")
@@ -297,13 +297,13 @@ class ModalityFile:
 
 
 def fault_text(path: Path, problem: RecordError) -> str:
-    """Return what an error about a file says is wrong with it, without its name and the cure."""
+    """Return the problem in the message of an error about a file, without the file's name and the remedy."""
     return str(problem).removeprefix(f"{path}: ").removesuffix(f". {AGAIN}.").rstrip(".")
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Turn what reading a damaged file can raise into an error that names it."""
+    """Turn exceptions from reading a damaged file into an error that names it."""
     try:
         yield
     except BetterError:

@@ -1,4 +1,4 @@
-"""What a file of modalities says about itself."""
+"""Header of a modality file: its trial, its view and its modalities."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ class BoxedObject:
 @strict_form
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewHeader:
-    """What a file holds, and of what.
+    """Header of a modality file: the trial, the view, the modalities, and the meaning of its instance ids.
 
     Attributes:
         record_sha256: SHA-256 of the file of the record.
         quality: Render preset of the colors.
-        modalities: What the file holds, in the order of its columns.
+        modalities: Modalities of the file, in the order of its columns.
         focal_px: Focal length [pixel]. Pixels are square, and the optical axis goes through the middle of the image:
             K = [[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]].
-        stage: Instance ids of what is no object.
+        stage: Instance ids of everything that is not an object.
         renderer: Fingerprint of OpenGL and of the simulator, on which pixels depend.
     """
 

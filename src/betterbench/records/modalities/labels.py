@@ -1,4 +1,4 @@
-"""What the numbers of masks mean: instances within a scene, and semantic ids by category, the same in every scene."""
+"""Ids in masks: instance ids within a scene, and semantic ids by category, the same in every scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NOTHING = 0
 """Instance and semantic id where an image shows no body: the sky."""
 
 STAGE = ("floor", "table", "pedestal", "arm", "hand", "left_finger", "right_finger", "other")
-"""What is no object, in the order of its instance ids, which begin with 1. "other" is what a model holds besides."""
+"""Parts of a scene that are not objects, in the order of their instance ids from 1 on; "other" is all the rest."""
 
 FIRST_OBJECT = 10
 """Instance id of the first object of a scene; the others follow in the order of the record's ``scene.objects``."""

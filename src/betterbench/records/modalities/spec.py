@@ -1,4 +1,4 @@
-"""What is to be materialized: views of a scene, and what of each."""
+"""Views of a scene to materialize, and the modalities of each."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PlacedCamera:
     """A camera of your own that stands in the world.
 
     Attributes:
-        position: Where it is, world frame [m].
+        position: Its position, world frame [m].
         target: Point that it looks at, world frame [m]; world up is up in the image, +x if it looks straight down.
         fovy_deg: Vertical field of view [degree].
     """

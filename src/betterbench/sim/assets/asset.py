@@ -1,4 +1,4 @@
-"""The asset: everything a scene, an expert and a predicate need to know about one 3-D object."""
+"""The asset: description of one 3-D object for scenes, experts and predicates."""
 
 import hashlib
 from collections.abc import Mapping
@@ -77,7 +77,7 @@ class Grasp:
     """A way for a parallel jaw to take the object.
 
     Attributes:
-        name: What is taken ("handle", "body", "rim").
+        name: Part that is grasped ("handle", "body", "rim").
         pose: Pose ``T_object_tcp`` of the tool center point when the jaw closes; its z axis is the approach direction,
             its y axis the direction in which the fingers open.
         width_m: Thickness of what is between the pads [m].
@@ -99,7 +99,7 @@ class Asset:
     """A 3-D object ready for simulation. The origin is the center of the bottom face of its resting bounding box, z up.
 
     Attributes:
-        category: What it is ("mug").
+        category: Kind of object ("mug").
         look: Number of the look within the generator's family.
         color: Color word a person would use.
         shape: Coarse shape word ("round", "cylinder", "box", "irregular").

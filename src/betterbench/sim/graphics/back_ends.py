@@ -1,4 +1,4 @@
-"""The OpenGL back ends: which one images are made with, and whether its libraries are there.
+"""The OpenGL back ends: the one that images are made with, and the presence of its libraries.
 
 Source: MuJoCo 3.17 ``rendering/classic/gl_context.py`` for the values of ``MUJOCO_GL``.
 """
@@ -39,7 +39,7 @@ def gl_backend() -> str | None:
 
 
 def asked_back_end() -> str:
-    """Return what ``MUJOCO_GL`` says, as MuJoCo reads it."""
+    """Return the back end named by ``MUJOCO_GL``, as MuJoCo reads it; empty if none."""
     return os.environ.get("MUJOCO_GL", "").strip().lower()
 
 

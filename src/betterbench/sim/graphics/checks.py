@@ -1,4 +1,4 @@
-"""What can be wrong with the environment variables that decide what images are drawn with, and the cure.
+"""Checks of the environment variables that choose the OpenGL back end, with a remedy for each problem.
 
 Sources: MuJoCo 3.17 ``mujoco/egl`` and ``mujoco/osmesa`` for ``PYOPENGL_PLATFORM`` and ``MUJOCO_EGL_DEVICE_ID``.
 """
@@ -23,7 +23,7 @@ from betterbench.sim.graphics.devices import require_device
 
 
 def require_engine() -> None:
-    """Check what MuJoCo reads when it is imported; it would end there with an error that names no cure.
+    """Check the variables that MuJoCo reads when it is imported; its own error would not name a remedy.
 
     Raises:
         GraphicsError: If a variable has a value that it cannot have.
@@ -85,7 +85,7 @@ def _wrong(variable: str, problem: str, cure: str) -> GraphicsError:
 
 
 def _require_platform(backend: str) -> None:
-    """Check that PyOpenGL is not told to find its functions elsewhere."""
+    """Check that ``PYOPENGL_PLATFORM`` does not name another platform for PyOpenGL's functions."""
     platform = os.environ.get("PYOPENGL_PLATFORM", "")
     if platform and platform.lower() != backend:
         chosen = "as MUJOCO_GL says" if asked_back_end() == backend else "the back end found here"

@@ -55,7 +55,7 @@ class EglDevice:
 
 @functools.cache
 def device_count() -> int:
-    """Return how many devices EGL lists; 0 without EGL, or where it cannot list them."""
+    """Return the number of devices that EGL lists; 0 without EGL, or if it cannot list them."""
     return len(probe.devices())
 
 
@@ -151,7 +151,7 @@ def device_variables(turn: int) -> dict[str, str]:
 
 
 def device_problem(chosen: str, count: int) -> GraphicsError | None:
-    """Return what is wrong with the device that ``MUJOCO_EGL_DEVICE_ID`` names, of so many; None if nothing is."""
+    """Return the error for a wrong ``MUJOCO_EGL_DEVICE_ID`` among ``count`` devices, or None if it is right."""
     if count == 0:
         return None
     last = count - 1

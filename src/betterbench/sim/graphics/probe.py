@@ -1,4 +1,4 @@
-"""Looks at every EGL device in a process of its own, and prints what it can draw as one JSON list.
+"""Probe of every EGL device, run in a process of its own, which prints the capabilities as one JSON list.
 
 A driver that crashes costs this process alone, and no display of a device that is not used stays open. It is run as a
 file and imports the standard library alone.
@@ -53,7 +53,7 @@ def devices() -> list[int]:
 
 
 def draws_with(handle: int) -> dict[str, Any]:
-    """Return what a device draws with: OpenGL's "vendor", "renderer" and "version", and its CUDA number and UUID.
+    """Return the OpenGL of a device: its "vendor", "renderer" and "version", and its CUDA number and UUID.
 
     Empty if no OpenGL context can be made on it, as where the job may not use the graphics card.
     """

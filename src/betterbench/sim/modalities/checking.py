@@ -1,4 +1,4 @@
-"""Checking a folder of modalities against its run: what is missing, damaged, in another's place or of another run."""
+"""Check of a modality folder against its run: missing, damaged and misplaced files, and files of another run."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class FileProblem:
-    """What is wrong with a file.
+    """Problem of one file in a modality folder.
 
     Attributes:
         path: The file, or where it should be.
-        text: What is wrong, as the rest of a sentence about it.
+        text: Description of the problem, as the rest of a sentence about the file.
         kind: "missing", "damaged", "other" (it is not what belongs at its place), or "extra" (nothing does).
     """
 
@@ -35,10 +35,10 @@ class FileProblem:
 
 @dataclass(slots=True)
 class FolderCheck:
-    """What checking a folder found.
+    """Result of the check of a modality folder.
 
     Attributes:
-        wanted: What the folder holds, as its settings say.
+        wanted: Settings of the folder.
         files: Files that were looked at.
         rows: Rows of those that are intact.
         of_run: Files that were drawn of records of the run, whatever else is wrong with them.
@@ -95,7 +95,7 @@ def check_folder(
 
 
 def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[ExpectedFile]:
-    """Yield what the file of each view of a recorded trial has to be."""
+    """Yield the expected file of each view of a recorded trial."""
     quality = wanted.quality
     if quality is None:
         with contextlib.suppress(RecordError):  # its files can be whole even if the record is not any more
@@ -106,7 +106,7 @@ def _expected(run: RunFolder, entry: JournalEntry, wanted: Wanted) -> Iterator[E
 
 
 def _check_file(path: Path, expected: ExpectedFile | None, digests: set[str], found: FolderCheck) -> FileProblem | None:
-    """Read a file, and return what is wrong with it."""
+    """Read a file, and return its problem."""
     if not path.exists():
         return FileProblem(path, "is missing", "missing")
     found.files += 1

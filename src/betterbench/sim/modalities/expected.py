@@ -1,4 +1,4 @@
-"""What a file of modalities has to be to count as the one of a view of a trial."""
+"""Expected header of a modality file, for one view of one trial."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from betterbench.records.modalities.spec import MODALITIES, Modality, ViewSpec
 from betterbench.tasks import TrialId
 
 _MOST = 120
-"""Characters of what a header says in a message: files may come from a stranger."""
+"""Most characters of a header's value in a message: files may come from a stranger."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedFile:
-    """What the header of the file of a view of a trial has to say.
+    """Values that the header of a modality file must have, for one view of one trial.
 
     Attributes:
         record_sha256: SHA-256 of the file of the trial's record.
@@ -32,7 +32,7 @@ class ExpectedFile:
     renderer: Mapping[str, str] | None
 
     def difference(self, header: ViewHeader) -> str | None:
-        """Return what a header says otherwise, as the rest of a sentence about its file, or None if nothing."""
+        """Return the first difference of a header, as the rest of a sentence about its file, or None."""
         trial = one_line(f"{header.task}/{header.condition}/{header.seed}", most=_MOST)
         wanted = tuple(name for name in MODALITIES if name in self.modalities)
         if (header.task, header.condition, header.seed) != (self.trial.task, self.trial.condition, self.trial.seed):

@@ -1,4 +1,4 @@
-"""Optical flow from known poses and depth: where each visible point of a state is in the image of the next one."""
+"""Optical flow from known poses and depth: the motion of each visible point to the image of the next state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of materialized modalities: what was asked for, the files of each trial, and the list of semantic ids."""
+"""Folder of materialized modalities: its settings, the files of each trial, and the list of semantic ids."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _MAX_BYTES = 1 << 20
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What is asked for: the same for every trial of a folder.
+    """Settings of a modality folder, the same for all its trials: views, modalities and renderer.
 
     Attributes:
         quality: Render preset of the colors, or None for the one that each record's policy saw.
@@ -64,7 +64,7 @@ _WANTED = TypeAdapter(Wanted)
 
 
 class ModalityFolder:
-    """A folder of modalities. The same wish resumes it; another one is refused as soon as it holds a file.
+    """A modality folder. The same settings resume it; other settings are refused once it holds a file.
 
     Raises:
         RunConflictError: If it holds other modalities, or other files.
@@ -94,7 +94,7 @@ class ModalityFolder:
         return trial_folder(self.path, trial)
 
     def claim(self, renderer: Mapping[str, str]) -> None:
-        """Note by which OpenGL the images are drawn, or raise RunConflictError if others were drawn by another one."""
+        """Store the fingerprint of the OpenGL that draws; RunConflictError if another one drew earlier images."""
         if self.wanted.renderer is None:
             self.wanted = replace(self.wanted, renderer=dict(renderer))
             write_durably(self.path / SETTINGS_FILE, _text(self.wanted))
@@ -146,7 +146,7 @@ def require_same_settings(path: Path, stored: Wanted, wanted: Wanted) -> None:
 
 
 def read_settings(path: Path) -> Wanted:
-    """Return what a folder of modalities holds; RecordError if it is none or damaged."""
+    """Return the settings of a modality folder; RecordError if it has none, or they are damaged."""
     cure = "Name a folder that better materialize wrote"
     data = read_bounded(path / SETTINGS_FILE, max_bytes=_MAX_BYTES, cure=cure, raises=RecordError)
     where = str(path / SETTINGS_FILE)

@@ -1,4 +1,4 @@
-"""Pictures of what is drawn: masks and depth in colors, and boxes."""
+"""Color images of masks and depth, and boxes drawn over images."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def mask_png(instances: np.ndarray, colors: Sequence[tuple[int, int, int]], *, a
 
 
 def mask_image(instances: np.ndarray, colors: Sequence[tuple[int, int, int]]) -> np.ndarray:
-    """Return a mask (height, width) in colors, (height, width, 3) uint8: what is no object in shades of gray."""
+    """Return a mask (height, width) in colors, (height, width, 3) uint8: parts that are not objects are gray."""
     stage = [(24 * i + 30,) * 3 for i in range(FIRST_OBJECT)]
     table = np.array([*stage, *colors], np.uint8)
     return np.asarray(table[np.minimum(instances, len(table) - 1)])

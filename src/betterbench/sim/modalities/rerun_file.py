@@ -120,7 +120,7 @@ def _layout(blueprint: Any, views: tuple[ViewSpec, ...]) -> Any:  # noqa: ANN401
 
 
 def _log_names(rerun: Any, stream: Any, record: Record, colors: Sequence[tuple[int, int, int]]) -> None:  # noqa: ANN401
-    """Log what does not change: the names and colors of instances, and what the trial is."""
+    """Log the constant data: names and colors of instances, and the description of the trial."""
     meta = record.metadata
     names: list[tuple[Any, ...]] = [(0, "nothing"), *((number, name) for name, number in stage_ids().items())]
     names += [(instance_of_object(i), o.name, colors[i]) for i, o in enumerate(meta.scene.objects)]

@@ -35,7 +35,7 @@ _POLL_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Materialized:
-    """What became of a command.
+    """Result of one materialize command: its trials, its files and the time it took.
 
     Attributes:
         trials: Trials whose files are complete now.

@@ -1,4 +1,4 @@
-"""The files of one trial while they are written: sights come in, in the order of the rows, and columns go out."""
+"""The files of one trial while they are written: sights, in the order of the rows, become columns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from betterbench.sim.scenes.sights import ModelFacts
 
 @dataclass(frozen=True, slots=True)
 class TrialOrigin:
-    """Where the files of a trial come from: its record with its digest, the render preset, and OpenGL's fingerprint."""
+    """Origin of the files of a trial: its record with the digest, the render preset, and OpenGL's fingerprint."""
 
     metadata: RecordMetadata
     record_sha256: str
@@ -36,7 +36,7 @@ class TrialOrigin:
 
 
 class TrialFiles:
-    """The files of some views of one trial; a context manager, which removes what is not finished.
+    """The files of some views of one trial; a context manager, which removes unfinished files.
 
     Raises StorageError if the disk is full, RecordError if the scene has other objects than the record.
     """
@@ -81,7 +81,7 @@ class TrialFiles:
             self._append(last, sights)
 
     def finish(self, origin: TrialOrigin) -> list[Path]:
-        """Write the last row and what the files say about themselves, and return their places."""
+        """Write the last row and the headers of the files, and return their places."""
         last, self._last = self._last, None
         if last is not None:
             self._append(last, None)

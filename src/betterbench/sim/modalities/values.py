@@ -1,4 +1,4 @@
-"""From what is drawn of a state to the values of a file's columns."""
+"""Column values of a modality file, computed from the images, poses and boxes of a state."""
 
 from __future__ import annotations
 

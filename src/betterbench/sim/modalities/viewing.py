@@ -1,4 +1,4 @@
-"""A recorded trial to look at: its views row by row, and what happens when."""
+"""A recorded trial for a viewer: its views row by row, and the time spans of subgoals, grasps and contacts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SHOWN: tuple[Modality, ...] = ("rgb", "depth", "instances", "boxes")
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """What holds when: spans of rows, the last one included, each with what is said there.
+    """One line of a timeline: spans of rows, from the first to the last of each, and the text shown there.
 
     ``kind`` is "subgoal", "held" or "contact".
     """

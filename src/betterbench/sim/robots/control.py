@@ -73,7 +73,7 @@ Joints = Sequence[float]
 
 @dataclass(frozen=True, slots=True)
 class ControllerState:
-    """What a controller remembers between actions: the commanded ``T_base_tcp``, joints [rad] and pad distance [m]."""
+    """Memory of a controller between actions: the commanded ``T_base_tcp``, joints [rad] and pad distance [m]."""
 
     pose: Pose
     joints: tuple[float, ...]
@@ -83,7 +83,7 @@ class ControllerState:
 class ArmController:
     """Turns actions of one action space into servo references, once per control step.
 
-    The robot's base is at the world origin; ``prefix`` is what the scene put before the robot's names.
+    The robot's base is at the world origin; ``prefix`` is the one that the scene gave to the robot's names.
 
     Raises InvalidInputError if it does not drive the action space, the model lacks a part of the robot or the time step
     does not divide the control period.
@@ -170,7 +170,7 @@ class ArmController:
         self.reset(data)
 
     def reset(self, data: mujoco.MjData) -> None:
-        """Adopt the present joint angles and finger distance as what is commanded; the arm holds still there."""
+        """Adopt the present joint angles and finger distance as the command; the arm holds still there."""
         joints = data.qpos[self._qpos]
         self._joints = joints.tolist()
         self._pose = self.ik.forward(joints)
@@ -210,7 +210,7 @@ class ArmController:
         self._get_reference = number_reader(data.act, self._act)
 
     def state(self) -> ControllerState:
-        """Return what the controller remembers between actions."""
+        """Return the controller's memory between actions."""
         return ControllerState(self._pose, tuple(self._joints), self._width)
 
     def restore(self, state: ControllerState) -> None:

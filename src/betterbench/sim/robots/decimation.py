@@ -86,7 +86,7 @@ def decimated(
 
     Args:
         pieces: For each its (n, 3) positions [m], welded, and (m, 3) vertex numbers.
-        weights: How much an error of each piece counts, against the others.
+        weights: Weight of an error of each piece, relative to the others.
         target: Number of triangles at which to stop.
 
     Returns:

@@ -63,7 +63,7 @@ APPROACH = 0.5
 """Share of the way to a position limit that a joint may take in one control step."""
 
 _FAR = 1.01 / APPROACH
-"""How many steps at full speed a joint is away from a position limit where that does not bind, with a margin."""
+"""Distance from a position limit beyond which the limit does not bind, in steps at full speed, with a margin."""
 
 SECOND_ITERATION_RAD = 0.03
 """Joint step above which a control step takes a second iteration, with the new error and the first Jacobian [rad].
@@ -142,7 +142,7 @@ class ArmIK:
 
     @functools.cached_property
     def _frame(self) -> _FrameProblem:
-        """What planning asks mink; following a policy's actions needs none of it."""
+        """Pose error and Jacobian by mink, for planning only; following a policy's actions does not use it."""
         return _FrameProblem(self._model, self.spec.tcp_site)
 
     def forward(self, q: Sequence[float] | np.ndarray) -> Pose:
@@ -164,7 +164,7 @@ class ArmIK:
     def step(
         self, q: Sequence[float], target: Pose, *, around: Sequence[float] | None = None, lead_rad: float = 0.0
     ) -> list[float]:
-        """Return what :meth:`solve` does, in plain numbers.
+        """Return the joint angles of :meth:`solve`, in plain numbers.
 
         Plain floats, plain loops and MuJoCo's own small functions: between two physics steps the caches are cold; an
         array operation then costs three times what it does in a benchmark of its own, `all` and `map` twice a loop.

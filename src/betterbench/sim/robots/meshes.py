@@ -168,7 +168,7 @@ def _connected(count: int, faces: np.ndarray) -> np.ndarray:
 
 
 def _read_cache(path: Path) -> tuple[MeshPart, ...] | None:
-    """Return the parts of a cache file, or None if there is none that is as it was written."""
+    """Return the parts of a cache file, or None if it is missing or damaged."""
     try:
         with open_ordinary(path) as stream:
             seal, _, data = stream.read(_MOST_CACHE_BYTES).partition(b"\n")

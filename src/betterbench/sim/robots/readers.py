@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Reader = Callable[[], tuple[Any, ...]]
-"""Returns what is there now: numbers, or rows of numbers."""
+"""Function that returns the present values: numbers, or rows of numbers."""
 
 Speeds = tuple[tuple[float, ...], tuple[float, ...]]
 """Linear [m/s] and angular [rad/s] speed of each object."""
@@ -30,7 +30,7 @@ def number_reader(array: np.ndarray, indices: Sequence[int]) -> Reader:
 
     Args:
         array: (n,) float64, contiguous; it has to stay where it is in memory.
-        indices: Which numbers, at least one.
+        indices: Indices of the numbers, at least one.
     """
     low, high = min(indices), max(indices) + 1
     read = functools.partial(struct.Struct(f"{high - low}d").unpack_from, _memory(array), 8 * low)
@@ -45,7 +45,7 @@ def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
 
     Args:
         array: (n, width) float64, contiguous; it has to stay where it is in memory.
-        rows: Which rows.
+        rows: Indices of the rows.
     """
     if not rows:
         return tuple
@@ -56,7 +56,7 @@ def row_reader(array: np.ndarray, rows: Sequence[int]) -> Reader:
 
 
 def speed_reader(array: np.ndarray, free: Sequence[int], slides: Sequence[int]) -> Callable[[], Speeds]:
-    """Return a function that reads how fast objects move, as it is when it is called.
+    """Return a function that reads the current speeds of objects.
 
     Args:
         array: (nv,) velocities of all degrees of freedom, float64, contiguous; it has to stay where it is in memory.
@@ -95,7 +95,7 @@ def number_writer(array: np.ndarray) -> Callable[..., None]:
 
 
 def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _Made]:
-    """Return a function that returns what is made of some memory, made anew only when a byte of it has changed."""
+    """Return a function for a value made from some memory, which is made again only when a byte of it has changed."""
     last = memory.tobytes()
     made = make(last)
 
@@ -110,7 +110,7 @@ def _kept(memory: memoryview, make: Callable[[bytes], _Made]) -> Callable[[], _M
 
 
 def _picker(indices: Sequence[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return what picks some indices out of the values from the least to the largest one; None if these are all."""
+    """Return a function that picks indices from the values between the least and the largest; None if it picks all."""
     low, high = min(indices), max(indices) + 1
     return None if list(indices) == list(range(low, high)) else operator.itemgetter(*(i - low for i in indices))
 

@@ -1,4 +1,4 @@
-"""What other packages know about a robot: one frozen value per robot and a register to find it by name."""
+"""Description of a robot for other packages: one frozen value per robot, and a register by name."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class RobotSpec:
-    """Everything that controllers, scenes and experts have to know about a robot.
+    """Description of a robot, for controllers, scenes and experts.
 
     Names are those of the robot's own model; a scene that attaches it under a prefix passes the prefix on. Arm joints
     are listed from base to flange and all per-joint tuples follow that order: angles [rad], velocity limits [rad/s].
 
     Attributes:
         name: Name in the register ("panda").
-        source: Where kinematics, masses and meshes come from.
+        source: Source of kinematics, masses and meshes.
         position_actuators: Per arm joint, the servo that pulls the joint to its integrated reference.
         velocity_actuators: Per arm joint, the servo that damps the joint toward the reference velocity.
         gripper_actuator: Position servo on the distance of the finger pads.
@@ -36,10 +36,10 @@ class RobotSpec:
         joint_effort: Torque that the servos may use [N m].
         gripper_opening_m: Largest distance of the pads [m].
         pad_size_m: Width and height of a pad's face [m].
-        tip_below_tcp_m: How far the finger tips reach beyond the tool center point [m].
+        tip_below_tcp_m: Distance by which the finger tips reach beyond the tool center point [m].
         gripper_speed_m_s: Speed at which the commanded distance of the pads changes [m/s].
         gripper_force_n: Largest force of each pad on an object [N].
-        gripper_lead_m: How far the commanded distance of the pads may lead the measured one [m].
+        gripper_lead_m: Largest lead of the commanded distance of the pads over the measured one [m].
         control_rate_hz: Rate of actions [Hz].
         reach_m: Largest distance of the flange from the shoulder [m].
     """
@@ -97,7 +97,7 @@ class RobotSpec:
         return 1.0 / self.control_rate_hz
 
     def contact_name(self, body: str) -> str | None:
-        """Return what a contact of this body is recorded as; None if it is not a part. The name is without prefix."""
+        """Return the name of this body in recorded contacts; None if it has none. ``body`` is without prefix."""
         if body == self.finger_bodies[0]:
             return "left_finger"
         if body == self.finger_bodies[1]:

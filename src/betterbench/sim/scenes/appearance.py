@@ -1,4 +1,4 @@
-"""What varies by seed besides the slots: looks, room, places of the cameras, direction of the light, start of the arm.
+"""Seeded variation besides the slots: looks, room, poses of the cameras, direction of the light, start of the arm.
 
 A trial and its twin share all of it, because nothing here depends on the condition. Looks and room change the compiled
 model, so a trial draws one of a limited number of sets of them; the rest changes no model.
@@ -44,7 +44,7 @@ START_TURN_RAD = math.radians(5.0)
 
 
 def look_of(task: str, seed: int, spec: ObjectSpec, *, shown: Looks = "seen") -> int:
-    """Return the look of an object in a trial; equal objects look alike, whatever else is in the scene.
+    """Return the look of an object in a trial; equal objects look alike in every scene.
 
     Over the sets, every look of a kind of object occurs equally often, and independently of those of other kinds and of
     the room. Categories of one family and color share their look, as a cabinet and its drawers do.
@@ -65,7 +65,7 @@ def look_set_of(task: str, seed: int, *, shown: Looks = "seen") -> int:
 
 
 def _drawn(task: str, seed: int, what: str, count: int, shown: Looks) -> int:
-    """Return which of ``count`` looks a trial shows: each set takes the next one of a shuffled order of its own."""
+    """Return the number of a trial's look, of ``count``: each set takes the next one of a shuffled order of its own."""
     chosen = look_set_of(task, seed, shown=shown)
     round_, place = divmod(chosen, count)
     return int(_order(task, round_, f"order of {shown} {what}", count)[place])
@@ -77,7 +77,7 @@ def _order(task: str, round_: int, purpose: str, count: int) -> tuple[int, ...]:
 
 
 def view_jitter_of(task: str, seed: int) -> ViewJitter:
-    """Return by how much the cameras and the key light of a trial are off their nominal places."""
+    """Return the offsets of the cameras and of the key light of a trial from their nominal poses."""
     cameras = {}
     for camera in (*CAMERAS, WRIST_CAMERA):
         x, y, z, rx, ry, rz = stream(task, seed, f"camera:{camera}").uniform(-1.0, 1.0, 6).tolist()

@@ -1,4 +1,4 @@
-"""From a condition and a seed to a compiled model: which assets stand where, and which geometry belongs to whom."""
+"""Compilation of a scene from a condition and a seed: placement of the assets, and the body label of each geom."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from betterbench.tasks.relations.layer import LAYERS
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """One object of a scene: what it is, the asset chosen for it, and its pose ``T_world_object`` at reset.
+    """One object of a scene: its description, the asset chosen for it, and its pose ``T_world_object`` at reset.
 
     ``shut`` is the pose of a drawer while it is shut.
     """
@@ -71,13 +71,13 @@ class CompiledScene:
 
 
 LABELS = ("left_finger", "right_finger", "hand", "arm", "table", "floor")
-"""Names of bodies that are no objects, as contacts name them."""
+"""Names of bodies that are not objects, as contacts name them."""
 
 
 def slot_pose(task: Task, seed: int, slot_name: str) -> tuple[Vector, float]:
-    """Return where a slot's occupant stands in a trial: position on the table [m] and heading [rad].
+    """Return the pose of a slot's occupant in a trial: position on the table [m] and heading [rad].
 
-    The jitter belongs to the slot: whatever stands there, and whatever stands elsewhere, it is the same.
+    The jitter belongs to the slot: it does not depend on the objects there or elsewhere.
     """
     slot = task.slot(slot_name)
     dx, dy, dyaw = stream(task.id, seed, f"slot:{slot_name}").uniform(-1.0, 1.0, 3)
@@ -120,7 +120,7 @@ def place_objects(task: Task, condition: Condition, seed: int, *, shown: Looks =
 
 
 def _opening(condition: Condition, name: str, asset: Asset) -> float:
-    """Return how far a drawer is drawn out at the start [m], within its travel."""
+    """Return the opening of a drawer at the start [m], within its travel."""
     opening, travel = condition.opened.get(name, 0.0), rail_of(asset).travel_m
     if not 0.0 <= opening <= travel:
         raise InvalidInputError(f"{condition.id} opened[{name!r}]", f"{opening} m", f"Give 0 to {travel} m")
@@ -128,7 +128,7 @@ def _opening(condition: Condition, name: str, asset: Asset) -> float:
 
 
 def _below(condition: Condition, place: TargetRegion) -> str:
-    """Return what a pre-placed object rests on: the layer below it where the stack has one, else the target itself."""
+    """Return the object below a pre-placed one: the layer below it where the stack has one, else the target itself."""
     for name, other in condition.preplaced.items():
         if other.target == place.target and place.region in LAYERS[1:] and other.region == _under(place.region):
             return name
@@ -140,7 +140,7 @@ def _under(layer: str) -> str:
 
 
 def _middle(task: Task, target: Asset, region: str) -> Vector:
-    """Return the middle of the surface on which things rest at a target, in its frame [m]."""
+    """Return the middle of the surface on which objects rest at a target, in its frame [m]."""
     relation = relation_named(task.template.relation)
     if relation.surface is None:
         problem = f"nothing can rest {relation.name!r} its target from the start"
@@ -149,7 +149,7 @@ def _middle(task: Task, target: Asset, region: str) -> Vector:
 
 
 def _drawn_pose(task: Task, condition: Condition, seed: int, name: str, chosen: Mapping[str, Asset]) -> FlatPose:
-    """Return how a pre-placed object stands at its target: as some demonstration left one, drawn by the trial's stream.
+    """Return the pose of a pre-placed object at its target: that of a demonstration, drawn by the trial's stream.
 
     In a container it is moved off the walls as far as it has to: not at all if a demonstration shows these assets.
 

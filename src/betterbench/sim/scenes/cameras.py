@@ -1,4 +1,4 @@
-"""Where the cameras of a model are and how they project: pinhole cameras in the conventions of OpenCV."""
+"""Poses and projections of the cameras of a model: pinhole cameras in the conventions of OpenCV."""
 
 from __future__ import annotations
 

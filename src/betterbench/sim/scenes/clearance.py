@@ -1,4 +1,4 @@
-"""Collision checks on a private copy of a scene, for planners: which bodies would touch in a given configuration."""
+"""Collision checks on a private copy of a scene, for planners: the bodies that would touch in a given configuration."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Clearance:
         robot = [self._index[name] for name in ROBOT_PARTS]
         self._model.geom_margin[np.isin(labels, robot)] = margin_m
         # Contacts are looked for by the robot and by what it holds alone, and found at anything but the robot. What the
-        # other things touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
+        # other objects touch among themselves, and the robot's parts, takes a third of the time and is not asked for.
         self._looks = scene.model.geom_contype, scene.model.body_contype
         self._geoms = [np.flatnonzero(labels == i) for i in range(len(self._labels))]
         self._model.geom_contype[:] = self._model.body_contype[:] = 0
@@ -77,7 +77,7 @@ class Clearance:
         held_pose: Pose | None = None,
         ignore: frozenset[str] = frozenset(),
     ) -> tuple[str, ...]:
-        """Return what would be touched with these joint angles [rad]: one text "a-b" per pair, none if all is free.
+        """Return the contacts that these joint angles [rad] would cause: one text "a-b" per pair, none if all is free.
 
         ``held`` moves with the gripper, at ``held_pose`` (``T_world_object``); the robot may touch ``ignore``.
         """

@@ -1,4 +1,4 @@
-"""Which bodies touch: the contacts of the physics engine as pairs of names, those of sleeping objects included."""
+"""Contacts of the physics engine as pairs of body names, those of sleeping objects included."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from betterbench.sim.scenes.builder import LABELS, CompiledScene
 
 
 class _Sleep(NamedTuple):
-    """Which objects sleep.
+    """The sleeping objects of a scene.
 
     Attributes:
-        cycles: What the engine says of its trees, as it stands in memory.
+        cycles: Bytes of the engine's ``tree_asleep``, from which the rest follows.
         sleeping: The numbers of the objects.
         places: Returns their positions, given those of all objects.
     """
@@ -34,14 +34,14 @@ Groups = tuple[tuple[int, tuple[int, ...]], ...]
 
 
 class _Row(NamedTuple):
-    """What a reading returns, but for the forces, for as long as the same pairs touch.
+    """Result of a reading without the forces; it is reused as long as the same pairs touch.
 
     Attributes:
         groups: The pairs that the engine lists.
-        kept: What the sleeping objects touch.
+        kept: Contacts of the sleeping objects.
         order: The numbers of all pairs that touch.
         contacts: Their contacts in this order; those with a force to be read are to be replaced.
-        awake: These: where they stand, their names, and where their forces stand.
+        awake: Contacts with a force to be read: index in ``contacts``, both names, and addresses of the forces.
         held: The object that is held.
     """
 
@@ -95,7 +95,7 @@ class ContactReader:
         self._passed = {}
 
     def see_step(self, data: mujoco.MjData) -> None:
-        """Take note of what the robot touches at one of the physics steps between two readings.
+        """Note the contacts of the robot at one of the physics steps between two readings.
 
         A reading lists these touches too, with their largest force: a graze can begin and end between two readings.
         """
@@ -166,7 +166,7 @@ class ContactReader:
         return self._groups
 
     def _new_row(self, groups: Groups, kept: Mapping[int, Contact]) -> _Row:
-        """Return what readings return where these pairs touch and the sleeping objects touch what is kept."""
+        """Return the result of readings for these touching pairs and these contacts of the sleeping objects."""
         asleep = frozenset() if kept is _NOTHING else self._kept_numbers
         awake = {number: addresses for number, addresses in groups if number not in asleep}
         order = tuple(sorted({*awake, *kept}))
@@ -183,14 +183,14 @@ class ContactReader:
         return tuple([found[number] for number in sorted(found)])
 
     def _who_sleeps(self, cycles: bytes) -> _Sleep:
-        """Return which objects sleep, from what the engine says of its trees."""
+        """Return the sleeping objects, from the sleep state of the engine's trees."""
         asleep = self._asleep
         sleeping = [i for i, tree in self._trees if asleep[tree] >= 0]
         picked = sleeping if len(sleeping) > 1 else [slice(i, i + 1) for i in sleeping]  # a row of one, not its element
         return _Sleep(cycles, tuple(sleeping), itemgetter(*picked) if picked else tuple)
 
     def _keep(self, data: mujoco.MjData, positions: Sequence[Vector]) -> None:
-        """Find what the sleeping objects touch, unless the same ones lie in the same places as at the last call."""
+        """Find the contacts of the sleeping objects, unless these and their places are those of the last call."""
         sleeping = self._sleep.sleeping
         state = (sleeping, self._sleep.places(positions))
         if state == self._kept_for:
@@ -226,7 +226,7 @@ class ContactReader:
 
 
 _NOTHING: Mapping[int, Contact] = {}
-"""What is kept while nothing sleeps."""
+"""Contacts of sleeping objects while no object sleeps."""
 
 _KEPT_BETWEEN_READINGS = (
     "_kept_for",

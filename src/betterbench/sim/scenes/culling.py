@@ -1,4 +1,4 @@
-"""Leaving out what a view does not show, before it is drawn.
+"""Culling of geometry that a view does not show, before it is drawn.
 
 MuJoCo hands every visible geom and the sky to OpenGL, which then throws away what lies outside the view or behind
 something. A software renderer has transformed the vertices and painted the pixels by then: a camera at the wrist, which
@@ -25,7 +25,7 @@ _Vector = tuple[float, float, float]
 
 
 class Culling:
-    """Knows what a perspective camera of a model, which looks through the middle of its image, cannot see.
+    """Tells which geometry a perspective camera of a model, with its optical axis in the image's middle, cannot see.
 
     The scene is the one that the images are drawn from; it is filled anew for each image.
     """

@@ -1,4 +1,4 @@
-"""What the front camera shows of a task: its gripper, the size and visibility of what is asked for, and margins.
+"""Framing of a task by the front camera: pixels of the gripper, size and visibility of named objects, and margins.
 
 The limits that every task keeps are constants of this file, and no verdict depends on them.
 """
@@ -35,10 +35,10 @@ MARGIN_M = 0.008
 """Least distance of slots and target regions from the image's edge [m]."""
 
 SIDE_PX = 24.0
-"""Least longer side of what an instruction names, at 256 pixels."""
+"""Least longer side of an object that the instruction names, in an image of 256 x 256 [pixel]."""
 
 VISIBLE = 0.6
-"""Least share of what an instruction names that nothing hides and the image's edge does not cut off."""
+"""Least visible share of an object that the instruction names: neither hidden nor cut off by the image's edge."""
 
 BACKGROUND = 0.2
 """Largest share of the image without table, robot and object."""
@@ -52,7 +52,7 @@ _REGIONS = ("inside", "ring", "top", "base")
 
 @dataclass(frozen=True, slots=True)
 class ObjectFraming:
-    """How an object that the instruction names is seen.
+    """Size and visibility of an object that the instruction names.
 
     Attributes:
         side_px: Longer side of its visible part's bounding box [pixel].
@@ -66,12 +66,12 @@ class ObjectFraming:
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """What an image of the front camera shows at the start of a trial.
+    """Measures of an image of the front camera at the start of a trial.
 
     Attributes:
         gripper_px: Pixels of hand and fingers.
         background: Share of pixels that show neither table nor robot nor object.
-        asked: What the instruction names, without fixtures.
+        asked: Objects that the instruction names, without fixtures.
     """
 
     gripper_px: int
@@ -99,14 +99,14 @@ class FramingView:
         self._renderer.close()
 
     def start(self, jitter: ViewJitter | None = None) -> Framing:
-        """Return what the start of the trial shows, with the jitter of the trial or another one."""
+        """Return the measures of the start of the trial, with the jitter of the trial or another one."""
         masks = self._masks(self._scene.data.qpos, jitter)
         asked = tuple(self._object(name, masks) for name in asked_objects(self._scene.condition))
         background = float(np.isin(masks, self._background).mean())
         return Framing(int(np.isin(masks, self._gripper).sum()), background, asked)
 
     def of(self, name: str) -> ObjectFraming:
-        """Return how an object is seen at the start of the trial."""
+        """Return the size and visibility of an object at the start of the trial."""
         return self._object(name, self._masks(self._scene.data.qpos, None))
 
     def gripper_over(self, slot: str, jitter: ViewJitter | None = None) -> int:
@@ -179,7 +179,7 @@ def extreme_jitters(camera: str = "front") -> Iterator[ViewJitter]:
 
 
 def least_margin_m(scene: Scene, *, camera: str = "front") -> float:
-    """Return how far slots and target regions stay from the image's edge at all jitters [m], negative outside.
+    """Return the least distance of slots and target regions from the image's edge at all jitters [m]; negative outside.
 
     A slot counts with every place that its jitter allows; a target region with its corners, wherever the jitter of its
     slot puts the target, and a drawer drawn out. Distances are those at the depth of the point.

@@ -1,4 +1,4 @@
-"""The OpenGL context of this process: which back end it comes from, who may use it, and how pixels are read.
+"""The OpenGL context of this process: its back end, the thread that may use it, and the reading of pixels.
 
 A process holds one context, made on first use and shared by all renderers of that process. Rendering belongs to the
 thread that made the first renderer, and worker processes must be started with the ``spawn`` method: a forked copy of a
@@ -25,7 +25,7 @@ from betterbench.errors import InvalidInputError, MissingDependencyError
 from betterbench.sim.graphics import INSTALL_HINT, gl_backend, no_window, require_drawing
 
 CURE = f"Unset MUJOCO_GL, MUJOCO_EGL_DEVICE_ID and PYOPENGL_PLATFORM if they are set, or run: {INSTALL_HINT}"
-"""What to do where OpenGL does not work and no variable is known to be the cause."""
+"""Remedy if OpenGL does not work and no variable is known to be the cause."""
 
 
 _SPAWN = (
@@ -35,7 +35,7 @@ _SPAWN = (
 
 
 class _GLContext(Protocol):
-    """What the classes of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw`` have in common."""
+    """Common interface of the contexts of ``mujoco.egl``, ``mujoco.osmesa`` and ``mujoco.glfw``."""
 
     def make_current(self) -> None: ...
 
@@ -43,14 +43,14 @@ class _GLContext(Protocol):
 
 
 class Closable(Protocol):
-    """Holds buffers in the context until it is closed."""
+    """An object that holds buffers in the context until it is closed."""
 
     def close(self) -> None:
         """Free the buffers."""
 
 
 def renderer_fingerprint() -> dict[str, str]:
-    """Return what decides about pixels besides the scene: images of two machines are equal if this is.
+    """Return the properties that pixels depend on besides the scene; images of two machines are equal if these are.
 
     It has OpenGL's ``backend``, ``vendor``, ``renderer`` and ``version``, and ``mujoco``'s version. Raises
     MissingDependencyError if no off-screen OpenGL works here.
@@ -64,7 +64,7 @@ def renderer_fingerprint() -> dict[str, str]:
 
 @dataclass(slots=True)
 class _ProcessContext:
-    """The OpenGL context of this process, and who may use it."""
+    """The OpenGL context of this process, with the process and the thread that may use it."""
 
     gl: _GLContext | None = None
     pid: int = 0
@@ -77,7 +77,7 @@ class _ProcessContext:
 CONTEXT = _ProcessContext()
 """The context of this process."""
 RENDERERS: weakref.WeakSet[Closable] = weakref.WeakSet()
-"""What holds buffers in the context and has to be closed before the context is freed at exit."""
+"""Objects with buffers in the context; they are closed before the context is freed at exit."""
 
 
 def make_current() -> None:
@@ -154,7 +154,7 @@ def as_upright(pixels: np.ndarray) -> np.ndarray:
 
 
 def _context_errors() -> tuple[type[Exception], ...]:
-    """Return what the creation of a context raises where libraries or devices are missing."""
+    """Return the exceptions that the creation of a context raises if libraries or devices are missing."""
     known: tuple[type[Exception], ...] = (ImportError, AttributeError, RuntimeError, OSError)
     try:
         return (*known, importlib.import_module("OpenGL.error").Error)

@@ -1,4 +1,4 @@
-"""Which instance of a scene each body of a model is, and the boxes of its objects."""
+"""Instance ids of the bodies of a model, and bounding boxes of its objects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.records.modalities.labels import FIRST_OBJECT, STAGE
 from betterbench.sim.robots import robot
 
 ROBOT_PREFIX = "robot/"
-"""What the names of the robot's parts begin with in the model of a scene."""
+"""Prefix of the names of the robot's parts in the model of a scene."""
 
 _OBJECT = re.compile(r"object(\d+)_")
 _VISIBLE_GROUPS = 3

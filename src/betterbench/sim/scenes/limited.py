@@ -85,7 +85,7 @@ _FACTS, _VIEWS = TypeAdapter(_Facts), TypeAdapter(list[ViewSpec])
 
 
 class _EndedError(RecordError):
-    """The process has ended although nobody told it to."""
+    """The process has ended without a request to end."""
 
 
 @dataclass(slots=True)
@@ -203,7 +203,7 @@ class LimitedView:
     def prepare(
         self, views: Sequence[ViewSpec], modalities: Sequence[str], *, gripper: bool = False
     ) -> tuple[ModelFacts, dict[str, str]]:
-        """Get ready to draw sights of the open scene; return what they have in common, and OpenGL's fingerprint.
+        """Prepare to draw sights of the open scene; return the properties they share, and OpenGL's fingerprint.
 
         ``gripper`` is that of :class:`~betterbench.sim.scenes.sights.Sights`. What was prepared last for the same scene
         is not prepared again. Raises what :meth:`open` raises.
@@ -278,7 +278,7 @@ class LimitedView:
 
     @property
     def is_closed(self) -> bool:
-        """Whether the process has ended, or was told to."""
+        """Whether the process has ended, or was requested to."""
         return self._is_closed or self._told_to_end or self._process.poll() is not None
 
     def stop(self) -> None:
@@ -377,7 +377,7 @@ class LimitedView:
 
 
 def _end_in_words(status: int | None) -> str:
-    """Return how a process has ended, from its exit status; a negative one is a signal."""
+    """Return a description of the end of a process from its exit status; a negative one is a signal."""
     if status is None or status >= 0:
         return f"its process ended (exit status {status})"
     if -status == signal.SIGPROF:
@@ -394,7 +394,7 @@ def _opened(pipe: object) -> BinaryIO:
 
 
 class _Drawer:
-    """What the process holds between two requests: a scene, a view of it, and what draws its sights."""
+    """State of the process between two requests: a scene, a view of it, and the renderer of its sights."""
 
     def __init__(self, quality: str, size: int) -> None:
         self._quality, self._size = quality_preset(quality), size
@@ -456,7 +456,7 @@ class _Drawer:
 
 
 def draw_for_parent(quality: str, size: int) -> None:
-    """Answer on standard output what comes on standard input, until that ends; the main function of the process."""
+    """Answer requests from standard input on standard output until the input ends: the main function."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what else is printed must not stand among the answers
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))

@@ -31,7 +31,7 @@ _TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DrawerRail:
-    """How an object slides along its own x axis: distance between its stops [m], dry friction [N], damping [N s/m]."""
+    """Rail of a drawer along its own x axis: distance between the stops [m], dry friction [N], damping [N s/m]."""
 
     travel_m: float
     friction_n: float
@@ -39,7 +39,7 @@ class DrawerRail:
 
 
 def rail_of(asset: Asset) -> DrawerRail:
-    """Return how a drawer slides, as its generator says."""
+    """Return the rail of a drawer, from the parameters of its asset."""
     p = asset.parameters
     return DrawerRail(float(p["travel_m"]), float(p["friction_n"]), float(p["damping_n_s_m"]))
 

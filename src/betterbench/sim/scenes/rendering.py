@@ -45,7 +45,7 @@ _FONT_SCALE = 50
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Images:
-    """One view of a scene; what was not asked for is None.
+    """Images of one view of a scene; those that were not requested are None.
 
     Attributes:
         rgb: (height, width, 3) uint8 colors.
@@ -299,7 +299,7 @@ class Renderer:
         self._geometry = geometry
 
     def _has_transparency(self) -> bool:
-        """Return True if something may be see-through: the color pass leaves such things out of the depth."""
+        """Return True if a part may be transparent: the color pass leaves such parts out of the depth."""
         for alpha in (self.model.geom_rgba[:, 3], self.model.mat_rgba[:, 3]):
             if bool(((alpha > 0.0) & (alpha < 1.0)).any()):
                 return True

@@ -15,7 +15,7 @@ from betterbench.geometry import Vector
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """How a room is lit, from two directions and evenly from everywhere.
+    """Light of a room, from two directions and evenly from everywhere.
 
     Attributes:
         key_direction: Direction in which the light that casts the shadow shines; it need not be of length 1.

@@ -100,7 +100,7 @@ class Scene:
         self._find_memory()
 
     def _find_memory(self) -> None:
-        """Prepare to read what a state holds; the engine keeps its arrays in place."""
+        """Prepare the readers of a state; the engine keeps its arrays in place."""
         data, bodies = self._data, self.compiled.bodies.tolist()
         self._simulator_state = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl, "act": data.act}
         self._positions, self._quaternions = row_reader(data.xpos, bodies), row_reader(data.xquat, bodies)

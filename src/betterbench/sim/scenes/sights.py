@@ -1,4 +1,4 @@
-"""What a view shows of a state, and what is true about it: images, body masks, camera pose and boxes in the image.
+"""Rendered view of a state with its ground truth: images, body masks, camera pose and boxes in the image.
 
 One class draws all of it, for scenes that live and for recorded states alike, so that both give the same numbers.
 """
@@ -25,13 +25,13 @@ from betterbench.sim.scenes.stored import StoredState
 
 _NEAR_M = 0.01
 _SUNK_M = 0.002
-"""How deep an object may sink into the table and still lie above it [m]."""
+"""Depth to which an object may sink into the table and still count as above it [m]."""
 _LAST_FURNITURE = 1 + STAGE.index("pedestal")
 _CORNERS = np.stack(np.meshgrid((-1, 1), (-1, 1), (-1, 1), indexing="ij"), axis=-1).reshape(8, 3).astype(np.float64)
 _NO_BOX = (-1, -1, -1, -1)
 
 GRIPPER_INSTANCES = tuple(1 + STAGE.index(name) for name in sorted(GRIPPER_BODIES))
-"""Instance ids of what belongs to the gripper."""
+"""Instance ids of the parts of the gripper."""
 
 
 def sight_type(
@@ -64,7 +64,7 @@ def sight_type(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ModelFacts:
-    """What sights of a model have in common.
+    """Properties of a model that all its sights share.
 
     Attributes:
         instances: (bodies,) instance id of each body.
@@ -81,7 +81,7 @@ class ModelFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """A view that has been drawn: its number, the camera of the model that stands for it, and what the image shows."""
+    """A view that has been drawn: its number, its camera in the model, and the masks and depth of its image."""
 
     number: int
     camera: str
@@ -133,7 +133,7 @@ class Sights:
         )
 
     def facts(self) -> ModelFacts:
-        """Return what all sights have in common; raises UnknownNameError if the model lacks a camera."""
+        """Return the properties that all sights share; raises UnknownNameError if the model lacks a camera."""
         focal = tuple(focal_length_px(self._fovy_deg(view), view.height) for view in self.views)
         return ModelFacts(instances_of_bodies(self.model), self._bodies, self._boxes, focal)
 
@@ -290,11 +290,11 @@ class StoredSights:
         self._state = StoredState(model)
 
     def facts(self) -> ModelFacts:
-        """Return what :meth:`Sights.facts` returns."""
+        """Return the properties that all sights share, as :meth:`Sights.facts`."""
         return self._sights.facts()
 
     def draw(self, qpos: np.ndarray, *, jitter: ViewJitter) -> Iterator[np.ndarray]:
-        """Yield what :meth:`Sights.draw` yields of a recorded state, (nq,), with the record's jitter.
+        """Yield the sights of a recorded state, (nq,), with the record's jitter, as :meth:`Sights.draw`.
 
         Raises RecordError if the record belongs to another model.
         """

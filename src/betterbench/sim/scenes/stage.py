@@ -67,7 +67,7 @@ _MAX_SHADOW_MAP = 8192
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How images are made; part of every record, because pixels differ between qualities.
+    """Render preset of images; part of every record, because pixels differ between presets.
 
     Depth and masks do not depend on the quality: they are always sampled at pixel centers.
 

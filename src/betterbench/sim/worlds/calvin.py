@@ -66,26 +66,26 @@ OURS = (
     "every chain is played in a process of its own, as the first one of CALVIN's evaluation is, so that it does not "
     "depend on the chains before it"
 )
-"""Where every run here differs from CALVIN's own evaluation."""
+"""Difference of every run here from CALVIN's own evaluation."""
 
 PROTOCOL = FieldProtocol("calvin", {OFFICIAL: CHAIN_LENGTH * STEPS_PER_SUBTASK}, CHAINS, settling_steps=0, seed=0)
 """CALVIN's own protocol (mees/calvin@fa03f01, ``evaluate_policy.py``)."""
 
 RELATIONS = ("open(drawer)", "left(slider)", "on(lightbulb)", "on(led)")
-"""What a record says of the table at every step: doors beyond half of what the starts open them, and the lights."""
+"""Relations of the table in a record: doors opened beyond half of their opening in the start states, and lights."""
 
 _SPLITS = {
     CALVIN_ABSOLUTE.name: [3, 6],
     CALVIN_DELTA.name: [3, 6],
     CALVIN_ABSOLUTE_QUATERNION.name: [3, 7],
 }
-"""Where calvin_env wants an action of an action space cut into position, rotation and gripper."""
+"""Indices at which an action is split into position, rotation and gripper for calvin_env, by action space."""
 
 _HALF_CLOSED = 0.5
 """Gripper command below which X-VLA's client takes the gripper for closed."""
 _MODULE = "envs/play_table_env.py"
 _RENDERER_WORDS = {True: "egl", False: "", None: "auto"}
-"""What the command says of the renderer at its end."""
+"""Last word of the simulator's command, which chooses the renderer: with EGL, without, or by itself."""
 
 _DISPLACED_M = 0.03
 _DOOR_OFF_M = 0.02
@@ -101,7 +101,7 @@ _IMAGES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class _ChainStart:
-    """What a simulator says at the start of a chain, beside what :func:`read_play_table` reads."""
+    """Reply of the simulator to the start of a chain, without the part that :func:`read_play_table` reads."""
 
     engine: dict[str, str]
     code: str
@@ -129,10 +129,10 @@ class ChainTask(WorldTask):
 
 @dataclass(frozen=True, slots=True)
 class ChainSettings(WorldSettings):
-    """What a worker needs to play chains in CALVIN.
+    """Settings of a worker that plays chains in CALVIN.
 
     Attributes:
-        objects: The blocks, then what is fixed.
+        objects: The blocks, then the fixtures.
     """
 
     objects: tuple[ObjectInfo, ...] = ()
@@ -214,7 +214,7 @@ class ChainScene(ForeignScene):
 
     @property
     def relation_names(self) -> tuple[str, ...]:
-        """What a record says of the table."""
+        """Names of the relation columns, which describe the table."""
         return RELATIONS
 
     @property
@@ -233,7 +233,7 @@ class ChainScene(ForeignScene):
         return self._steps_of_subtask >= STEPS_PER_SUBTASK
 
     def files(self) -> dict[str, bytes]:
-        """Return what is stored of a scene: the chain, and what the simulator says of its objects."""
+        """Return the stored files of a scene: the chain, and the simulator's description of its objects."""
         objects = [
             {"name": o.name, "size": o.size_m, "mass": o.mass_kg, "fixed": o.fixed} for o in self.settings.objects
         ]
@@ -242,7 +242,7 @@ class ChainScene(ForeignScene):
         return {"scene.json": json.dumps(form, indent=1, sort_keys=True).encode()}
 
     def start(self) -> ChainStart:
-        """Return where robot and scene are set to."""
+        """Return the start state to which robot and scene are set."""
         return start_of(self.chain.start) if self.condition.name == "base" else resampled_start_of(self.chain)
 
     def reset(self) -> WorldState:
@@ -305,7 +305,7 @@ class ChainScene(ForeignScene):
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        """Return the privileged state; WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -344,7 +344,7 @@ class ChainScene(ForeignScene):
         return {"qpos": both, "qvel": none, "act": none, "ctrl": self._arrays["target"]}
 
     def truth(self) -> Truth:
-        """Return what holds now: the table, and which subtasks have been done in a row."""
+        """Return the relations of the table that hold now, and the subtasks that have been done in a row."""
         if self._now is None:
             raise WorldError("the episode has not begun")
         doors, lights = self._now.doors, self._now.lights
@@ -381,7 +381,7 @@ class ChainScene(ForeignScene):
 
     @property
     def _shown(self) -> dict[str, Any]:
-        """What the simulator is told at each instruction: what it draws, and how actions are cut into parts."""
+        """Settings sent to the simulator with each instruction: images to draw, and the split of actions into parts."""
         return {
             "images": self._images,
             "depth": self.draws_depth,
@@ -404,12 +404,12 @@ class ChainScene(ForeignScene):
         return played
 
     def _instruct(self) -> None:
-        """Let the policy be told the sentence of the subtask that is due."""
+        """Give the policy the instruction of the current subtask."""
         sentence = self.chain.subtasks[min(self._done, CHAIN_LENGTH - 1)].instruction
         self.condition = Instructed.of(self._name, self.task.condition, sentence)
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if an array is missing, of another shape, or holds what is no number."""
+        """Keep an answer; WorldError if an array is missing, of another shape, or holds a number that is not finite."""
         document, arrays = answer
         for name, shape in _ROW.items():
             found = arrays.get(name)
@@ -449,7 +449,7 @@ class ChainScene(ForeignScene):
         return (center[0] + turned[0], center[1] + turned[1], center[2] + turned[2])
 
     def _misplaced(self, start: ChainStart) -> tuple[str, ...]:
-        """Return what is not where the start has it, in words."""
+        """Return descriptions of the parts that are not at their start."""
         scene, found = start.scene, []
         there = self._arrays["scene"]
         for name, i in (("slider", 0), ("drawer", 1)):

@@ -40,7 +40,7 @@ Before December 2021 (calvin_env@93aeae6) the files of A and D had each other's 
 """
 
 OWN_CONFIG = "conf/ of the checkout: scene D"
-"""What stands for the configuration of the published data where none is named."""
+"""Configuration noted in the versions of a run if the user gave none of the published data."""
 
 _SCENE_HEAD = 6  # two doors, button, switch, two lights
 _VECTORS = ("current_pos", "current_orn", "current_lin_vel", "current_ang_vel")
@@ -66,7 +66,7 @@ class CalvinSimulator:
         self._depth = False
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return what runs the chains; making the environment shows at once whether checkout and packages are whole.
+        """Return task, versions and objects of the chains, after making the environment to check the installation.
 
         The process is used up by it.
         """

@@ -1,4 +1,4 @@
-"""The environment of a foreign simulator's process, which is made here: a user's variables are for other programs.
+"""Environment variables of a foreign simulator's process: those of the user that it must not see are left out.
 
 robosuite 1.4.0 takes ``CUDA_VISIBLE_DEVICES`` for the number of an EGL device, and asserts that
 ``MUJOCO_EGL_DEVICE_ID`` is among it (``utils/binding_utils.py``, ``renderers/context/egl_context.py``), so that both
@@ -17,14 +17,14 @@ _LEFT_OUT = (
     *("MUJOCO_", "PYOPENGL_", "EGL_VISIBLE_DEVICES", "EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"),
     *("PYTHON", "VIRTUAL_ENV", "CONDA_", "LIBERO_", "ROBOSUITE_", "NUMBA_", "HYDRA_"),
 )
-"""Beginnings of the names of variables that a simulator does not get."""
+"""Prefixes of the names of variables that a simulator does not get."""
 
 _OWN = {"PYTHONDONTWRITEBYTECODE": "1", "PYTHONNOUSERSITE": "1", "PYTHONUTF8": "1"}
 _NO_HOME = "/nonexistent"
 
 
 def python_environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without what would lead another Python to the packages of this one, or of its user."""
+    """Return an environment without the variables that lead another Python to packages of this one or of its user."""
     names = ("PYTHON", "VIRTUAL_ENV", "CONDA_PREFIX", "PIP_USER", "PIP_TARGET", "PIP_PREFIX", "PIP_REQUIRE_VIRTUALENV")
     return {name: value for name, value in given.items() if not name.startswith(names)}
 

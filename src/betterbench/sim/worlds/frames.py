@@ -37,7 +37,7 @@ _ENCODE = json.JSONEncoder(allow_nan=False).encode
 
 
 class FrameError(Exception):
-    """The other side has gone, or what it sent is no frame."""
+    """The other side has gone, or sent bytes that are not a frame."""
 
 
 def send_frame(
@@ -113,13 +113,13 @@ def _short_text(items: tuple[tuple[str, bool | str], ...]) -> bytes:
 
 
 def _decoded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
-    """Return what a JSON text holds; the short ones of control steps are alike and remembered."""
+    """Return the value of a JSON text; the short texts of control steps are alike and remembered."""
     known = _short_items(text) if len(text) <= _SHORT_BYTES else None
     return _loaded(text) if known is None else dict(known)
 
 
 def _loaded(text: bytes) -> Any:  # noqa: ANN401 - any JSON
-    """Return what a JSON text holds; ValueError if it is none, or a number in it is not finite."""
+    """Return the value of a JSON text; ValueError if it is not JSON, or a number in it is not finite."""
     return json.loads(text.decode(), parse_constant=_finite, parse_float=_finite)
 
 

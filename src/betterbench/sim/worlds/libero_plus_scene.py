@@ -1,4 +1,4 @@
-"""LIBERO-Plus as a world: a variant of a task as a condition, and where the authors' assets lie."""
+"""LIBERO-Plus as a world: variants of a task as conditions, and the folder of the authors' assets."""
 
 from __future__ import annotations
 
@@ -41,17 +41,17 @@ class VariantTask(WorldTask):
 
     @property
     def axis(self) -> str:
-        """What it changes."""
+        """Axis of the variant: the part of the task that it changes."""
         return read_variant(self.variant).axis
 
     def asked(self) -> dict[str, Any]:
-        """Return by what its world knows its scene."""
+        """Return the fields by which the simulator identifies the scene."""
         return {**WorldTask.asked(self), "variant": self.variant}
 
 
 @dataclass(frozen=True, slots=True)
 class PlusSettings(WorldSettings):
-    """What a worker needs to run trials in LIBERO-Plus.
+    """Settings of a worker that runs trials in LIBERO-Plus.
 
     Attributes:
         sentences: "clean", or "published" for those that end with the name of the variant.
@@ -63,7 +63,7 @@ class PlusSettings(WorldSettings):
 
     @property
     def simulator(self) -> str:
-        """Name of what simulates it: LIBERO's simulator, as for the twins."""
+        """Name of the simulator, which is LIBERO's, as for the twins."""
         return "libero"
 
     def to_json(self) -> dict[str, Any]:

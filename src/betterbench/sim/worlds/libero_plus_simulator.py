@@ -61,7 +61,7 @@ _INTEGERS = ("BININT", "BININT1", "BININT2")
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What a class of the wheel's problems adds to that of LIBERO.
+    """Changes of a problem class of LIBERO-Plus to its base class in LIBERO.
 
     Attributes:
         name: Its name.
@@ -97,7 +97,7 @@ class LiberoPlusSimulator(LiberoSimulator):
                 self._textures[kind.partition("_")[0].lower()].setdefault(name, file)
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the variants of a suite, or what LIBERO says of one of its own."""
+        """Return the variants of a suite, or LIBERO's description of one of its own suites."""
         if not name.startswith(PREFIX):
             return super().suite(name)
         bases = {task: i for i, task in enumerate(self._base_tasks(name))}
@@ -146,7 +146,7 @@ class LiberoPlusSimulator(LiberoSimulator):
         return self._corrupt(seen), done
 
     def _corrupt(self, seen: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
-        """Return what robosuite observed with noise over the image of the front camera.
+        """Return robosuite's observation with noise over the image of the front camera.
 
         The random numbers of an image are drawn whether or not somebody sees it, as LIBERO-Plus draws them.
         """

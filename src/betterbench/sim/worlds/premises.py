@@ -1,4 +1,4 @@
-"""Whether the scenes of LIBERO still show what their sentences presuppose, on the engine at hand."""
+"""Check of the premises of LIBERO's instructions: its scenes must show, on this engine, what they presuppose."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class PremiseEntry:
     """The premises of one task.
 
     Attributes:
-        task: Its place in the suite.
-        instruction: Its sentence.
+        task: Its number in the suite.
+        instruction: Its instruction.
         states: Number of its initial states.
         broken: Relation to the initial states in which it does not hold after settling.
         jumps: Object to the initial states in which it moves by more than :data:`JUMP_M` while settling.
-        engine: Versions of what ran it.
+        engine: Versions of the simulator and its packages.
         bddl_sha256: Fingerprint of its file.
         variant: Name of the variant of LIBERO-Plus; empty for another task.
     """

@@ -1,4 +1,4 @@
-"""The process of a foreign simulator, as a worker sees it: whatever it does costs at most its own trial."""
+"""The process of a foreign simulator, as a worker sees it: a failure of it costs at most its own trial."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _END_S = 5.0
 _LONGEST_TEXT = 10_000
 """Most characters of a name, a sentence or a version."""
 _SAID_BYTES = 4000
-"""How much of what a simulator printed last is looked at."""
+"""Length of the end of a simulator's output that is searched for its last line [byte]."""
 _MISSING = re.compile(r"No module named '?([\w.]+)")
 
 
@@ -165,7 +165,7 @@ class WorldProcess:
         return document, answer
 
     def _with_cure(self, message: str) -> str:
-        """Return a message with what to do about a module that the simulator's environment lacks."""
+        """Return a message with the remedy for a module that the simulator's environment lacks."""
         missing = _MISSING.search(message)
         if missing is None:
             return message
@@ -176,7 +176,7 @@ class WorldProcess:
         )
 
     def _last_words(self) -> str:
-        """Return how the process ended, and the last line that it said; an empty text if it runs."""
+        """Return the exit status of the process and the last line of its output, as text; empty if it runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             status = self._process.wait(0.5)
             self._said.seek(max(0, self._said.seek(0, os.SEEK_END) - _SAID_BYTES))

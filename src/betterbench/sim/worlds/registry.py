@@ -1,4 +1,4 @@
-"""The foreign worlds: what each is, where its environment lies, and how it is installed."""
+"""Register of the foreign worlds: the description, the environment and the installation of each."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _START = (
     "from {module} import main\n"
     "main()\n"
 )
-"""Starts a module of ours where betterbench is not installed: its packages hold nothing but their folders."""
+"""Program that runs a module of betterbench where it is not installed: stand-ins for its packages hold only paths."""
 _STAND_INS = (
     "betterbench",
     "betterbench.sim",
@@ -50,8 +50,8 @@ class ForeignWorld:
         name: Its name on the command line.
         lock: Name of its locked requirements.
         module: The module that its process runs.
-        size: What its packages take.
-        summary: What it is.
+        size: Size of its packages, as a text: to download and unpacked.
+        summary: Description in a few words.
         beside: The world whose Python runs it, or None for one of its own. Its packages are read and not imported, so
             nothing that they depend on is installed.
     """

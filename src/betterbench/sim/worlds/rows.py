@@ -1,4 +1,4 @@
-"""Rows: all numbers of one control step as one array, in a form that is said once at the start of an episode.
+"""Rows: all numbers of one control step as one array, in a form that is sent once at the start of an episode.
 
 Between two control steps the processor's caches are cold, and twenty arrays cost both sides of the socket twenty
 times what one costs. Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
@@ -27,10 +27,10 @@ def form_of(arrays: Mapping[str, np.ndarray]) -> list[list[Any]]:
 
 
 class RowForm:
-    """Where each array is in a row."""
+    """Form of a row: the position and the shape of each array in it."""
 
     def __init__(self, form: object) -> None:
-        """Read what :func:`form_of` returned; ValueError or TypeError if it is nothing of that kind."""
+        """Read a form from :func:`form_of`; ValueError or TypeError if it has another structure."""
         if not isinstance(form, list):
             raise TypeError("the form of its rows is missing")
         self.places: dict[str, slice] = {}
@@ -54,5 +54,5 @@ class RowForm:
         return row[self.places[name]].reshape(self.shapes[name])
 
     def not_finite(self, row: np.ndarray) -> Sequence[str]:
-        """Return the names of the arrays of a row that hold what is no number."""
+        """Return the names of the arrays of a row that hold a number that is not finite."""
         return [name for name, place in self.places.items() if not np.isfinite(row[place]).all()]

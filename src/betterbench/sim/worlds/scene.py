@@ -1,4 +1,4 @@
-"""A trial in a foreign world, with the interface that an episode wants of a scene of ours."""
+"""A trial in a foreign world, with the interface of :class:`betterbench.sim.scenes.Scene` that an episode uses."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ _NUMBERS: Mapping[str, int | None] = {
     "controller_position": 3,
     "controller_rotation": 9,
 }
-"""What a row holds, and how many numbers each of it has where that is the same for all tasks."""
+"""Arrays of a row with the number of values of each; None where it depends on the task."""
 _PER_OBJECT = {"positions": 3, "quaternions": 4, "velocities": 6}
-"""What a row holds of each object."""
+"""Arrays of a row that have one entry per object, with the number of values of an entry."""
 _KINDS = {"row": "f", "touching": "iu", "forces": "f", "holds": "b"}
-"""What is sent at each step beside images, each (n,), and the kinds of numbers that it may be made of."""
+"""Arrays, (n,) each, that are sent at each step beside the images, with the NumPy kinds that each may have."""
 _ARRAYS = frozenset(_KINDS)
 _IMAGES = frozenset({"image_front", "image_wrist"})
 _SHOWN = _ARRAYS | _IMAGES
@@ -74,7 +74,7 @@ class _StartObject:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeStart:
-    """What a simulator says at the start of an episode; ``row`` is read by :class:`RowForm`."""
+    """Reply of a simulator to the start of an episode, without ``row``, which :class:`RowForm` reads."""
 
     objects: tuple[_StartObject, ...]
     relations: tuple[str, ...]
@@ -98,9 +98,9 @@ class WorldTask:
 
     Attributes:
         suite: Name of the suite ("libero_spatial_swap").
-        number: Its place in the suite.
-        name: What the world calls it.
-        instruction: What the policy is told.
+        number: Its number in the suite.
+        name: Its name in the world.
+        instruction: Instruction to the policy.
         bddl_sha256: Fingerprint of the file that defines it.
     """
 
@@ -121,7 +121,7 @@ class WorldTask:
         return suite_named(self.suite).change or "base"
 
     def asked(self) -> dict[str, Any]:
-        """Return by what its world knows its scene."""
+        """Return the fields by which the simulator identifies the scene."""
         return {"suite": self.suite, "task": self.number}
 
 
@@ -132,14 +132,14 @@ def task_id(suite: str, number: int) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
-    """What a worker needs to run trials in a foreign world; small and picklable.
+    """Settings of a worker that runs trials in a foreign world; small and picklable.
 
     Attributes:
         world: Its name.
         command: The command of its process.
         tasks: The tasks by id and condition, as one text each ("libero_spatial-05/base").
         versions: Versions of the packages of its environment.
-        regime: What the tasks of the base suite teach.
+        regime: Training distribution of the base suite.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
     """
 
@@ -153,7 +153,7 @@ class WorldSettings:
 
     @property
     def simulator(self) -> str:
-        """Name of what simulates it; records of different simulators are not compared."""
+        """Name of the simulator; records of different simulators are not compared."""
         return self.world
 
     @property
@@ -219,7 +219,7 @@ class _Instruction:
 
 @dataclass(frozen=True, slots=True)
 class Instructed:
-    """A condition of a foreign world, as far as an episode asks for it."""
+    """A condition of a foreign world, with the fields that an episode reads."""
 
     id: str
     name: str
@@ -248,7 +248,7 @@ class ForeignScene:
     ) -> None:
         """Prepare; nothing is simulated before :meth:`reset`. ``seed`` is the number of the initial state.
 
-        ``instructed_anew`` is set by a step after which the policy is told another sentence.
+        ``instructed_anew`` is set by a step after which the policy gets another instruction.
         """
         self.settings, self.seed, self.action_space = settings, seed, action_space
         self.task = settings.tasks[f"{task}/{condition}"]
@@ -271,12 +271,12 @@ class ForeignScene:
 
     @property
     def info(self) -> SceneInfo:
-        """What stays the same in the episode; known after the reset."""
+        """Properties of the scene that stay the same in the episode; known after the reset."""
         return self._info
 
     @property
     def whole_instruction(self) -> str:
-        """Everything that the policy is told in the episode."""
+        """All instructions of the episode, as one text."""
         return self.condition.instruction.text
 
     @property
@@ -286,7 +286,7 @@ class ForeignScene:
 
     @property
     def _process_key(self) -> object:
-        """What a process is kept for: the next trial of the same scene; None if it runs one trial alone."""
+        """Key under which a process is kept for the next trial of the same scene; None if it runs one trial alone."""
         return tuple(self.task.asked().values())
 
     @property
@@ -310,7 +310,7 @@ class ForeignScene:
         return hashlib.sha256(b"\0".join(data for _, data in sorted(self.files().items()))).hexdigest()
 
     def files(self) -> dict[str, bytes]:
-        """Return what is stored of a scene: the task's file, and where its things stood after settling.
+        """Return the stored files of a scene: the task's file, and the places of its objects after settling.
 
         The models themselves belong to the world's packages and are not passed on.
         """
@@ -373,7 +373,7 @@ class ForeignScene:
         return applied
 
     def state(self) -> WorldState:
-        """Return everything that is true now; WorldError if the simulator sent what cannot be."""
+        """Return the privileged state; WorldError if the simulator sent impossible values."""
         with as_agreed("sent a state"):
             return self._state()
 
@@ -414,7 +414,7 @@ class ForeignScene:
         return {name: row[places[name]] for name in ("qpos", "qvel", "act", "ctrl")}
 
     def truth(self) -> Truth:
-        """Return what holds now; success is what the world itself calls so."""
+        """Return the relations and subgoals that hold now; success is decided by the world itself."""
         holds = self._arrays["holds"].tolist()
         subgoals = tuple([holds[i] for i in self._goal])
         return Truth(
@@ -467,7 +467,7 @@ class ForeignScene:
             process.kill()
 
     def _take(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep an answer; WorldError if it holds something that is no number or has another size than it should."""
+        """Keep an answer; WorldError if an array has a number that is not finite or another size than expected."""
         document, arrays = answer
         due = _SHOWN if self._draws_next else _ARRAYS
         if not arrays.keys() >= due:
@@ -492,9 +492,9 @@ class ForeignScene:
         self._document, self._arrays, self._numbers = document, arrays, numbers
 
     def _begin(self, answer: tuple[dict[str, Any], dict[str, np.ndarray]]) -> None:
-        """Keep what the start of an episode says; WorldError if it leaves out what a row has to hold.
+        """Keep the reply to the start of an episode; WorldError if a row lacks a required array.
 
-        What is malformed otherwise raises what :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
+        Other malformed replies raise exceptions that :func:`~betterbench.sim.worlds.process.as_agreed` turns into a
         WorldError.
         """
         where, cure = "the start that the simulator sent", "Install its world again (better worlds install)"
@@ -563,11 +563,11 @@ class ForeignTracker:
 
     @property
     def undecided_states(self) -> int:
-        """0: what holds is asked of the world itself, while it is in the state in question."""
+        """0: relations are evaluated by the world itself at every state, so that none is left undecided."""
         return 0
 
     def update(self, state: WorldState) -> Truth:
-        """Return what holds in the state that the world is in."""
+        """Return the relations and subgoals that hold in the current state of the world."""
         del state
         return self._scene.truth()
 
@@ -606,12 +606,12 @@ def held_object(contacts: tuple[Contact, ...], info: SceneInfo) -> str | None:
 
 
 def _touching(contacts: tuple[Contact, ...], name: str) -> set[str]:
-    """Return what something touches."""
+    """Return the names of the bodies that a body touches."""
     return {b if a == name else a for a, b, _ in contacts if name in (a, b)}
 
 
 def require_finite(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise WorldError if an array that a simulator sent holds what is no number."""
+    """Raise WorldError if an array that a simulator sent holds a number that is not finite."""
     floats = [array.ravel() for array in arrays.values() if array.dtype.kind == "f"]
     if floats and not np.isfinite(np.concatenate(floats)).all():
         wrong = [n for n, array in arrays.items() if array.dtype.kind == "f" and not np.isfinite(array).all()]

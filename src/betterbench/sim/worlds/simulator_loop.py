@@ -1,6 +1,6 @@
-"""What the process of a foreign simulator does: it answers requests until the run has gone.
+"""Main loop of the process of a foreign simulator, which answers requests until the run closes the connection.
 
-Like :mod:`betterbench.sim.worlds.frames` it is read in an environment without betterbench.
+Like :mod:`betterbench.sim.worlds.frames`, it is imported in an environment without betterbench.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Simulator(Protocol):
         """Settle every initial state of a task; return the names of its premises, and which hold in which state."""
 
     def start(self, request: Mapping[str, Any]) -> FrameContent:
-        """Begin an episode and settle; return what stays the same in it, and its first row."""
+        """Begin an episode and settle; return its constant properties and its first row."""
 
     def step(self, action: np.ndarray, *, look: bool) -> FrameContent:
         """Take one control step, and return the row after it; with images if ``look``."""

@@ -17,7 +17,7 @@ FORMS: Mapping[str, tuple[float, float, float]] = {
 """Forms of a mug: shares of its radius at the foot, at a third and at two thirds of its height."""
 
 DECORATIONS = ("plain", "band", "rim", "stripes", "two-tone", "dots")
-"""How mugs are decorated."""
+"""Names of the decorations of a mug."""
 
 BANDS: Mapping[str, Sequence[tuple[float, float]]] = {
     "band": ((0.40, 0.62),),

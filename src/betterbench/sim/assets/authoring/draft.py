@@ -1,4 +1,4 @@
-"""What a generator returns, and the words in which it describes an object: parts, grasps and regions."""
+"""Draft of an asset, as a generator returns it, and the helpers that make its parts, grasps and regions."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ class Draft:
 
     Attributes:
         tags: Search words, without the color word.
-        parts: What is seen and what is touched, in any order.
+        parts: Visual and collision parts, in any order.
         densities: Relative density of each collision part, in order; the parts after the last number weigh nothing. All
             parts have the same density if not given.
         material: Name of the material of the surface, see :mod:`~betterbench.sim.assets.authoring.materials`: it gives
@@ -98,7 +98,7 @@ def block(
     specular: float = 0.2,
     shininess: float = 0.3,
 ) -> tuple[VisualPart, CollisionPart]:
-    """Return what is seen and what is touched of one box from its corner ``low`` to its corner ``high`` [m].
+    """Return the visual and the collision part of one box from its corner ``low`` to its corner ``high`` [m].
 
     The bevel of the top and bottom edges and the rounded vertical edges are only seen; see :func:`box` and
     :func:`part`.

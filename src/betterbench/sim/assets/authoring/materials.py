@@ -1,9 +1,9 @@
-"""What things are made of: how each material slides, how dense it is, and where the numbers come from.
+"""Materials of objects: friction and density of each, with the sources of the numbers.
 
 A coefficient of friction belongs to a pair of surfaces, but MuJoCo takes the larger of two numbers, each of one
 surface. The number of a material here is that of the material against itself or against a painted or laminated table
-top; the table's own number, 0.5, is below or at all of them, so that each thing brings its own, and the rubber pads of
-the gripper, 1.2, exceed all of them, so that a grasp holds everything alike.
+top; the table's own number, 0.5, is below or at all of them, so that the number of each object counts. The rubber
+pads of the gripper have 1.2, more than any material, so that a grasp holds every object alike.
 
 Tables of dry static friction differ by half of their values; those here lie inside the published ranges and are
 rounded to 0.05:
@@ -19,7 +19,7 @@ rounded to 0.05:
 * other food, soap and sponge: no table is common; they are placed by comparison, as their reason says.
 
 The torsional number [m] is the sliding one times two thirds of the radius of a contact patch of 15 mm, as for the pads
-of the gripper: a flat thing resists being turned about the vertical axis as much as being pushed. The rolling number
+of the gripper: a flat object resists being turned about the vertical axis as much as being pushed. The rolling number
 [m] is 1 mm for what yields and 0.5 mm for what is hard: half the width over which a contact is pressed flat. Densities
 [kg/m^3] are handbook values of the solid material; those of food and foam include the pores and are estimates to a
 tenth.
@@ -45,7 +45,7 @@ class Material:
         sliding: Coefficient of sliding friction, against itself or a table.
         density: Of the solid material [kg/m^3].
         soft: True if it yields where it is touched.
-        reason: Where the number of sliding friction comes from.
+        reason: Source of the number of sliding friction.
     """
 
     name: str

@@ -199,7 +199,7 @@ def loft(
 def mirrored_u(n: int, *, start: int = 0) -> np.ndarray:
     """Return texture columns that run from 0 to 1 on one half of a ring of ``n`` points (even) and back on the other.
 
-    A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round thing.
+    A print drawn for half the circumference then shows on both halves, and no seam cuts the shading of a round body.
     """
     index = (np.arange(n) - start) % n
     return 1.0 - np.abs(index / (n / 2) - 1.0)

@@ -147,7 +147,7 @@ def _run(wanted: np.ndarray) -> slice:
 def _in_ellipse(
     x: np.ndarray, y: np.ndarray, center: tuple[float, float], radii: tuple[float, float], turn: float
 ) -> np.ndarray:
-    """Return which of the samples at ``x`` and ``y`` lie in an ellipse."""
+    """Return a mask of the samples at ``x`` and ``y`` that lie in an ellipse."""
     c, s = math.cos(turn), math.sin(turn)
     dx, dy = x - center[0], y - center[1]
     inside: np.ndarray = ((c * dx + s * dy) / radii[0]) ** 2 + ((c * dy - s * dx) / radii[1]) ** 2 <= 1.0

@@ -35,7 +35,7 @@ _REGISTER: dict[str, _Entry] = {}
 def generator(
     category: str, *, colors: Sequence[str], looks: int = 8, unseen_looks: int = 4, family: str | None = None
 ) -> Callable[[Generator], Generator]:
-    """Register a function as the generator of a category, from whatever file it is imported.
+    """Register a function as the generator of a category, from any file that is imported.
 
     The function takes a random generator, the source of everything in which looks differ, and a color word; the first
     color is the default. It must draw the same numbers for each color, so that the color never changes the shape.

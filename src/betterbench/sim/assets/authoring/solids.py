@@ -1,4 +1,4 @@
-"""Collision shapes: convex solids, and the walls of hollow things made of them."""
+"""Collision shapes: convex solids, and the walls of hollow objects made of them."""
 
 import math
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from betterbench.sim.assets.authoring.materials import material
 
 
 def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = False) -> tuple[CollisionPart, ...]:
-    """Return solids with the friction of a material: a handle of rubber on a thing of steel.
+    """Return solids with the friction of a material: a handle of rubber on an object of steel.
 
     With ``only_plain``, solids that have a friction of their own keep it.
 
@@ -22,7 +22,7 @@ def surfaced(solids: Iterable[CollisionPart], name: str, *, only_plain: bool = F
 
 
 def foot_square(half: float, *, height: float = 0.004, x: float = 0.0) -> CollisionPart:
-    """Return the flat square at ``x`` with half a side [m] on which a round thing stands.
+    """Return the flat square at ``x`` with half a side [m] on which a round object stands.
 
     A cylinder on a box touches it in one or two points that change from step to step; four fixed corners, which must
     stay inside the round footprint, stand still. The round part of the body should start 0.5 mm above the ground, so
@@ -78,7 +78,7 @@ def hinged_box(half: Vector, middle: tuple[float, float], angle: float, x: float
 
 
 def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean: float = 0.0) -> list[CollisionPart]:
-    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round thing.
+    """Return eight equal boxes around a vertical axis at ``x``: the wall of a hollow round object.
 
     The half sizes are along the radius, along the circumference and upward; the middles of the boards are at height
     ``z`` and ``away`` from the axis [m]. A positive ``lean`` [rad] leans their upper ends outward.
@@ -93,7 +93,7 @@ def ring_of_boards(half: Vector, away: float, z: float, *, x: float = 0.0, lean:
 def round_wall(
     radius: float, thickness: float, low: float, high: float, *, x: float = 0.0, half_length: float | None = None
 ) -> list[CollisionPart]:
-    """Return the upright wall of a hollow round thing between two heights [m] as a :func:`ring_of_boards`.
+    """Return the upright wall of a hollow round object between two heights [m] as a :func:`ring_of_boards`.
 
     The outer faces of the boards are at ``radius``; without half a length a board is an octagon's side.
     """

@@ -19,7 +19,7 @@ from betterbench.sim.assets.authoring.solids import solid_box, spheroid, standin
 FILLING_M = 0.014
 """Thickness of patty, cheese and lettuce [m], from what they stand on to the region "top", in every look.
 
-Whatever is put on top of any filling is so let go at the same heights."""
+An object placed on any filling is so released at the same height."""
 
 BOTTOM_M = 0.026
 """Height of the cut face of the lower half of the bun [m], the same in every look."""

@@ -20,13 +20,13 @@ _CAN = can_shell(_RADIUS, 0.115, 0.0115)  # before it was crushed
 
 @dataclass(frozen=True, slots=True)
 class _Crush:
-    """How a can was squeezed while it lay along x; lengths in m, angles in rad.
+    """Deformation of a can that was squeezed while it lay along x; lengths in m, angles in rad.
 
     Attributes:
-        length, height: Of what is left.
+        length, height: Extents of the crushed can.
         waist: Half the width where it was pressed together, ``at`` this position along x.
         bend: Angle of the ends against each other, about the vertical axis.
-        lift: By how much the ends stand up from the table.
+        lift: Height of the ends above the table.
     """
 
     length: float

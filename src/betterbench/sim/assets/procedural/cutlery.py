@@ -22,7 +22,7 @@ _HANDLES: Mapping[str, tuple[str, tuple[Rgb, ...]]] = {
     "bright": ("plastic", ((0.72, 0.09, 0.08), (0.10, 0.42, 0.20), (0.80, 0.45, 0.06))),
     "steel": ("steel", ((0.60, 0.61, 0.64),)),
 }
-"""What handles are made of, and its colors; none is blue, as the cup of the same table is."""
+"""Material and colors of handles; none is blue, because the cup on the same table is."""
 
 
 @generator("fork", colors=("silver", "yellow"))

@@ -43,11 +43,11 @@ _SLIDE: dict[str, float | str] = {"travel_m": 0.15, "friction_n": 1.5, "damping_
 
 @dataclass(frozen=True, slots=True)
 class _Style:
-    """What the carcass and the drawers of one look share.
+    """Style of one look, shared by the carcass and the drawers.
 
     Attributes:
-        half_x, half_y, height: Of the carcass [m]: half its depth, half its width.
-        front: How the front is worked: "plain", "frame", "groove" or "band".
+        half_x, half_y, height: Half the depth, half the width and the height of the carcass [m].
+        front: Pattern of the front: "plain", "frame", "groove" or "band".
         handle: One of :data:`_HANDLES`, with its extents along x, y and z [m].
         boards, fronts, top: Colors of the sides, of the front panels and of the top board.
         card: True for a holder with a card on each front.
@@ -263,7 +263,7 @@ def _drawer(rng: np.random.Generator, color: str, *, side: float, place: str) ->
 
 
 def _handle(s: _Style, front: float, y: float) -> tuple[VisualPart, tuple[CollisionPart, ...]]:
-    """Return what is seen and what is touched of a handle at ``y`` on a panel whose front is at ``front`` [m]."""
+    """Return the visual and the collision parts of a handle at ``y`` on a panel whose front is at ``front`` [m]."""
     (kx, ky, kz), z = (0.5 * e for e in s.handle_size), _HANDLE_HEIGHT
     x, (sy, sz) = front + _HANDLE_AWAY, (0.5 * e for e in _STEM)
     length, middle = x - kx - front + 0.001, 0.5 * (front + x - kx)

@@ -1,4 +1,4 @@
-"""Open laptops: the anchor beside which things are put on a desk."""
+"""Open laptops: the anchor beside which objects are put on a desk."""
 
 import math
 
@@ -103,7 +103,7 @@ def _deck(metal: Rgb, *, size_m: tuple[float, float], dark_keys: bool) -> Canvas
 
 
 def _desktop(rng: np.random.Generator, *, size_m: tuple[float, float], wallpaper: str) -> Canvas:
-    """Draw what the screen shows: a wallpaper, two or three windows, a bar with icons."""
+    """Draw the content of the screen: a wallpaper, two or three windows, a bar with icons."""
     width, height = size_m
     canvas = Canvas(width, height, (256, 144), (0.30, 0.55, 0.85))
     x, y = canvas.x / width, canvas.y / height

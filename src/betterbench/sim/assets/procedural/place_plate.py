@@ -13,7 +13,7 @@ _SIDE = _RADIUS + 0.045  # distance of the middle of the places beside the plate
 
 @generator("place_plate", colors=("white", "blue", "cream"), family="place plate")
 def place_plate(rng: np.random.Generator, color: str) -> Draft:
-    """Make a breakfast plate with a decorated rim; whoever eats sits at +x.
+    """Make a breakfast plate with a decorated rim; the diner sits at +x.
 
     A stoneware plate of 18 to 19 cm weighs 0.4 to 0.6 kg; the heavy end is used, because it stands while things are
     laid around it. Its places are named as the eater sees them: right is +y, upper is -x.

@@ -55,7 +55,7 @@ def _plate(
     """Make a flat plate with an upright rim, of a radius between two [m]; its density is in kg/m^3.
 
     The collision shape of the floor is ``solid`` over this share of the radius. The rest, up to the rim, is left to the
-    fingers that pinch it; it has to be narrower than the edge of whatever may be put down there upside down.
+    fingers that pinch it; it has to be narrower than the edge of any object that may be put down there upside down.
     """
     radius, foot_share, well = uniforms(rng, radii, (0.46, 0.56), (0.60, 0.76))
     raised, flare = float(rng.choice([0.0, 0.0010, 0.0016])), rng.uniform(0.0006, 0.0020)

@@ -202,7 +202,7 @@ def _bottle(
     *visual: VisualPart,
     **parameters: float | str,
 ) -> Draft:
-    """Return what every jar and the pill bottle have in common, around what is seen of one.
+    """Return a jar or the pill bottle: its visual parts with the properties that all of them share.
 
     70 g of glass and cap and 50 g of what is inside for one of middle size, in proportion for the others; one cylinder
     on a square foot; pads that reach 12 mm below the grasp, and so stay above a hole 35 mm deep.

@@ -1,4 +1,4 @@
-"""The size of a stapler, which the block that looks like one shares, and the side view and the top of its cover."""
+"""Size of a stapler, shared by the block that looks like one, and the outlines of its cover from the side and above."""
 
 from collections.abc import Sequence
 
