@@ -57,7 +57,7 @@ def trainer_setup(
         recipe: The recipe.
         data: Places of the data sets; for LIBERO the published set where the framework has one.
         gpus: Number of GPUs.
-        weights: Where the training starts from; the framework's published weights if None.
+        weights: Initial weights; those that the framework publishes if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
 

@@ -48,11 +48,11 @@ class MadeDataset:
         path: Its folder.
         sha256: Hash of its demonstrations.
         command: The command that makes the same set again.
-        demonstrations: How many there are.
+        demonstrations: Number of demonstrations.
         steps: Their control steps.
         missing: Starts at which no attempt was accepted and that nothing took the place of.
-        audit: What goes together in it; None if no task has enough demonstrations.
-        prediction: What follows from that; None likewise.
+        audit: Its shortcut audit; None if no task has enough demonstrations.
+        prediction: The prediction from the audit; None likewise.
         pairs: Its twins.
         variety: How far its demonstrations are apart, by task.
         sources: The same of those that they were carried over from; none where there are none.
@@ -83,7 +83,7 @@ def make_dataset(
     """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
 
     Args:
-        recipe: What is made.
+        recipe: Recipe of the set.
         out: Folder of the set.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.

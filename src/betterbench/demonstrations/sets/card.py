@@ -41,7 +41,7 @@ ABOUT_REGIME = {
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """What a card says, beside the recipe.
+    """Content of a card beside the recipe.
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or why there is none.

@@ -22,7 +22,7 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""What the numbers of the state are, in their order."""
+"""Names of the numbers of the state, in their order."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Which demonstrations of a run are twins: found in the records, by comparing their histories bit for bit."""
+"""Twins among the demonstrations of a run, found in the records by comparing their histories bit for bit."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Association:
-    """How strongly two things go together.
+    """Strength and significance of the association of two categorical variables.
 
     Attributes:
         bits: Mutual information [bit].
@@ -52,12 +52,12 @@ def entropy_bits(counts: _Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PermutationTest:
-    """The test of one question: what was seen, and what the permutations give.
+    """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
         x: (n,) number of the first value of each observation.
         y: (n,) number of the second one.
-        sizes: How many first and second values there are.
+        sizes: Numbers of different first and second values.
         block: (n,) number of the demonstration of each observation.
         within: Whether first values are exchanged inside each demonstration.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
@@ -86,7 +86,7 @@ def association(
     Args:
         first: A value per observation.
         second: The other value per observation.
-        draw: Where permutations are drawn from.
+        draw: Random generator of the permutations.
         blocks: To which demonstration each observation belongs. Without ``within``, whole demonstrations exchange their
             first values, so that what one demonstration repeats is no evidence; all its first values must be equal.
         within: Exchange the first values inside each block instead: of the steps of a demonstration.
@@ -204,7 +204,7 @@ def features_test(
     Args:
         presence: (episodes, features) whether an episode has a feature.
         outcome: The outcome of each episode.
-        draw: Where permutations are drawn from.
+        draw: Random generator of the permutations.
 
     Returns:
         The associations, and per permutation the most mutual information of any feature [bit], (PERMUTATIONS,).

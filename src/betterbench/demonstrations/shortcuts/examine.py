@@ -1,4 +1,4 @@
-"""The shortcut audit: what goes together in a dataset beyond chance, and which variations take it apart."""
+"""Shortcut audit: associations in a dataset beyond chance, and the variations that break them."""
 
 from __future__ import annotations
 
@@ -88,8 +88,12 @@ _MOST_SHOWN = 80
 """Most characters of an instruction in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
-"""What was found: a rule that some variation breaks, or a stranger's test could; one that every variation of the task
-keeps, such as what a word means; or nothing beyond chance and :data:`STRONG`."""
+"""Verdict on a question.
+
+"shortcut" is a rule that some variation breaks, or that a test of an external dataset could break. "regularity" is a
+rule that every variation of the task keeps, such as the meaning of a word. "none" means that nothing was found beyond
+chance and :data:`STRONG`.
+"""
 
 Rules = Mapping[str, Counter[str]]
 """Per first value how often each second value was seen with it."""
@@ -97,12 +101,12 @@ Rules = Mapping[str, Counter[str]]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What the data say to one question.
+    """Answer of the data to one question: test statistics, verdict and the rules found.
 
     Attributes:
         question: Name of the question.
-        title: What was asked.
-        subject: The word that it is about, "" for questions about all things.
+        title: The question in words.
+        subject: The word that it is about, "" for questions about all objects.
         bits: Mutual information [bit].
         strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; of whole
         instructions, see
@@ -110,8 +114,8 @@ class Finding:
         p_value: Of the permutation test; None where there is nothing to permute.
         p_adjusted: The same, times the number of questions that were tested and are corrected together.
         n: Observations.
-        verdict: What follows.
-        rules: What a learner could go by, for people.
+        verdict: Conclusion, see :data:`Verdict`.
+        rules: Rules that a learner could follow, in words.
         seen: The same as counts: how often each second value was seen with each first one.
         separating: Variations whose right behavior breaks the rule, with the observation that does.
         meaning: Why the words mean what they go with, so that the rule is a regularity; "" if no reason is known.
@@ -134,15 +138,15 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class GroupAudit:
-    """The findings on one task, or on one stranger's dataset.
+    """Findings on one task, or on one external dataset.
 
     Attributes:
         group: Name of the task or of the dataset.
         episodes: Demonstrations, or segments of some.
-        findings: What was found.
-        notes: What could not be asked, and why.
+        findings: Answers of the data, one per question.
+        notes: Questions that could not be asked, with the reason.
         smallest: Per question the smallest rule that would have been found with so many demonstrations.
-        asked: What was tested, and what could not be and why.
+        asked: Tested and untested questions.
     """
 
     group: str
@@ -163,7 +167,7 @@ class GroupAudit:
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
-        """What a learner could go by and some variation breaks."""
+        """Findings of rules that a learner could follow and that some variation breaks."""
         return tuple(f for f in self.findings if f.verdict == "shortcut")
 
 

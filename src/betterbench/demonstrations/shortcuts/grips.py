@@ -1,4 +1,4 @@
-"""When a gripper closes and opens, and which of its ends is the closed one."""
+"""Closings and openings of a gripper, and the end of its range at which it is closed."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """How the numbers of a gripper are read.
+    """Range, threshold and polarity of a gripper's values.
 
     Attributes:
         low: Least value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         between: Value between open and closed.
         closed: ``low`` or ``high``.
-        because: Why that side is the closed one.
-        warning: What speaks against it, "" if nothing does.
+        because: Reason why that side is the closed one.
+        warning: Evidence against it, "" if there is none.
     """
 
     low: float

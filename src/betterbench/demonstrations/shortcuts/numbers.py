@@ -1,4 +1,4 @@
-"""The numbers of a stranger's data set by name: which are a gripper, positions of an end effector, or joints.
+"""Recognition of the numbers of an external data set by name: gripper, end-effector position, or joint.
 
 A number is told by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of its column,
 in this order. Position in a vector tells nothing: the last number may be a waist or a thumb.
@@ -52,10 +52,10 @@ class NamedNumber:
 
     Attributes:
         column: Name of the column.
-        index: Which of its numbers.
+        index: Position of the number in the column.
         name: Its name in ``meta/info.json``, "" if it has none.
         labels: Its names, the one that says most first.
-        by: Where each of these names comes from.
+        by: Source of each of these names.
     """
 
     column: str
@@ -72,14 +72,14 @@ class NamedNumber:
 
 @dataclass(frozen=True, slots=True)
 class NumberRole:
-    """What a number is, and of which arm.
+    """Physical quantity of a number, and the arm that it belongs to.
 
     Attributes:
         kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if no name
             tells.
         arm: ``left``, ``right``, a number as text, or "" if no name tells.
-        by: Where the name comes from.
-        kinds: What each of its labels says.
+        by: Source of the name.
+        kinds: Kind by each of its labels.
     """
 
     kind: str
