@@ -1,4 +1,4 @@
-"""Comparing a data set with the records that it claims to come from."""
+"""Check of a data set against the records that it claims to come from."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """What was compared: everything that ``docs/export.md`` lists, and three pictures of each episode and camera.
+    """Extent and result of a check: all that ``docs/export.md`` lists, and three images of each episode and camera.
 
     Attributes:
         worst_error: Largest mean error of a picture, in levels of 255; 0 for images without loss.

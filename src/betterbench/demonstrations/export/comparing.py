@@ -1,4 +1,4 @@
-"""Comparing what a data set says with what it should say, and naming the first difference in one line."""
+"""Comparison of a data set's content with the expected one; the first difference is named in one line."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ _BROKEN = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
     pa.ArrowException,
 )  # fmt: skip
-"""What reading a stranger's files raises."""
+"""Exceptions that reading damaged or foreign files raises."""
 
 
 def _settled(there: object, wanted: object) -> object:

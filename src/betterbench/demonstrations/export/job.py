@@ -1,4 +1,4 @@
-"""A whole export: every episode once, by several workers, and then the data set in one piece at its place.
+"""Export of a data set: several workers make each episode once, then the whole set is put at its place.
 
 Everything is made in a hidden folder beside the place, ``.NAME.parts``. Episodes that are complete there are not made
 again, and the finished data set is moved to its place by one renaming, so that it is there whole or not at all. Bytes
@@ -50,7 +50,7 @@ EXPORT_VERSION = 1
 """Version of what an export holds; it moves when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
-"""Where a data set says what it was made of."""
+"""File of a data set that describes its origin."""
 README = "README.md"
 """Page of a data set, which its owner may edit."""
 
@@ -59,11 +59,11 @@ Told = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """What is exported, and how.
+    """Plan of an export: the records, the layout and format, and the place.
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
-        form: How images are stored; robomimic's are always without loss.
+        form: Storage of images; robomimic's are always without loss.
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
@@ -86,7 +86,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written: its place, how many episodes and frames it has, and what it takes on disk."""
+    """Result of an export: the place of the data set, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int

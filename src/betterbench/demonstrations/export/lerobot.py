@@ -1,4 +1,4 @@
-"""LeRobot's data sets: what versions 2.1 and 3.0 of the format share, and version 3.0 itself.
+"""LeRobot's data sets: the common parts of versions 2.1 and 3.0 of the format, and version 3.0 itself.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -35,7 +35,7 @@ MOST_FILE_BYTES = 100 * 1024 * 1024
 SUBTASK = "subtask_index"
 
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-"""Where version 3.0 lists the episodes."""
+"""File in which version 3.0 lists the episodes."""
 
 COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
 
@@ -108,7 +108,7 @@ def episode_stats(dataset: Dataset, part: Part, counted: Mapping[str, np.ndarray
 
 
 class Totals:
-    """Collects what the statistics of a whole data set need."""
+    """Accumulator for the statistics of a whole data set."""
 
     def __init__(self) -> None:
         self._vectors: dict[str, list[np.ndarray]] = {}
@@ -231,7 +231,7 @@ def file_name(kind: str, number: int) -> str:
 
 
 class _Files:
-    """Counts through the files of a kind."""
+    """Numbered files of one kind."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind

@@ -1,4 +1,4 @@
-"""Comparing a LeRobot data set with the records that it comes from, file by file."""
+"""Check of a LeRobot data set against the records that it comes from, file by file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """A file of frames that is being read, and how many of its rows belong to the episodes so far."""
+    """File of frames that is being read, with the number of its rows that belong to the episodes so far."""
 
     name: str
     table: pa.Table
@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Compares everything but pictures, their statistics, and the questions of the language columns.
+    """Check of all content but images, their statistics, and the questions of the language columns.
 
     Attributes:
         listed_in: Folders whose Parquet files a trainer reads, all of them.
@@ -53,7 +53,7 @@ class LeRobotCheck(ABC):
             path: Its folder.
             expected: Takes its episodes, one after the other.
             info: Its ``meta/info.json``.
-            listed: What ``meta`` says of each episode.
+            listed: Entry of each episode in ``meta``.
         """
         self.path, self.expected, self.info, self.listed = path, expected, info, listed
         self._frames: _Frames | None = None
@@ -135,7 +135,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Version 3.0: an episode lies where ``meta/episodes`` says, and trainers count rows from the first file on."""
+    """Check of version 3.0: ``meta/episodes`` locates each episode, and trainers count rows from the first file on."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -193,7 +193,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Version 2.1: each episode has files of its own, which the names tell."""
+    """Check of version 2.1: each episode has its own files, which are found by their names."""
 
     listed_in = ("data",)
 

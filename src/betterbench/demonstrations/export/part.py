@@ -1,4 +1,4 @@
-"""One exported episode on disk, before the data set is put together: it is complete or it is made again."""
+"""Exported episode on disk, before the data set is assembled: it is complete or it is made again."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ _MAX_INDEX_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """An episode as the formats share it.
+    """Exported episode in a form common to all formats.
 
     Attributes:
         vectors: (N, size) by column.
         videos: Bytes by column of images, for the form "video".
         pngs: N files by column of images, for the form "png".
         levels: (3, 256) counts of the levels of the sampled pictures, by column of images.
-        sampled: How many pictures were sampled.
-        about: What the record says about the episode.
+        sampled: Number of images that were sampled.
+        about: Description of the episode from the record.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -121,7 +121,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """The counts of the levels of the sampled pictures of a column, by channel."""
+    """Counts of the levels of the sampled images of a column, by channel."""
 
     levels: _Levels
 
@@ -129,7 +129,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """What is used of what a part says about its record; see :func:`about`."""
+    """Fields of a part's description of its record that are used; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -141,13 +141,13 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """What a part says about itself; the file carries a seal.
+    """Index of a part: its files, color counts and description; the file carries a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
         images: Counts of levels by column of images.
-        sampled: How many pictures were counted.
-        about: What the record says about the episode, as :func:`about` returns it.
+        sampled: Number of images that were counted.
+        about: Description of the episode from the record, as :func:`about` returns it.
     """
 
     files: dict[str, str]

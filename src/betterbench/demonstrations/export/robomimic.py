@@ -109,7 +109,7 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
 
 
 class _StrangeError(ValueError):
-    """Something in a file that we never write."""
+    """Content of a file that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py

@@ -1,4 +1,4 @@
-"""Comparing a robomimic file with the records that it comes from, group by group."""
+"""Check of a robomimic file against the records that it comes from, group by group."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _JSON_ATTRIBUTES = ("better", "env_args")
 
 
 class RobomimicCheck:
-    """Compares everything but pictures, and filter keys that others added. A context manager."""
+    """Check of all content but images and filter keys that others added. A context manager."""
 
     def __init__(self, path: Path, expected: ExpectedDataset) -> None:
         self._path, self._expected = path, expected
