@@ -26,7 +26,7 @@ class Numbers:
 
     Attributes:
         vectors: (N, size) by column: states and action.
-        subgoals: (N,) what the demonstrator is about.
+        subgoals: (N,) subgoal that the demonstrator pursues.
     """
 
     vectors: Mapping[str, np.ndarray]

@@ -1,4 +1,4 @@
-"""The amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
+"""Amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
+"""Choice of a source: any; with the most similar object pose; with the motion that begins nearest to the arm."""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
 """Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
 OTHER_INSTANCE_M = 0.05
-"""What another instance of the category counts for as distance of two objects [m]."""
+"""Distance that is added where two objects are different instances of their category [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
 TURN_RAD = math.pi / 8.0
@@ -40,7 +40,10 @@ TURN_RAD = math.pi / 8.0
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
 """Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
+"""Distance [m] and angle [rad] to its target within which the arm has settled, and most control steps to wait.
+
+The gripper changes only afterward.
+"""
 STILL_M, STILL_STEPS = 2e-4, 2
 """Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
 LEAVE_M = 0.10
@@ -54,7 +57,7 @@ TEMPO = 1.4
 TEMPO_DRAWN = 0.1
 """By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""How far the middle of a way may run aside of that of its source, below and above it [m]."""
+"""Largest displacement of the middle of a way from that of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal has to be met."""
 PRESS_M = 0.004
@@ -65,10 +68,10 @@ FULL_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """How sources are carried over.
+    """Settings by which sources are carried over to a scene.
 
     Attributes:
-        select: How the source of each subgoal is chosen.
+        select: Choice of the source of each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
     """
@@ -79,7 +82,7 @@ class AmplifierSettings:
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """What is in the gripper on the way: distance of the finger pads [m], object, and where that is."""
+    """Gripper on the way: distance of the finger pads [m], held object, and its pose in the gripper."""
 
     width_m: float
     held: str | None = None
@@ -93,8 +96,8 @@ class _Candidate:
     Attributes:
         source: The skill as it was.
         moved: The skill in this scene.
-        change: How the way to it differs from that of its source.
-        hand: What is in the gripper on the way.
+        change: Difference of the way to it from that of its source.
+        hand: State of the gripper on the way.
         touched: Objects that the robot may touch in the skill.
     """
 
@@ -107,11 +110,11 @@ class _Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _WayIn:
-    """A free way to where a skill begins.
+    """Collision-free way to the beginning of a skill.
 
     Attributes:
         poses: Corners of a planned way, or one pose per control step of a way that was carried over.
-        planned: Which of the two.
+        planned: Whether the way was planned.
         begin: Step of the skill at which it ends.
     """
 
@@ -121,11 +124,11 @@ class _WayIn:
 
 
 class Amplifier:
-    """Acts on the privileged state like the expert, but moves as source demonstrations did.
+    """Demonstrator that acts on the privileged state like the expert, with the motions of source demonstrations.
 
     Attributes:
         used: Names of the sources, one per skill that was begun.
-        failure: Why the attempt failed, or None so far.
+        failure: Reason why the attempt failed; None so far.
     """
 
     def __init__(
@@ -136,8 +139,8 @@ class Amplifier:
         Args:
             scene: The scene.
             library: Sources of the task.
-            lead: The one that says which skills follow each other.
-            settings: How sources are carried over.
+            lead: Source that determines the order of skills.
+            settings: Settings by which sources are carried over.
             draw: Stream of the attempt.
         """
         self._planner = Planner(scene)

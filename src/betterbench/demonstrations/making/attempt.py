@@ -1,4 +1,4 @@
-"""One attempt at a demonstration: the episode, and whether it is accepted."""
+"""Attempt at a demonstration: the episode, and the decision whether it is accepted."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ LASTING_STEPS = 4
 """Control steps after the end of an episode in which its goal has to hold on: 0.2 s, after the dwell of 0.5 s."""
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""What the records of demonstrations name as their policy."""
+"""Demonstrators, as the records of demonstrations name them as their policy."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AttemptNote:
-    """What became of one attempt.
+    """Outcome of one attempt.
 
     Attributes:
-        number: Which attempt at its start it was, from 0.
+        number: Number of the attempt at its start, from 0.
         failure: Kind of failure, or "" if it was accepted.
-        reason: Why it failed, in one line.
+        reason: Reason of the failure, in one line.
         steps: Control steps that it took.
         sources: Sources that it used, one per skill.
         lead: The source whose order of skills it followed, or "".

@@ -1,4 +1,4 @@
-"""Making a set of demonstrations: starts, attempts at them by workers, and an ordinary run folder that holds the set.
+"""Production of a set of demonstrations: starts, attempts at them by workers, and the run folder that holds the set.
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start at which no
 attempt was accepted stays in the plan as an error, with the reason, and the plan grows by the start that takes its
@@ -75,19 +75,19 @@ MOST_WORKERS = 256
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """How the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
+    """Method by which the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
 
     Attributes:
-        policy: What the records name as their policy: the expert, or the amplifier.
+        policy: Demonstrator that the records name as their policy: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start.
         sources: Folder of the run with the source demonstrations; "" for the expert.
         sources_hash: Hash of that set; "" likewise.
         source_tasks: Tasks whose demonstrations that hash is of; none likewise.
-        settings: How sources are carried over.
+        settings: Settings by which sources are carried over.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
-        regime: Which conditions are demonstrated.
+        regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene share their seeds and the manner of the expert.
     """
 
@@ -171,7 +171,7 @@ def method_of(run: RunFolder) -> Method:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StartOutcome:
-    """What became of the attempts at one start.
+    """Outcomes of the attempts at one start.
 
     Attributes:
         notes: One per attempt, in their order; the last one is accepted, or none is.
@@ -194,7 +194,7 @@ class StartOutcome:
 
     @property
     def why_not(self) -> str:
-        """Why there is none, in one line."""
+        """Reason why there is no demonstration from this start, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -209,7 +209,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """How far a set is: demonstrations there are, demonstrations asked for, attempts, and what was tried last."""
+    """Progress of a set: demonstrations made and requested, number of attempts, and outcome of the last start."""
 
     done: int
     planned: int
@@ -221,7 +221,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """The journal of the attempts of a run; of several lines about a start the last one counts.
+    """Journal of the attempts of a run; of several lines about a start the last one counts.
 
     Raises as :class:`VersionedJournal` does.
     """
@@ -277,7 +277,7 @@ def collect(
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start, each in another manner.
-        regime: Which conditions are demonstrated.
+        regime: Regime whose conditions are demonstrated.
         twins: Give conditions with the same scene the same seeds and manners, so that they differ by their cause alone.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
@@ -315,7 +315,7 @@ def amplify(
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start, each with another source in the lead.
-        settings: How sources are carried over.
+        settings: Settings by which sources are carried over.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 

@@ -1,4 +1,4 @@
-"""Source demonstrations: what their skills look like in the frame of the thing that each is about."""
+"""Source demonstrations: their skills in the frame of the object or target region of each."""
 
 from __future__ import annotations
 
@@ -28,23 +28,24 @@ SPOT_M, MOST_SPOTS = 0.012, 16
 MOVING_M = 0.001
 """Least motion of a control step that is no pause [m]."""
 ROTATION_M = 0.1
-"""What a radian counts for where poses are compared [m/rad]: the reach of the gripper."""
+"""Weight of rotation against translation where poses are compared [m/rad]: the reach of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
-"""What a skill is about: its kind, the kind of its object, and of a place relation, kind of the target and region.
+"""Key of a skill: its kind and the kind of its object; for a placement also relation, kind of the target and region.
 
-Of a slide, "out" stands for the relation where the drawer is drawn out."""
+For a slide, "out" stands for the relation where the drawer is drawn out.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """One skill of a source demonstration, with everything that is needed to carry it over.
+    """Skill of a source demonstration, with all values that are needed to carry it over.
 
     Attributes:
-        key: What it is about.
+        key: Kinds of skill, object and target, see :data:`SkillKey`.
         source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Its rows there.
-        object: What it takes, lets go of or slides.
+        object: Object that it takes, lets go of or slides.
         asset: Asset of that object.
         frame: ``T_world_reference`` when the window begins: of the object, or for a place of the target's region.
         object_pose: ``T_world_object`` when the window begins.
@@ -52,7 +53,7 @@ class SourceSkill:
         targets: Poses ``T_world_tcp`` that the controller was sent to, one per control step of the window.
         gripper: Gripper command of each of these steps.
         change: Index of the step that begins to change the gripper.
-        T_tcp_foot: Where the foot of the object is in the gripper just before the change; of a place.
+        T_tcp_foot: Pose of the object's foot in the gripper just before the change; of a place.
         anchor: Foot of the object [m], world frame, at the expert's goal nearest to where it was let go; of a place.
         spread_m: By how much wider than around the object the gripper opens [m]; of a place.
         slid_m: Distance along its own x axis by which a drawer is moved [m].

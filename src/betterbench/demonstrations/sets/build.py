@@ -1,4 +1,4 @@
-"""Making a training set: demonstrations, their proof, and everything that is derived from them.
+"""Production of a training set: demonstrations, their proof, and the files that are derived from them.
 
 ``OUT/recipe.json`` says what is made, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the
 files beside them follow from the records alone. ``OUT/dataset.json`` is written last: with it the set is whole.
@@ -54,7 +54,7 @@ class MadeDataset:
         audit: Its shortcut audit; None if no task has enough demonstrations.
         prediction: The prediction from the audit; None likewise.
         pairs: Its twins.
-        variety: How far its demonstrations are apart, by task.
+        variety: Differences between its demonstrations, by task.
         sources: The same of those that they were carried over from; none where there are none.
     """
 

@@ -45,7 +45,7 @@ class CardFacts:
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or why there is none.
-        variety: How far the demonstrations are apart, by task.
+        variety: Differences between the demonstrations, by task.
         sources: The same of those that they were carried over from.
     """
 

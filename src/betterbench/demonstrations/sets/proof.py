@@ -19,7 +19,7 @@ CURE = "Delete the file and run the command again to give the demonstration anew
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """The conditions that a set may show, and those that it must not show."""
+    """Conditions that a set may show, and those that it must not show."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]

@@ -57,7 +57,7 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
 
 
 class Follower:
-    """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at the start."""
+    """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at ``take_hold``."""
 
     def __init__(self) -> None:
         """Wait to take hold."""

@@ -50,7 +50,7 @@ class PanelState:
     """Content of the panel; only changes are sent to the page.
 
     Attributes:
-        title: Name and number of the demonstration.
+        title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
         share: Share of the episode's steps that are used.
         status: State of the episode, in a few words.

@@ -1,4 +1,4 @@
-"""Doses of a confound: how often what breaks it fails, by the share of the demonstrations that hold it."""
+"""Doses of a confound: failure rates on the variations that break it, by the share of demonstrations that hold it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLANTED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """What learners did of whose demonstrations a share holds the confounds.
+    """Results of learners that were trained with confounds in a share of their demonstrations.
 
     Attributes:
         dose: That share.

@@ -1,4 +1,4 @@
-"""What a study found: rates, gaps, construct validity, the audit's prediction scored, and what words do."""
+"""Findings of a study: rates, gaps, construct validity, score of the audit's prediction, and effect of the words."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ GapVerdict = Literal[
     "hard for another reason",
     "open",
 ]
-"""What a variation turned out to measure; see :func:`verdict_of`."""
+"""Verdict on the cause of a variation's gap; see :func:`verdict_of`."""
 
 
 @dataclass(frozen=True, slots=True)
 class VariationFinding:
-    """What one variation showed.
+    """Results of the learners on one variation.
 
     Attributes:
         risk: Predicted by the audit of the confounded set; None without one.
@@ -87,10 +87,10 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """What was found on the variations whose words, categories and colors all learners have been shown.
+    """Results on the variations whose words, categories and colors all learners have been shown.
 
     Attributes:
-        variations: How many there are.
+        variations: Number of these variations.
         balanced: Success of the balanced learners there.
         contrast: The balanced learners against the confounded ones there.
     """
@@ -102,13 +102,13 @@ class KnownFinding:
 
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
-    """Whether the verdict that decorrelation is enough holds for a learner that it does not rest on.
+    """Replication of the verdict that decorrelation is enough, with learners that were left out of the verdict.
 
     Each training seed is left out in turn. The variations are those that have this verdict by the learners of all other
     seeds, the trials are of the balanced learner left out, in the same scenes.
 
     Attributes:
-        variations: How many variations had the verdict, over all seeds left out.
+        variations: Number of variations with the verdict, summed over the seeds left out.
         success: Success of the balanced learners left out there.
     """
 
@@ -118,7 +118,7 @@ class RepeatedFinding:
 
 @dataclass(frozen=True, slots=True)
 class WordFinding:
-    """How often the target changes where nothing but the words does."""
+    """Rate at which the learners' target changes when only the instruction changes."""
 
     arm: str
     changed: Figure
@@ -127,11 +127,11 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """How the audit's prediction, made before training, fared with the confounded learners.
+    """Score of the audit's prediction, which was made before training, on the confounded learners.
 
     Attributes:
         area: Chance that a variation that was failed had the higher risk (AUROC); ``n`` counts variations.
-        failed: How many variations were failed.
+        failed: Number of variations that were failed.
         label: Share of failed trials that have the label that was predicted for their variation.
         exposed: Share of failed trials with a label that their variation's card names.
     """
@@ -144,7 +144,7 @@ class PredictionFinding:
 
 @dataclass(frozen=True, slots=True)
 class StudyFindings:
-    """Everything that a page of a study shows.
+    """Findings of a study, as its page shows them.
 
     Attributes:
         roles: Per role the arm that plays it.
@@ -153,7 +153,7 @@ class StudyFindings:
         known: The contrast of the balanced and the confounded learners on the variations of which everything was shown;
             None without these arms.
         repeated: Whether verdicts hold for learners that were left out; None without two training seeds of both arms.
-        doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
+        doses: Results by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
     roles: Mapping[str, str]

@@ -56,7 +56,7 @@ _WHAT_VERDICTS_SAY = {
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """Something that was expected of a study, and what came out.
+    """Expectation of a study, and its result.
 
     Attributes:
         held: Whether it held; None where that is open or was not measured.

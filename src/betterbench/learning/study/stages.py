@@ -47,15 +47,15 @@ _CURE = "Move the file elsewhere, and the stage is looked at again; what it made
 
 @dataclass(frozen=True, slots=True)
 class StudyProgress:
-    """How far a study is.
+    """Progress of a study.
 
     Attributes:
         number: The stage under way, from 1.
-        stages: How many there are.
-        name: Its name.
-        done: How much of it is done.
-        planned: Of how much; 0 if nobody knows.
-        note: What is being done.
+        stages: Number of stages.
+        name: Name of the stage under way.
+        done: Units of work of this stage that are done.
+        planned: Units of work of this stage in all; 0 if unknown.
+        note: Description of the work under way.
     """
 
     number: int
@@ -71,13 +71,13 @@ OnStudy = Callable[[StudyProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """Everything that was measured.
+    """Outcome of a study: all measurements.
 
     Attributes:
-        plan: What was to be done.
+        plan: Plan of the study.
         learners: The trials of each learner.
         predictions: Folder of the confounded set of each task, whose prediction.json says what would fail.
-        seconds: What the stages took, by their kind; sittings that were interrupted are not counted [s].
+        seconds: Durations of the stages by kind [s]; interrupted sittings are not counted.
     """
 
     plan: StudyPlan
@@ -89,7 +89,7 @@ class StudyOutcome:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a complete stage leaves."""
+    """Record of a complete stage."""
 
     inputs: str
     output: dict[str, Any]
@@ -123,7 +123,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""What a stage of each kind leaves."""
+"""Form of the output of each kind of stage."""
 
 
 def run_study(
@@ -139,9 +139,9 @@ def run_study(
     A larger plan goes on in the same folder.
 
     Args:
-        plan: What is to be done.
+        plan: Plan of the study.
         out: Folder of the study.
-        workshop: Who does the work.
+        workshop: Functions that do the work.
         certificate: Certificate of the trials, or its folder; the one that ships with the suite if not given.
         on_progress: Called as the stages go on.
 
@@ -164,10 +164,10 @@ def run_study(
 
 @dataclass(frozen=True, slots=True)
 class _Learning:
-    """A learner that is due.
+    """Learner that is still to be trained.
 
     Attributes:
-        job: How it is trained.
+        job: Its training.
         inputs: Hash of all that decides what it becomes.
     """
 

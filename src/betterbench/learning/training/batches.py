@@ -1,4 +1,4 @@
-"""Batches of a training set: which frames a step draws follows from seed and step alone, so that nothing is lost."""
+"""Batches of a training set: the frames of a step depend on seed and step only, so that training can be resumed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What records of demonstrations give a learner: arrays of all frames, and what stays the same in each episode."""
+"""Training data from records of demonstrations: arrays of all frames, and of the constants of each episode."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
-"""What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
+"""Phases of a demonstration: moving with an empty gripper, picking, moving with an object in it, and so on."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""What a pose or the fingers move less than in a control step while a demonstrator pauses."""
+"""Motion of pose and fingers [m] and turn [rad] per control step below which a demonstrator pauses."""
 
 OnRead = Callable[[int, int], None]
 """Called with the number of records that were read, and of all."""
@@ -61,8 +61,8 @@ class TrainingSet:
         phases: (F,) int64 indices into :data:`PHASES`.
         at_gripper: (F,) bool: frames in whose chunk the gripper changes.
         shown: (F,) bool: frames that are shown; the others are there for the chunks. None for all.
-        frames_of: What the shown frames look like, in their order; None for the family ``objects``.
-        questions: What is asked about the demonstrations; None without co-training.
+        frames_of: Images of the shown frames, in their order; None for the family ``objects``.
+        questions: Questions about the demonstrations; None without co-training.
     """
 
     vocabulary: Vocabulary

@@ -1,4 +1,4 @@
-"""The loop of training: each step follows from weights, seed and number of the step, so that it can be resumed."""
+"""Training loop: each step depends only on weights, seed and step number, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
 STATE_NAME = "state.safetensors"
-"""What training resumes from: weights, their mean, and the moments of the optimizer."""
+"""File from which training resumes: weights, their mean, and the moments of the optimizer."""
 _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
@@ -60,14 +60,14 @@ _SAME = {
     "processes": "as many processes",
     "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
 }
-"""What another training differs in beside recipe and data, as what one has to go on with."""
+"""Conditions other than recipe and data that a resumed training must keep, as texts for the error message."""
 _PATIENCE = timedelta(hours=6)
-"""How long processes wait for the first one, which alone validates and writes."""
+"""Longest wait of the processes for the first one, which alone validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
         step: Steps that are done, those of earlier sittings included.
@@ -93,7 +93,7 @@ class TrainingResult:
         checkpoint: File of the learner.
         parameters: Numbers that were trained.
         log: Its tables.
-        seconds: What this sitting took, reading of data left out [s].
+        seconds: Duration of this sitting without reading the data [s].
         samples_per_s: Training samples per second of this sitting, without validation; 0 if nothing was left to do.
     """
 
@@ -377,7 +377,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """What the state of a training says about itself; states of earlier versions say nothing of the tables."""
+    """Metadata of the state of a training; states of earlier versions have none about the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]

@@ -12,11 +12,11 @@ _CURE = "Start it under torchrun, or unset them"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """The processes that train together, and which of them this is.
+    """Position of this process among those that train together.
 
     Attributes:
         rank: Number of this process among all.
-        size: How many there are.
+        size: Number of processes.
         local_rank: Number of this process among those of its machine.
     """
 
