@@ -200,7 +200,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return what the frames of an episode depend on beside its record."""
+    """Return the settings beside its record on which the frames of an episode depend."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -218,7 +218,7 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
+    """Return the finished data set at the place; raise RunConflictError if something else is there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):

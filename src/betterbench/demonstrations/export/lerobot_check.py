@@ -182,7 +182,7 @@ class CheckOfV30(LeRobotCheck):
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return what the row of the episode tells."""
+        """Return the video file and first frame from the episode's row in ``meta/episodes``."""
         kind = f"videos/{column}"
         first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
         return lerobot.file_name(kind, self._number(kind, number)), first
@@ -234,7 +234,7 @@ class CheckOfV21(LeRobotCheck):
 
 
 def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRobotCheck:
-    """Return what compares a data set of version 2.1 or 3.0.
+    """Return the check for a data set of version 2.1 or 3.0.
 
     Raises:
         InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
@@ -271,7 +271,7 @@ def _types(schema: pa.Schema) -> dict[str, str]:
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return what a trainer reads of a file that numbers texts: rows, types, and which column is pandas' index."""
+    """Return the content of a file that numbers texts, as a trainer reads it: rows, types, and pandas' index column."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 

@@ -76,7 +76,7 @@ class Part:
 def write_part(
     folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
-    """Compute an episode and write it into a folder; the file that says it is complete comes last.
+    """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
 
     Raises what :func:`~betterbench.demonstrations.export.frames.frame_numbers` and the pictures raise, and OSError.
     """
@@ -234,7 +234,7 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Return the picture of a PNG file, which may be a stranger's; raises ValueError if it is none, or damaged."""
+    """Return the image of a PNG file from any source; raises ValueError if it is not one, or damaged."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)

@@ -113,7 +113,7 @@ class _StrangeError(ValueError):
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open a file that may come from a stranger, to read it; everything in it is plain.
+    """Open a file from any source for reading, after a check that it has no links and nothing that is not stored in it.
 
     HDF5 follows links into other files, waits for a pipe that one names, and fills memory with what is not there.
 
@@ -220,7 +220,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def is_hdf5(path: Path) -> bool:
-    """Return whether a file begins as HDF5 files do, whatever it is called."""
+    """Tell whether a file begins as HDF5 files do, under any name."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE

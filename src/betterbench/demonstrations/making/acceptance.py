@@ -116,7 +116,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> Acceptance:
-    """Return what became of the attempts of a run of demonstrations, and how far those that were accepted are apart.
+    """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
 
     Args:
         run: The run.
@@ -137,7 +137,7 @@ def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | N
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return how far the sources of a run are apart; none where they are gone, or others stand in their place."""
+    """Return the differences between the sources of a run; none if they are missing or were replaced."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()

@@ -36,9 +36,9 @@ OTHER_INSTANCE_M = 0.05
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
 TURN_RAD = math.pi / 8.0
-"""Turn between two neighboring ways to grasp a thing that may be grasped from any side [rad]."""
+"""Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
+"""Turns to other sides that are tried for an object that may be grasped from any side, about its own axis [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
 """Distance [m] and angle [rad] to its target within which the arm has settled, and most control steps to wait.
 
@@ -185,9 +185,9 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return what is executed in place of the last action: with noise, unless the arm settles.
+        """Return the action to execute: the last one with noise, or unchanged while the arm settles.
 
-        What is out of bounds is clipped where it is applied.
+        Values out of bounds are clipped where the action is applied.
         """
         if self._quiet or not self._settings.action_noise:
             return action
@@ -291,7 +291,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far what a skill is about stood from where it stands now: meters and radians count alike."""
+        """Return the distance of a skill's object or target in the source from the present one; 1 rad counts as 1 m."""
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -299,7 +299,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far the arm is from where the skill would begin: meters and radians count alike."""
+        """Return the distance of the arm from the beginning of the skill; 1 rad counts as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -316,12 +316,11 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills carried over to this scene; those of things that may be turned freely in two ways.
+        """Yield skills carried over to this scene; for objects that may be turned freely, in two ways.
 
-        A thing that may be grasped from any side is first taken turned about its own axis by ``turn_rad``. Where
-        something is in the way of all of them, a thing that may be grasped from any side is taken from another
-        one. Where a container is filled otherwise than it was in the sources, what is let go may go to another goal of
-        the expert at which training lets go of things.
+        An object that may be grasped from any side is first grasped turned about its own axis by ``turn_rad``. If
+        all skills are blocked, it is grasped from another side. If a container is filled differently than in the
+        sources, an object may be released at another goal of the expert at which training releases objects.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -348,7 +347,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Tell whether training lets go of things where the foot of an object would be [m], as far as that is known."""
+        """Tell whether training releases objects where the foot of an object would be [m], as far as that is known."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -408,7 +407,7 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return how much faster than in its source a skill is given for the tempo of the demonstration."""
+        """Return the speed of a skill as a multiple of its source's, for the tempo of the demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 

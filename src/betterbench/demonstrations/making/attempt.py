@@ -188,13 +188,13 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return what of an episode the certified training regime does not show, or None."""
+    """Return the failure of an episode that leaves the certified training regime, or None."""
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return what of an episode the certified training regime of its task does not show, told from its states.
+    """Return the first problem of an episode outside the certified training regime of its task, from its states.
 
     None where everything is inside, or the variation declares that it is not.
     """

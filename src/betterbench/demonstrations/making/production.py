@@ -118,11 +118,11 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return what takes the place of a start that was given up; nothing takes the place of a twin."""
+        """Return the replacement of a start that was given up; a twin has none."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what two runs have to share to be the same one, beside their trials."""
+        """Return the identity of a run beside its trials: runs with other values are not resumed."""
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -150,7 +150,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return how the demonstrations of a run were made; RecordError if it is another kind of run."""
+    """Return the method of a run of demonstrations; RecordError if it is another kind of run."""
     where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -247,7 +247,7 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return what became of every start of a run of demonstrations so far; RecordError if the journal is corrupt."""
+    """Return the outcomes of all starts of a run so far; RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -371,7 +371,7 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set: round after round, until there is no start left whose demonstration is missing."""
+    """Make a set in rounds, until no start lacks a demonstration."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]

@@ -139,7 +139,7 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return where the tool has to be for the foot of an object to be where that of the source's object is.
+    """Return the pose of the tool that puts the foot of an object where that of the source's object is.
 
     Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object is turned as it lies in the gripper.
     """

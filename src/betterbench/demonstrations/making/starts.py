@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return what matters about the starts of a training condition: slots of what is asked for, then of targets."""
+    """Return the random factors of a training condition's starts: slots of requested objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -86,7 +86,7 @@ def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
 
 
 def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
-    """Return what the start of a seed draws; nothing is simulated or built for it."""
+    """Return the levels of all factors that a seed draws, without building or simulating a scene."""
     return _levels(task, _slots(task, condition), seed)
 
 
@@ -165,7 +165,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return what takes the place of a planned start when it has to be given up for the time ``round_``, from 1.
+    """Return the replacement of a planned start that is given up for the time ``round_``, from 1.
 
     Every replacement is like the planned start, and not like the one before it. There is none after a few rounds.
     """
@@ -211,7 +211,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return how evenly the starts of some seeds cover the starts that a training condition can draw."""
+    """Return the coverage of the factors of a training condition by the starts of some seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

@@ -147,7 +147,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return how far demonstrations of the same conditions are apart, by task; none of those of a single one."""
+        """Return the differences between demonstrations of the same conditions, by task; none for a single one."""
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():
@@ -160,7 +160,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: Callable[[int, int], None] | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return how much the successful demonstrations of a run differ, of some tasks or of all.
+    """Return the differences between the successful demonstrations of a run, of some tasks or of all.
 
     ``on_progress`` gets the number of records that were read and that of all. Raises RecordError if one cannot be read.
     """

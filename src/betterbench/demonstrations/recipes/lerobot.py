@@ -34,7 +34,7 @@ _WITHOUT_LANGUAGE = ("act", "diffusion")
 
 
 def lerobot_setup(training: Training) -> TrainerSetup:
-    """Return what LeRobot needs.
+    """Return the setup of LeRobot.
 
     Raises:
         UnknownNameError: If there is no such policy.

@@ -123,7 +123,7 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return what a data set holds, as far as it is here.
+    """Return the description of a data set, as far as its files are present.
 
     Args:
         place: Its folder; for other benchmarks than ours also a name on the hub.

@@ -50,7 +50,7 @@ def trainer_setup(
     policy: str = "pi05",
     sample_tokens: int = 220,
 ) -> TrainerSetup:
-    """Return what a framework needs to train by a recipe.
+    """Return the setup of a framework for training by a recipe.
 
     Args:
         framework: The framework.

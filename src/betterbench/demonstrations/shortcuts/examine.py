@@ -118,7 +118,7 @@ class Finding:
         rules: Rules that a learner could follow, in words.
         seen: The same as counts: how often each second value was seen with each first one.
         separating: Variations whose right behavior breaks the rule, with the observation that does.
-        meaning: Why the words mean what they go with, so that the rule is a regularity; "" if no reason is known.
+        meaning: Reason why the words mean this outcome, so that the rule is a regularity; "" if no reason is known.
     """
 
     question: str
@@ -176,10 +176,10 @@ class ShortcutAudit:
     """The audit of a dataset.
 
     Attributes:
-        source: What was audited.
+        source: The audited data.
         facts_sha256: Hash of the facts that it rests on.
         groups: One per task.
-        reading: How the data were read.
+        reading: Description of the data that were read.
     """
 
     source: str
@@ -202,12 +202,12 @@ def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
 
 
 def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
-    """Return what goes together in a dataset; a function of the facts alone.
+    """Return the audit of a dataset, which depends on its facts only.
 
     Args:
-        source: What is audited.
-        episodes: What its demonstrations show.
-        reading: How they were read, which the audit repeats.
+        source: Name of the audited data.
+        episodes: Facts of its demonstrations.
+        reading: Description of the data that were read; it becomes part of the audit.
 
     Raises InvalidInputError if there is no group with enough demonstrations.
     """
@@ -233,8 +233,8 @@ class _Raw:
     """A finding before the correction.
 
     Attributes:
-        finding: What was found.
-        rules: What it rests on.
+        finding: The finding, with the uncorrected p-value.
+        rules: Counts on which it rests.
         certain: Whether one of the rules holds always, or nearly.
         parts: Of a question about words, the words of the one or of the two that it is about.
         columns: Numbers of these words.
@@ -249,12 +249,12 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """A group of demonstrations, what was found in it and what was asked.
+    """Group of demonstrations, with its questions and findings.
 
     Attributes:
-        pairs: What was asked about pairs of words.
+        pairs: Questions about pairs of words.
         planted: Data with planted rules, for each question with a permutation test.
-        asked: What was tested, and what could not be.
+        asked: Tested and untested questions.
     """
 
     name: str
@@ -278,7 +278,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """A question about pairs of words: of how many demonstrations, pairs and outcomes."""
+    """Question about pairs of words, with its number of demonstrations, pairs and outcomes."""
 
     question: str
     title: str
@@ -303,7 +303,7 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return what a question about named things found, or None where there is nothing to ask."""
+    """Return the answer to a question about named objects; None if one of the two variables never differs."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -334,7 +334,7 @@ class _Said:
 
     Attributes:
         words: The words of each, apart.
-        shown: How each is shown.
+        shown: Text of each.
         presence: (episodes, words) in which episodes each is said.
     """
 
@@ -378,7 +378,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return what the words of the instructions, pairs of them and whole instructions say about one outcome."""
+    """Return the findings of words, pairs of words and whole instructions on one outcome."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -400,7 +400,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return what each word says about an outcome; words that are always said together are one."""
+    """Return the finding of each word on an outcome; words that always occur together count as one."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word is said in some demonstrations and not in others"
@@ -460,13 +460,13 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return what whole instructions say about an outcome beyond what was found of their words and pairs.
+    """Return the findings of whole instructions on an outcome beyond those of their words and pairs.
 
     Args:
         group: The group.
         outcome: The outcome.
         data: The demonstrations that have it, the words that they say, and the outcome of each.
-        found: What was found of words and pairs.
+        found: Findings on words and pairs.
     """
     question, title = outcome.question(WHOLE), outcome.title(WHOLE)
     known, said, outcomes = data
@@ -520,7 +520,7 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return how the presence of both words goes with an outcome, with the p-value of the pair."""
+    """Return the association of the presence of both words with an outcome, with the p-value of the pair."""
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -580,7 +580,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return what never differs: where a landmark stands, how many things there are, or the first place of all."""
+    """Return findings on constants: the place of a landmark, the number of objects, or the first place of all."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -645,7 +645,10 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 
 
 def _family(group: _Group, question: str) -> str:
-    """Return which questions are corrected together: of our own sets, those about several words by themselves."""
+    """Return the family of questions whose p-values are corrected together.
+
+    In data of betterbench, questions about several words are a family of their own.
+    """
     own = any(facts.privileged for facts in group.episodes)
     return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
@@ -685,7 +688,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return what a right policy does in each variation of a task; None if it is no task of ours."""
+    """Return the facts of correct behavior in each variation of a task; None if betterbench has no such task."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -741,7 +744,7 @@ def _certain(rules: Rules) -> bool:
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return what of a test does not go by a rule, or "" if all of it does."""
+    """Return the part of a test that breaks a rule, in words; "" if nothing does."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

@@ -96,7 +96,7 @@ def read_facts(form: object, where: str) -> EpisodeFacts:
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return what a record shows, from its states and the slots of the condition that it was found to match.
+    """Return the facts of a record, from its states and the slots of the condition that it was found to match.
 
     Args:
         record: The record.
@@ -113,7 +113,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return what a correct episode of a condition shows; of several objects that a word can mean, the first."""
+    """Return the facts of a correct episode of a condition; of several objects that a word can mean, the first."""
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:

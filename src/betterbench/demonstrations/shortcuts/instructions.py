@@ -44,7 +44,7 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Return what whole instructions tell about an outcome, or None if there is nothing to compare.
+    """Return the test of whole instructions against an outcome, or None if there is nothing to compare.
 
     Args:
         instructions: Instruction of each demonstration.

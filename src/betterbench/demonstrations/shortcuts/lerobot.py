@@ -100,12 +100,12 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return what each episode of a LeRobot dataset shows, as :func:`read_lerobot` does with nothing chosen."""
+    """Return the facts of each episode of a LeRobot dataset, as :func:`read_lerobot` does without choices."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return what each episode of a LeRobot dataset shows, or each segment of one whose instruction changes.
+    """Return the facts of each episode of a LeRobot dataset, or of each segment where the instruction changes.
 
     With two arms there is a group of facts for each, and one about which of them closes its gripper first.
 
@@ -191,7 +191,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Return where they stand: in the file of tasks, or where a user says."""
+        """Return the location of the instructions: the file of tasks, or the column that the user names."""
         features = info["features"]
         texts = [
             name
@@ -469,7 +469,7 @@ class _Arm:
 
     @classmethod
     def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
-        """Return what an arm does.
+        """Return the gripper events and positions of an arm.
 
         Args:
             chosen: Its gripper and its place.
@@ -584,7 +584,7 @@ class _Read:
 
 
 def _reading(read: _Read) -> DataReading:
-    """Return how a data set was read."""
+    """Return the description of the data that were read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
     if segments > episodes:

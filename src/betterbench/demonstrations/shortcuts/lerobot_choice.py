@@ -35,7 +35,7 @@ class Columns:
 
     Attributes:
         numbers: By column.
-        parts: What they are, likewise.
+        parts: Their roles, likewise.
         where: File that names them.
         steps: Whether the actions are known to be steps of the tool, so that their sums are places.
     """
@@ -195,7 +195,7 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return where the arm of each gripper is: as a user says, by positions of its end effector, or by its joints.
+    """Return the numbers that locate the arm of each gripper: the user's, end-effector positions, or joints.
 
     Raises:
         InvalidInputError: If an arm has no such numbers, or two sets of them.

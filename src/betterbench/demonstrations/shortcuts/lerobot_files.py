@@ -56,7 +56,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is no ordinary file."""
+    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is not an ordinary file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -279,7 +279,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a table of a stranger: a text that many of its rows have is read once, and not once for each of them."""
+    """Open a table of external data; a text that many rows share is stored once, not once per row."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:

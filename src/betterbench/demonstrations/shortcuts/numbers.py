@@ -160,7 +160,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
 
 
 def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
-    """Return what ``meta/modality.json`` calls each number of a column."""
+    """Return the names in ``meta/modality.json`` by column and number."""
     found: dict[tuple[str, int], str] = {}
     for kind, usual in (("state", "observation.state"), ("action", "action")):
         entries = modality.get(kind)
@@ -177,7 +177,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
 
 
 def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
-    """Return what each number of a column is."""
+    """Return the role of each number of a column."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
     for i, number in enumerate(numbers):
@@ -192,7 +192,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return what each number is by its label of one level."""
+    """Return the kind of each number by its label of one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
     # Positions that are numbered and not named: the first three of a row with the same name are x, y and z.

@@ -156,7 +156,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return which variations of the audited tasks a learner of the dataset fails, the likeliest failure first.
+    """Return the predicted failures of a learner of the dataset on the audited tasks, the likeliest first.
 
     Raises InvalidInputError if no audited group is a task that is known here.
     """

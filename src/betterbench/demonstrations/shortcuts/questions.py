@@ -34,7 +34,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of thing that are ever taken from a place."""
+    """Return the kinds of object that are ever taken from a place."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -99,7 +99,7 @@ QUESTIONS = (
     Question("thing_target", "thing and target", "{x} is brought to {y}", _thing_target),
     Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place),
 )
-"""The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
+"""The questions about named objects; in an external dataset objects have no names, so only its words are tested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ def _sequence(facts: EpisodeFacts) -> str:
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""The questions whether the number of things at the start, or the place of a landmark, ever differs.
+"""Names of the questions whether the number of objects at the start, or the place of a landmark, ever differs.
 
 They are no associations and need no test.
 """

@@ -100,7 +100,7 @@ def facts_of_run(
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return how the demonstrations of a run are read, of which some trials were successful."""
+    """Return the description of the data of a run, of which some trials were successful."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return what a share means in words."""
+    """Return the meaning of a share, in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:

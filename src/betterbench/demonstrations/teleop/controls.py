@@ -212,12 +212,12 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm had to take hold, and where the tool was sent then; None before the start."""
+        """Return how often a leader arm had to take hold, and the tool's target at that time; None before the start."""
         with self._lock:
             return self._grip, self._tool
 
     def take(self, now_s: float) -> ControlInput:
-        """Return what was asked for since the last call."""
+        """Return the operator's input since the last call."""
         with self._lock:
             for device in [d for d, push in self._pushes.items() if now_s - push.at_s > HELD_FOR_S]:
                 del self._pushes[device]
@@ -228,7 +228,7 @@ class Controls:
             return asked
 
     def take_problems(self) -> list[str]:
-        """Return what could not be read since the last call."""
+        """Return the reports of unreadable input since the last call."""
         with self._lock:
             found, self.problems = self.problems, []
             return found

@@ -81,7 +81,7 @@ def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float 
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return what learners of one arm and lever did; the task is "" for all."""
+    """Return the results of learners of one arm and lever; the task is "" for all."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return how two groups of learners differ, over pairs of one task and training seed and of the same trials."""
+    """Return the contrast of two groups of learners, over pairs of one task and training seed and of equal trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])

@@ -178,7 +178,7 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return what a study found; a function of its arguments alone.
+    """Return the findings of a study, which depend on the arguments only.
 
     Args:
         plan: The plan.
@@ -223,7 +223,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return what was found on the variations of which nothing is new to either arm."""
+    """Return the results on the variations in which nothing is new to either arm."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -239,7 +239,7 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return what balanced learners solve where those of the other training seeds say that decorrelation is enough."""
+    """Return the success of balanced learners where the other training seeds say that decorrelation is enough."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -323,7 +323,7 @@ def solves(figure: Figure | None) -> bool | None:
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return what a variation turned out to measure, from the success of the roles that were trained."""
+    """Return the verdict on the cause of a variation's gap, from the success of the roles that were trained."""
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )
@@ -356,9 +356,9 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return how often the first target of learners changes between twins that differ by their words alone.
+    """Return the rate at which the first target of learners changes between twins that differ in words only.
 
-    A trial without an attempt has no target, so that nothing changes to it or from it.
+    A trial without an attempt has no target, and its pair counts as unchanged.
     """
     pairs = [p for f in learners for name in reworded(f.learner.task) for p in f.pairs(name)]
     changed = sum(
@@ -369,7 +369,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Return how the prediction fared: its ranking of the variations, and its labels of the failed trials."""
+    """Return the score of the prediction: its ranking of the variations, and its labels of the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

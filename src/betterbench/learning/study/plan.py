@@ -41,7 +41,7 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""The arms that findings are about: whoever is trained on one regime alone, whatever the arm is called."""
+"""Regime shares of each role in the findings: the arm with these shares plays the role, under any name."""
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """The arms of a plan that names none; all tasks of the suite have these."""
 

@@ -346,7 +346,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return what a stage gave: of its file, if that is complete with the same inputs, else of its work."""
+        """Return the output of a stage, from its file if that is complete with the same inputs, else from its work."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:
@@ -356,7 +356,7 @@ class _Study:
         return self._counted(kind, name, hashed)
 
     def _teller(self, label: str) -> OnWork:
-        """Return what tells how the stage under way goes on, and tell that it begins."""
+        """Return a callback that reports the progress of the stage under way, and report its beginning."""
 
         def tell(done: int, planned: int, note: str) -> None:
             if self._on_progress is not None:
@@ -369,7 +369,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return what a complete stage left, or None if it is not done with these inputs."""
+        """Return the record of a complete stage, or None if it is not done with these inputs."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
@@ -380,7 +380,7 @@ class _Study:
             write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
 
     def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
-        """Return what a complete stage gave, and count its time."""
+        """Return the output of a complete stage, and add its duration to the total."""
         there = self._there(kind, name, inputs)
         if there is None:
             raise AssertionError(f"{kind} {name} is done")
@@ -394,7 +394,7 @@ def _asked_name(about: str, questions: int) -> str:
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return what a set shows: a task that has changed since needs another one."""
+    """Return the conditions that a set shows, with task versions: a task that has changed needs another set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
@@ -405,7 +405,7 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Return what the file of a stage says; None for one of an earlier version, whose stage is looked at again."""
+    """Return the record in the file of a stage; None for an earlier version, whose stage is checked again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

@@ -347,7 +347,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return what each frame is about, by the segments of the record or those that are derived from it."""
+    """Return the phase of each frame, by the segments of the record or those that are derived from it."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0

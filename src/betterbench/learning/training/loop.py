@@ -344,7 +344,7 @@ class _Training:
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Go back to the saved state; InvalidInputError if it is no state of this training."""
+        """Restore the saved state; InvalidInputError if it belongs to another training."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
@@ -397,7 +397,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Take over the weights of a checkpoint, which has to know the same words and things."""
+    """Take over the weights of a checkpoint, which must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
@@ -432,7 +432,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what decides the weights without where it lies: what was moved is known by its hash."""
+    """Return the identity of a training without the paths of its inputs, which are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)

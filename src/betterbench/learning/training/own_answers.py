@@ -151,7 +151,7 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return what a learner of objects answers to questions about a row of a record."""
+    """Return the answers of a learner of the family ``objects`` to questions about a row of a record."""
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
     objects = record.state(row).info.objects
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)
