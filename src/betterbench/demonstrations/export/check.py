@@ -125,7 +125,7 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return what is told about the origin of an episode."""
+    """Return the description of the origin of an episode."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
@@ -173,7 +173,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin."""
+    """Return the stored description of the origin of a data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]

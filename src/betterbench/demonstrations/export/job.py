@@ -264,7 +264,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin."""
+    """Return the stored description of the origin of a data set."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -273,7 +273,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
+    """Return the stored origin of a data set; RunConflictError if it was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
@@ -395,7 +395,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return what a data set says about its origin, without the lengths of its files."""
+    """Return the stored description of the origin of a data set, without the lengths of its files."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,

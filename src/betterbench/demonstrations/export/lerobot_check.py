@@ -75,7 +75,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare what is said about all episodes together, after the last of them."""
+        """Compare the data about all episodes together, after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:

@@ -156,7 +156,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Refuse names that lead elsewhere, and an episode that says nothing; raises InvalidInputError."""
+        """Refuse file names with a path, and an incomplete description of the episode; raises InvalidInputError."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "are not those of a part", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")
@@ -166,7 +166,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 
 def read_index(folder: Path) -> PartIndex | None:
-    """Return what a part says about itself, or None if it is not complete or damaged."""
+    """Return the index of a part, or None if the part is incomplete or damaged."""
     file, cure = folder / _INDEX, "Make the part again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
@@ -205,7 +205,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return what a data set says about an episode beside its frames."""
+    """Return the description of an episode that a data set stores beside its frames."""
     m = record.metadata
     return {
         "task": m.task,

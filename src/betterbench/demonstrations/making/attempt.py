@@ -71,7 +71,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt.
+    """Let the expert demonstrate in a motion style drawn from the seed of the scene and the number of the attempt.
 
     Of ``twins``, the condition has no part in what is drawn.
     """

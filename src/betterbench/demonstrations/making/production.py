@@ -68,7 +68,7 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = "attempts"
 """Folder within a run of demonstrations that holds the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of how demonstrations are given and carried over; a run is resumed under its own alone."""
+"""Versions of the methods of demonstration; a run is resumed only under its own version."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
@@ -233,7 +233,7 @@ class AttemptJournal(VersionedJournal):
         super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
-        """Append what became of a start and force it to disk."""
+        """Append the outcome of a start and force it to disk."""
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
@@ -466,7 +466,7 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
-    """Yield what became of starts, as it comes; those that share a compiled scene follow each other."""
+    """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_workers(order, workers, functools.partial(_work, str(run.path), method))
 

@@ -57,7 +57,7 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe whose every value is decided, or left to the framework (None).
+    """Resolved recipe: every value is decided, or left to the framework (None).
 
     Attributes:
         name: Goes into names of configurations and folders.

@@ -49,7 +49,7 @@ class TrainingData:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """A training that is asked for.
+    """Requested training.
 
     Attributes:
         data: Its data sets: one, or several where the framework mixes them.
@@ -270,7 +270,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Return how often each frame is seen, if the number of frames is known."""
+    """Return the number of times that each frame is seen, if the number of frames is known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

@@ -42,7 +42,7 @@ OnStage = Callable[[str, int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class MadeDataset:
-    """A training set that is complete.
+    """Complete training set.
 
     Attributes:
         path: Its folder.

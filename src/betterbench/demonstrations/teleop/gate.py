@@ -58,7 +58,7 @@ class Gate:
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return what follows the token in the path of a request; None without the right token."""
+        """Return the rest of a request's path after the token; None without the right token."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):

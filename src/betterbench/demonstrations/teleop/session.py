@@ -228,7 +228,7 @@ class TeleopSession:
             self.scene.restore(here)
 
     def _speed(self) -> float:
-        """Return how fast the tool moved where it moved, as a share of the expert's free speed (9 of 10 rows below)."""
+        """Return the speed of the moving tool (90th percentile) as a share of the expert's free speed."""
         at = np.array([row.state.ee_pose.position for row in self._rows])
         speeds = np.linalg.norm(np.diff(at, axis=0), axis=1) / self._period_s
         moving = speeds[speeds > RESTING_M_S]

@@ -42,7 +42,7 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield what was found by dose, over all tasks and then for each; nothing of a plan without mixtures."""
+    """Yield the results by dose, over all tasks and then for each; none for a plan without mixtures."""
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):

@@ -75,10 +75,10 @@ class TrainingJob:
 
 @dataclass(slots=True)
 class _Learner:
-    """A learner whose process is at work.
+    """Learner in training, with its process.
 
     Attributes:
-        done: Of its steps.
+        done: Steps that are done.
         note: Its last message.
     """
 

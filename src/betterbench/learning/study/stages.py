@@ -177,7 +177,7 @@ class _Learning:
 
 
 class _Study:
-    """A study while it goes on."""
+    """Study in progress."""
 
     def __init__(self, plan: StudyPlan, out: Path, workshop: Workshop, on_progress: OnStudy | None) -> None:
         self._plan, self._out, self._workshop, self._on_progress = plan, out, workshop, on_progress

@@ -359,7 +359,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return which frames have a change of the gripper among the actions of their chunk, (n,) bool."""
+    """Return the mask of frames with a change of the gripper among the actions of their chunk, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -391,5 +391,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return how often training sees each frame on average."""
+    """Return the mean number of times that training sees a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

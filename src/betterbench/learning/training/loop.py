@@ -87,7 +87,7 @@ OnTraining = Callable[[TrainingProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """A training that is complete.
+    """Result of a complete training.
 
     Attributes:
         checkpoint: File of the learner.
@@ -168,7 +168,7 @@ def require_place(out: Path, device: str) -> None:
 
 
 class _Training:
-    """One training while it runs."""
+    """Training in progress."""
 
     def __init__(
         self,
@@ -282,7 +282,7 @@ class _Training:
         return found
 
     def _require_sound(self, loss: object) -> None:
-        """Refuse a learner of one's own whose loss is none, or that has made weights since it was built."""
+        """Refuse a user's learner whose loss is not a valid one, or that has created weights since it was built."""
         where = f"learner {self._recipe.family!r}"
         if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
             raise InvalidInputError(where, "its loss is no number that its weights can be led by", "Correct loss")
@@ -299,9 +299,9 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Move the mean of the weights toward them; at first faster, because it began at random weights.
+        """Update the moving average of the weights; faster at first, because it began at random weights.
 
-        What a learner of one's own keeps beside them, as a batch norm does, is taken over as it is.
+        Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
         """
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():

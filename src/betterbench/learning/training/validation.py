@@ -87,7 +87,7 @@ def phase_errors(
 def right_answers(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
 ) -> list[AnswerRate]:
-    """Return how many questions about held-out demonstrations are answered right; none without co-training.
+    """Return the numbers of right answers to questions about held-out demonstrations; none without co-training.
 
     An answer that training never showed cannot be given, so a question for it counts as wrong.
     """
