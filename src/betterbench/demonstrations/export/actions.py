@@ -1,4 +1,4 @@
-"""The labels of a record in an action space: the actions that were meant, or those that command the same motion."""
+"""Action labels of a record in an action space: the intended actions, or those that command the same motion."""
 
 from __future__ import annotations
 

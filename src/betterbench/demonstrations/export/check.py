@@ -1,4 +1,4 @@
-"""Comparing a data set with the records that it claims to come from."""
+"""Check of a data set against the records that it claims to come from."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MOST_MEAN_ERROR = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ExportCheck:
-    """What was compared: everything that ``docs/export.md`` lists, and three pictures of each episode and camera.
+    """Extent and result of a check: all that ``docs/export.md`` lists, and three images of each episode and camera.
 
     Attributes:
         worst_error: Largest mean error of a picture, in levels of 255; 0 for images without loss.
@@ -125,7 +125,7 @@ def _source_name(path: Path) -> str:
 
 
 def _about(expected: ExpectedDataset, number: int) -> dict[str, Any]:
-    """Return what is told about the origin of an episode."""
+    """Return the description of the origin of an episode."""
     episode = expected.dataset.episodes[number]
     return {**episode.about, "record": episode.record}
 
@@ -173,7 +173,7 @@ def _compare_digests(path: Path, source: Mapping[str, Any]) -> None:
 
 
 def _source(path: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin."""
+    """Return the stored description of the origin of a data set."""
     try:
         source = read_origin(path) if path.is_file() else parse_json(read_ordinary(path / SOURCE_FILE))
         layout = source["layout"]

@@ -1,4 +1,4 @@
-"""Comparing what a data set says with what it should say, and naming the first difference in one line."""
+"""Comparison of a data set's content with the expected one; the first difference is named in one line."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _CLOSE = 1e-9
 
 _ROOT = "$"
 _MOST_OF_A_FIELD = 200
-"""Characters of the name of a field in a message; names are a stranger's."""
+"""Most characters of a field's name in a message; names come from external files."""
 
 
 def require_match(there: object, wanted: object, where: str) -> None:
@@ -52,7 +52,7 @@ def require_equal(there: object, wanted: object, where: str) -> None:
 
 @contextmanager
 def intact(where: str) -> Iterator[None]:
-    """Turn whatever goes wrong where a part of a data set is read into an InvalidInputError."""
+    """Turn any error in reading a part of a data set into an InvalidInputError."""
     try:
         yield
     except BetterError:
@@ -66,7 +66,7 @@ _BROKEN = (
     OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, MemoryError,
     pa.ArrowException,
 )  # fmt: skip
-"""What reading a stranger's files raises."""
+"""Exceptions that reading damaged or foreign files raises."""
 
 
 def _settled(there: object, wanted: object) -> object:

@@ -1,4 +1,4 @@
-"""What the writers of all formats share: the episodes of a data set, in their order, and what it is called."""
+"""Episodes of a data set in their order, and its description, as the writers of all formats use them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class FrameQuestion:
 
 @dataclass(frozen=True, slots=True)
 class DatasetEpisode:
-    """One episode of a data set: the folder of its part, what is known about it, and the digest of its record."""
+    """One episode of a data set: the folder of its part, its description, and the digest of its record."""
 
     folder: Path
     about: Mapping[str, Any]
@@ -37,12 +37,12 @@ class DatasetEpisode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """The episodes of a data set in their order, and how they are written.
+    """Episodes of a data set in their order, with the layout and format in which they are written.
 
     Attributes:
-        train: How many of them, from the first on, are for training; the others are for validation.
+        train: Number of them, from the first on, that are for training; the others are for validation.
         language: Whether LeRobot's language columns are written.
-        source: What is told about the origin: runs, versions, what was left out, the command to evaluate.
+        source: Description of the origin: runs, versions, trials left out, the command to evaluate.
     """
 
     episodes: tuple[DatasetEpisode, ...]
@@ -55,7 +55,7 @@ class Dataset:
 
     @property
     def frames(self) -> int:
-        """How many frames all episodes have."""
+        """Number of frames of all episodes."""
         return sum(map(len, self.episodes))
 
     @property

@@ -1,4 +1,4 @@
-"""What the writers would write of the records of a data set, which a check compares with what is there."""
+"""Expected content of a data set, computed from its records as the writers do, for the check of an export."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from betterbench.tasks import TrialId
 
 
 class ExpectedDataset:
-    """Collects the episodes of a data set from its records, without pictures and questions."""
+    """Expected episodes of a data set, collected from its records without images and questions."""
 
     def __init__(self, path: Path, layout: DatasetLayout, form: ImageForm) -> None:
         self.path, self.layout, self.form = path, layout, form

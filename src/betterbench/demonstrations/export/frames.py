@@ -1,4 +1,4 @@
-"""The frames of an episode: what the policy would be shown at each step, and what it would have to answer."""
+"""Frames of an episode: the observation of each control step, and the action that a policy should answer."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from betterbench.records import Record, subgoal_segments
 from betterbench.tasks.interventions import resolve_condition
 
 DONE = "done"
-"""What is left to do after the last subgoal."""
+"""Name of the subgoal of frames after the last one is met."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Numbers:
-    """Everything of an episode's frames but the images.
+    """Frames of an episode without their images.
 
     Attributes:
         vectors: (N, size) by column: states and action.
-        subgoals: (N,) what the demonstrator is about.
+        subgoals: (N,) subgoal that the demonstrator pursues.
     """
 
     vectors: Mapping[str, np.ndarray]

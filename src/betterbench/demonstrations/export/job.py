@@ -1,4 +1,4 @@
-"""A whole export: every episode once, by several workers, and then the data set in one piece at its place.
+"""Export of a data set: several workers make each episode once, then the whole set is put at its place.
 
 Everything is made in a hidden folder beside the place, ``.NAME.parts``. Episodes that are complete there are not made
 again, and the finished data set is moved to its place by one renaming, so that it is there whole or not at all. Bytes
@@ -50,7 +50,7 @@ EXPORT_VERSION = 1
 """Version of what an export holds; it moves when the same records give other frames."""
 
 SOURCE_FILE = "meta/betterbench.json"
-"""Where a data set says what it was made of."""
+"""File of a data set that describes its origin."""
 README = "README.md"
 """Page of a data set, which its owner may edit."""
 
@@ -59,11 +59,11 @@ Told = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class ExportPlan:
-    """What is exported, and how.
+    """Plan of an export: the records, the layout and format, and the place.
 
     Attributes:
         out: Folder of the data set, or its file for robomimic.
-        form: How images are stored; robomimic's are always without loss.
+        form: Storage of images; robomimic's are always without loss.
         quality: Render preset; that of the runs if None.
         validation: Share of the seeds whose episodes are for validation.
         language: Whether LeRobot's language columns are written, which LeRobot 0.6 and newer read.
@@ -86,7 +86,7 @@ class ExportPlan:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What was written: its place, how many episodes and frames it has, and what it takes on disk."""
+    """Result of an export: the place of the data set, and its number of episodes, frames and bytes."""
 
     path: Path
     episodes: int
@@ -200,7 +200,7 @@ def pairs_of(
 
 
 def _shown(plan: ExportPlan, quality: str) -> dict[str, Any]:
-    """Return what the frames of an episode depend on beside its record."""
+    """Return the settings beside its record on which the frames of an episode depend."""
     video = VIDEO_SETTINGS if plan.form == "video" else {}
     return {"version": EXPORT_VERSION, "layout": plan.layout.to_json(), "quality": quality, "form": plan.form, **video}
 
@@ -218,7 +218,7 @@ def _remove_leftover(staging: Path) -> None:
 
 
 def _finished(plan: ExportPlan, out: Path, identity: str, quality: str) -> Exported:
-    """Return what is at the place already, if it is this data set; raise RunConflictError if it is not."""
+    """Return the finished data set at the place; raise RunConflictError if something else is there."""
     told: Exported | None = None
     there, digests = None, dict[str, str]()
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
@@ -264,7 +264,7 @@ def _is_replaced(plan: ExportPlan, out: Path, identity: str) -> bool:
 
 
 def _stored_source(to: Format, out: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin."""
+    """Return the stored description of the origin of a data set."""
     if to == "robomimic":
         from betterbench.demonstrations.export.robomimic import read_origin  # noqa: PLC0415 - needs the extra
 
@@ -273,7 +273,7 @@ def _stored_source(to: Format, out: Path) -> dict[str, Any]:
 
 
 def stored_source(folder: Path) -> dict[str, Any]:
-    """Return what a data set says about its origin; RunConflictError if that was changed, OSError if it is missing."""
+    """Return the stored origin of a data set; RunConflictError if it was changed, OSError if it is missing."""
     file = folder / SOURCE_FILE
     cure = "Move the data set away and export it again"
     return open_seal(read_ordinary(file), where=str(file), cure=cure, raises=RunConflictError, since=("version", 2))
@@ -395,7 +395,7 @@ def origin_of(
     identity: object,
     left_out: object,
 ) -> dict[str, Any]:
-    """Return what a data set says about its origin, without the lengths of its files."""
+    """Return the stored description of the origin of a data set, without the lengths of its files."""
     return {
         "export_version": EXPORT_VERSION,
         "identity": identity,

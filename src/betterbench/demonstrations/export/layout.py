@@ -1,4 +1,4 @@
-"""The columns of a data set: what a preset shows a policy and reads from it, under the names that its trainer expects.
+"""Columns of a data set: the inputs and outputs of a policy by a preset, under the names that its trainer expects.
 
 Every column is made by the adapter itself, so what a policy is trained on is what ``better eval`` sends it.
 """
@@ -70,7 +70,7 @@ class VectorColumn:
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of its components."""
         return len(self.components)
 
 
@@ -79,8 +79,8 @@ class DatasetLayout:
     """The columns of a data set.
 
     Attributes:
-        adapter: What fills them.
-        observation: What ``better eval --observation`` renders for the policy.
+        adapter: Adapter that fills them.
+        observation: Preset that ``better eval --observation`` renders for the policy.
         copies: Columns of images that repeat another one.
     """
 

@@ -1,4 +1,4 @@
-"""LeRobot's data sets: what versions 2.1 and 3.0 of the format share, and version 3.0 itself.
+"""LeRobot's data sets: the common parts of versions 2.1 and 3.0 of the format, and version 3.0 itself.
 
 Source of the format: huggingface/lerobot, ``src/lerobot/datasets`` of 0.4.4 and 0.6.1 (``utils.py``,
 ``lerobot_dataset.py``, ``dataset_metadata.py``, ``language.py``).
@@ -35,7 +35,7 @@ MOST_FILE_BYTES = 100 * 1024 * 1024
 SUBTASK = "subtask_index"
 
 EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-"""Where version 3.0 lists the episodes."""
+"""File in which version 3.0 lists the episodes."""
 
 COUNTERS = ("timestamp", "frame_index", "episode_index", "index", "task_index", SUBTASK)
 
@@ -108,7 +108,7 @@ def episode_stats(dataset: Dataset, part: Part, counted: Mapping[str, np.ndarray
 
 
 class Totals:
-    """Collects what the statistics of a whole data set need."""
+    """Accumulator for the statistics of a whole data set."""
 
     def __init__(self) -> None:
         self._vectors: dict[str, list[np.ndarray]] = {}
@@ -189,7 +189,7 @@ def info_v30(dataset: Dataset) -> dict[str, Any]:
 
 
 def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
-    """Return what ``meta/episodes`` says of an episode, without places and statistics; ``better/`` is ours."""
+    """Return the row of an episode in ``meta/episodes`` without places and statistics; fields of ours: ``better/``."""
     episode = dataset.episodes[number]
     about = episode.about
     return {
@@ -207,12 +207,12 @@ def episode_row(dataset: Dataset, number: int, first: int) -> dict[str, Any]:
 
 
 def stats_fields(stats: Mapping[str, Stats]) -> dict[str, Any]:
-    """Return what ``meta/episodes`` says of the statistics of an episode."""
+    """Return the fields of ``meta/episodes`` with the statistics of an episode."""
     return {f"stats/{name}/{what}": value for name, found in stats.items() for what, value in found.items()}
 
 
 def file_fields(kind: str, number: int) -> dict[str, int]:
-    """Return what ``meta/episodes`` says of the file in which an episode lies, by its number.
+    """Return the fields of ``meta/episodes`` that locate the file of an episode, by its number.
 
     ``kind`` is "data" or "videos/COLUMN".
     """
@@ -220,7 +220,7 @@ def file_fields(kind: str, number: int) -> dict[str, int]:
 
 
 def time_fields(kind: str, begun: int, ended: int, rate_hz: int) -> dict[str, float]:
-    """Return what ``meta/episodes`` says of the times [s] in a video between which an episode lies."""
+    """Return the fields of ``meta/episodes`` with the times [s] at which an episode begins and ends in a video."""
     return {f"{kind}/from_timestamp": begun / rate_hz, f"{kind}/to_timestamp": ended / rate_hz}
 
 
@@ -231,7 +231,7 @@ def file_name(kind: str, number: int) -> str:
 
 
 class _Files:
-    """Counts through the files of a kind."""
+    """Numbered files of one kind."""
 
     def __init__(self, kind: str) -> None:
         self._kind = kind
@@ -248,7 +248,7 @@ class _FrameFiles(_Files):
         self._tables: list[pa.Table] = []
 
     def add(self, table: pa.Table) -> dict[str, int]:
-        """Add an episode, and return where it stands."""
+        """Add an episode, and return the fields that locate it."""
         if self._tables and self._bytes + table.nbytes > MOST_FILE_BYTES:
             self.close()
             self._number += 1
@@ -276,7 +276,7 @@ class _VideoFiles(_Files):
         self._pictures = 0
 
     def add(self, video: bytes, pictures: int) -> dict[str, Any]:
-        """Add an episode, and return where it stands and from when to when [s]."""
+        """Add an episode, and return the fields with its file and its times in it [s]."""
         if self._videos and self._bytes + len(video) > MOST_FILE_BYTES:
             self.close()
             self._number += 1

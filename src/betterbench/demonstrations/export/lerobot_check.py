@@ -1,4 +1,4 @@
-"""Comparing a LeRobot data set with the records that it comes from, file by file."""
+"""Check of a LeRobot data set against the records that it comes from, file by file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _RANGE = re.compile(r"0:([0-9]{1,9})")
 
 @dataclass(slots=True)
 class _Frames:
-    """A file of frames that is being read, and how many of its rows belong to the episodes so far."""
+    """File of frames that is being read, with the number of its rows that belong to the episodes so far."""
 
     name: str
     table: pa.Table
@@ -38,7 +38,7 @@ class _Frames:
 
 
 class LeRobotCheck(ABC):
-    """Compares everything but pictures, their statistics, and the questions of the language columns.
+    """Check of all content but images, their statistics, and the questions of the language columns.
 
     Attributes:
         listed_in: Folders whose Parquet files a trainer reads, all of them.
@@ -53,7 +53,7 @@ class LeRobotCheck(ABC):
             path: Its folder.
             expected: Takes its episodes, one after the other.
             info: Its ``meta/info.json``.
-            listed: What ``meta`` says of each episode.
+            listed: Entry of each episode in ``meta``.
         """
         self.path, self.expected, self.info, self.listed = path, expected, info, listed
         self._frames: _Frames | None = None
@@ -75,7 +75,7 @@ class LeRobotCheck(ABC):
         return self._pictures(number, table)
 
     def finish(self) -> None:
-        """Compare what is said about all episodes together, after the last of them."""
+        """Compare the data about all episodes together, after the last episode."""
         self._close()
         known = {self.path / name for name in (*self._names, lerobot.EPISODES_FILE)}
         for kind in self.listed_in:
@@ -135,7 +135,7 @@ class LeRobotCheck(ABC):
 
 
 class CheckOfV30(LeRobotCheck):
-    """Version 3.0: an episode lies where ``meta/episodes`` says, and trainers count rows from the first file on."""
+    """Check of version 3.0: ``meta/episodes`` locates each episode, and trainers count rows from the first file on."""
 
     listed_in = ("data", "meta/episodes")
 
@@ -182,7 +182,7 @@ class CheckOfV30(LeRobotCheck):
         return lerobot.file_name("data", self._number("data", number))
 
     def video_place(self, column: str, number: int) -> tuple[str, int]:
-        """Return what the row of the episode tells."""
+        """Return the video file and first frame from the episode's row in ``meta/episodes``."""
         kind = f"videos/{column}"
         first = round(self.listed[number][f"{kind}/from_timestamp"] * self.expected.dataset.rate_hz)
         return lerobot.file_name(kind, self._number(kind, number)), first
@@ -193,7 +193,7 @@ class CheckOfV30(LeRobotCheck):
 
 
 class CheckOfV21(LeRobotCheck):
-    """Version 2.1: each episode has files of its own, which the names tell."""
+    """Check of version 2.1: each episode has its own files, which are found by their names."""
 
     listed_in = ("data",)
 
@@ -234,7 +234,7 @@ class CheckOfV21(LeRobotCheck):
 
 
 def lerobot_check(path: Path, expected: ExpectedDataset, episodes: int) -> LeRobotCheck:
-    """Return what compares a data set of version 2.1 or 3.0.
+    """Return the check for a data set of version 2.1 or 3.0.
 
     Raises:
         InvalidInputError: If a file in ``meta`` is damaged or lists another number of episodes.
@@ -271,7 +271,7 @@ def _types(schema: pa.Schema) -> dict[str, str]:
 
 
 def _index_form(table: pa.Table) -> dict[str, Any]:
-    """Return what a trainer reads of a file that numbers texts: rows, types, and which column is pandas' index."""
+    """Return the content of a file that numbers texts, as a trainer reads it: rows, types, and pandas' index column."""
     described = parse_json((table.schema.metadata or {}).get(b"pandas", b"{}"))
     return {"rows": table.to_pylist(), "types": _types(table.schema), "index": described.get("index_columns")}
 

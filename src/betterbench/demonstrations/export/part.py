@@ -1,4 +1,4 @@
-"""One exported episode on disk, before the data set is put together: it is complete or it is made again."""
+"""Exported episode on disk, before the data set is assembled: it is complete or it is made again."""
 
 from __future__ import annotations
 
@@ -50,15 +50,15 @@ _MAX_INDEX_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """An episode as the formats share it.
+    """Exported episode in a form common to all formats.
 
     Attributes:
         vectors: (N, size) by column.
         videos: Bytes by column of images, for the form "video".
         pngs: N files by column of images, for the form "png".
         levels: (3, 256) counts of the levels of the sampled pictures, by column of images.
-        sampled: How many pictures were sampled.
-        about: What the record says about the episode.
+        sampled: Number of images that were sampled.
+        about: Description of the episode from the record.
     """
 
     vectors: Mapping[str, np.ndarray]
@@ -76,7 +76,7 @@ class Part:
 def write_part(
     folder: Path, record: Record, layout: DatasetLayout, pictures: Iterator[Mapping[str, np.ndarray]], form: ImageForm
 ) -> None:
-    """Compute an episode and write it into a folder; the file that says it is complete comes last.
+    """Compute an episode and write it into a folder; the index, which marks it as complete, is written last.
 
     Raises what :func:`~betterbench.demonstrations.export.frames.frame_numbers` and the pictures raise, and OSError.
     """
@@ -121,7 +121,7 @@ _Levels = Annotated[
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Images:
-    """The counts of the levels of the sampled pictures of a column, by channel."""
+    """Counts of the levels of the sampled images of a column, by channel."""
 
     levels: _Levels
 
@@ -129,7 +129,7 @@ class _Images:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _About:
-    """What is used of what a part says about its record; see :func:`about`."""
+    """Fields of a part's description of its record that are used; see :func:`about`."""
 
     seed: int
     rows: Annotated[int, Field(ge=1)]
@@ -141,13 +141,13 @@ class _About:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PartIndex:
-    """What a part says about itself; the file carries a seal.
+    """Index of a part: its files, color counts and description; the file carries a seal.
 
     Attributes:
         files: SHA-256 of its other files by name.
         images: Counts of levels by column of images.
-        sampled: How many pictures were counted.
-        about: What the record says about the episode, as :func:`about` returns it.
+        sampled: Number of images that were counted.
+        about: Description of the episode from the record, as :func:`about` returns it.
     """
 
     files: dict[str, str]
@@ -156,7 +156,7 @@ class PartIndex:
     about: dict[str, Any]
 
     def __post_init__(self) -> None:
-        """Refuse names that lead elsewhere, and an episode that says nothing; raises InvalidInputError."""
+        """Refuse file names with a path, and an incomplete description of the episode; raises InvalidInputError."""
         if _NUMBERS not in self.files or any(Path(name).name != name for name in self.files):
             raise InvalidInputError("files", "are not those of a part", "Make the part again")
         read_form(_ABOUT, self.about, where="about", cure="Make the part again")
@@ -166,7 +166,7 @@ _ABOUT, _PART = TypeAdapter(_About), TypeAdapter(PartIndex)
 
 
 def read_index(folder: Path) -> PartIndex | None:
-    """Return what a part says about itself, or None if it is not complete or damaged."""
+    """Return the index of a part, or None if the part is incomplete or damaged."""
     file, cure = folder / _INDEX, "Make the part again"
     try:
         raw = read_bounded(file, max_bytes=_MAX_INDEX_BYTES, cure=cure)
@@ -205,7 +205,7 @@ def read_part(folder: Path, layout: DatasetLayout) -> Part | None:
 
 
 def about(record: Record, subgoals: Sequence[str]) -> dict[str, Any]:
-    """Return what a data set says about an episode beside its frames."""
+    """Return the description of an episode that a data set stores beside its frames."""
     m = record.metadata
     return {
         "task": m.task,
@@ -234,7 +234,7 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def read_png(data: bytes) -> np.ndarray:
-    """Return the picture of a PNG file, which may be a stranger's; raises ValueError if it is none, or damaged."""
+    """Return the image of a PNG file from any source; raises ValueError if it is not one, or damaged."""
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as image:
             return np.asarray(image)

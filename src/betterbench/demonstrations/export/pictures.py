@@ -1,4 +1,4 @@
-"""Pictures of recorded states, with the pixels that a policy was or would have been shown."""
+"""Images of recorded states, with the pixels that a policy was or would have been shown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from betterbench.sim.scenes.limited import LimitedView
 
 
 class Pictures:
-    """Draws the cameras of an observation preset from records, in a limited process of its own. A context manager."""
+    """Renderer of an observation preset's cameras from records, in a limited process of its own. A context manager."""
 
     def __init__(self, cameras: Sequence[CameraSpec], quality: str) -> None:
         self._names = tuple(camera.name for camera in cameras)

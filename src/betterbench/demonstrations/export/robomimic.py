@@ -109,11 +109,11 @@ def _content_digest(file: Any) -> str:  # noqa: ANN401 - a file of h5py
 
 
 class _StrangeError(ValueError):
-    """Something in a file that we never write."""
+    """Content of a file that betterbench never writes."""
 
 
 def open_stored(path: Path) -> Any:  # noqa: ANN401 - a file of h5py
-    """Open a file that may come from a stranger, to read it; everything in it is plain.
+    """Open a file from any source for reading, after a check that it has no links and nothing that is not stored in it.
 
     HDF5 follows links into other files, waits for a pipe that one names, and fills memory with what is not there.
 
@@ -166,7 +166,7 @@ def _problem_of(item: Any, seen: Container[tuple[int, int]]) -> str:  # noqa: AN
 
 
 def _address(item: Any) -> tuple[int, int]:  # noqa: ANN401 - an object of h5py
-    """Return where an object lies."""
+    """Return the address of an object in its file."""
     about = _h5py().h5o.get_info(item.id)
     return about.fileno, about.addr
 
@@ -210,7 +210,7 @@ def frame_arrays(part: Part, layout: DatasetLayout) -> dict[str, np.ndarray]:
 
 
 def observation_name(column: str) -> str:
-    """Return under which name in ``obs`` a column stands: without LeRobot's and our own prefixes."""
+    """Return the name of a column in ``obs``: without LeRobot's and our own prefixes."""
     return column.removeprefix(IMAGES).removeprefix("observation.").removeprefix("better.")
 
 
@@ -220,7 +220,7 @@ def open_hdf5(path: Path, mode: str) -> Any:  # noqa: ANN401 - a file of h5py
 
 
 def is_hdf5(path: Path) -> bool:
-    """Return whether a file begins as HDF5 files do, whatever it is called."""
+    """Tell whether a file begins as HDF5 files do, under any name."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(_SIGNATURE)) == _SIGNATURE
@@ -234,7 +234,7 @@ def require_h5py() -> None:
 
 
 def read_origin(path: Path) -> dict[str, Any]:
-    """Return what a file says about its origin; raise OSError, ValueError or KeyError if it is none of ours."""
+    """Return the stored origin of a file; raise OSError, ValueError or KeyError if betterbench did not write it."""
     with open_stored(path) as file:
         form: dict[str, Any] = parse_json(file[_SOURCE][()])
         return form
@@ -261,7 +261,7 @@ def _write_frames(group: Any, part: Part, layout: DatasetLayout) -> None:  # noq
 
 
 def _environment(dataset: Dataset) -> dict[str, Any]:
-    """Return what robomimic is told about the environment: a Gymnasium id if all demonstrations are of one task."""
+    """Return robomimic's description of the environment: a Gymnasium id if all demonstrations are of one task."""
     tasks = sorted({str(episode.about["task"]) for episode in dataset.episodes})
     single = "".join(word.capitalize() for word in tasks[0].split("_"))
     return {

@@ -1,4 +1,4 @@
-"""Comparing a robomimic file with the records that it comes from, group by group."""
+"""Check of a robomimic file against the records that it comes from, group by group."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _JSON_ATTRIBUTES = ("better", "env_args")
 
 
 class RobomimicCheck:
-    """Compares everything but pictures, and filter keys that others added. A context manager."""
+    """Check of all content but images and filter keys that others added. A context manager."""
 
     def __init__(self, path: Path, expected: ExpectedDataset) -> None:
         self._path, self._expected = path, expected
@@ -63,7 +63,7 @@ class RobomimicCheck:
         return read
 
     def finish(self) -> None:
-        """Compare what is said about all episodes together, after the last of them."""
+        """Compare the data about all episodes together, after the last episode."""
         with intact(f"{self._path}: data"):
             data, where = self._file["data"], f"{self._path}: data"
             names = [demo_name(number) for number in range(len(self._expected.dataset.episodes))]

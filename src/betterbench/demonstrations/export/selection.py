@@ -1,4 +1,4 @@
-"""Which records of which runs are demonstrations."""
+"""Selection of the records of runs that are exported as demonstrations."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class ChosenTrial:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The demonstrations in the order of the data set, and how many trials were left out for which reason."""
+    """Demonstrations in the order of the data set, and the number of trials left out for each reason."""
 
     demonstrations: tuple[ChosenTrial, ...]
     left_out: Mapping[str, int]

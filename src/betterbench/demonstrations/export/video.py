@@ -32,13 +32,13 @@ VIDEO_SETTINGS = {
     "effort": EFFORT,
     "group": GROUP,
 }
-"""What videos are encoded with; stored with the data set."""
+"""Settings of the video encoder; stored with the data set."""
 
 _BITEXACT = {"fflags": "+bitexact"}  # no version of a library in the file
 
 
 class VideoWriter:
-    """Encodes pictures of one size, (height, width, 3) uint8 with even sides, as they come.
+    """Encoder of images of one size, (height, width, 3) uint8 with even sides, as they come.
 
     The encoder runs in one thread, on whose number its output would depend otherwise.
     """

@@ -1,4 +1,4 @@
-"""Acceptance: what share of the attempts gave a demonstration, by task, source and region, and why others did not."""
+"""Acceptance: share of the attempts that gave a demonstration, by task, source and region, and reasons of failures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FOLDER = "acceptance"
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Attempts of one kind, and how many of them were accepted."""
+    """Number of attempts of one kind, and of the accepted ones among them."""
 
     accepted: int
     attempts: int
@@ -42,7 +42,7 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class ConditionCoverage:
-    """How evenly the accepted demonstrations of a training condition cover its starts."""
+    """Coverage of the starts of a training condition by its accepted demonstrations."""
 
     condition: str
     demonstrations: int
@@ -56,7 +56,7 @@ class ConditionCoverage:
 
 @dataclass(frozen=True, slots=True)
 class TaskAcceptance:
-    """What became of the attempts at one task.
+    """Outcome counts of the attempts at one task.
 
     Attributes:
         attempts: All attempts.
@@ -82,14 +82,14 @@ class TaskAcceptance:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """What became of the attempts of a run; a function of its records alone, without any time that was taken.
+    """Outcomes of the attempts of a run, computed from its records only and without durations.
 
     Attributes:
-        policy: What gave the demonstrations.
+        policy: Demonstrator, as the records name it.
         sha256: Hash of the set.
-        demonstrations: How many there are.
-        tasks: What became of the attempts, by task.
-        variety: How far the demonstrations are apart, by task; none where no condition has two.
+        demonstrations: Number of demonstrations.
+        tasks: Outcome counts by task.
+        variety: Differences between the demonstrations, by task; none where no condition has two.
         sources: The same of those that they were carried over from; none likewise, or where their folder is gone.
     """
 
@@ -116,7 +116,7 @@ class Acceptance:
 
 
 def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | None = None) -> Acceptance:
-    """Return what became of the attempts of a run of demonstrations, and how far those that were accepted are apart.
+    """Return the outcomes of the attempts of a run of demonstrations, and the differences between the accepted ones.
 
     Args:
         run: The run.
@@ -137,7 +137,7 @@ def acceptance_of(run: RunFolder, *, on_progress: Callable[[int, int], None] | N
 
 
 def _of_sources(method: Method, tasks: Sequence[str]) -> tuple[TaskVariety, ...]:
-    """Return how far the sources of a run are apart; none where they are gone, or others stand in their place."""
+    """Return the differences between the sources of a run; none if they are missing or were replaced."""
     folder = Path(method.sources)
     if not method.sources or not (folder / "run.json").exists():
         return ()
@@ -191,7 +191,7 @@ def write_acceptance(
 
     Args:
         run: The run.
-        found: What became of its attempts.
+        found: Outcome counts of its attempts.
         films: File of each film, relative to the page, by task and kind of failure; or why there is none.
         pictures: File of each picture of paths, likewise, by task.
     """

@@ -1,4 +1,4 @@
-"""The amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
+"""Amplifier: gives a demonstration in a new scene by carrying over the skills of source demonstrations."""
 
 from __future__ import annotations
 
@@ -27,20 +27,23 @@ from betterbench.tasks.demonstrated import HEIGHT_MM, REACH_MM
 from betterbench.tasks.relations import relation
 
 SourceChoice = Literal["random", "nearest_object", "nearest_robot"]
-"""How a source is chosen: any; one whose object stood most alike; one whose motion begins nearest to the arm."""
+"""Choice of a source: any; with the most similar object pose; with the motion that begins nearest to the arm."""
 
 NEAREST, NEAREST_SHARE = 3, 0.5
 """Sources among which the nearest-neighbor selections draw, all of them equally likely: so many, or that share."""
 OTHER_INSTANCE_M = 0.05
-"""What another instance of the category counts for as distance of two objects [m]."""
+"""Distance that is added where two objects are different instances of their category [m]."""
 BEGIN_WITHIN_M = (0.08, 0.13, 0.20)
 """Distances from the gripper's change at which a skill may begin, tried in this order [m]; before that is transit."""
 TURN_RAD = math.pi / 8.0
-"""Turn between two neighboring ways to grasp a thing that may be grasped from any side [rad]."""
+"""Angle between two neighboring grasps of an object that may be grasped from any side [rad]."""
 TURNS_RAD = tuple(sign * step * TURN_RAD for step in (2, 4, 6) for sign in (1.0, -1.0))
-"""Turns about its own axis by which a thing that may be grasped from any side is taken from another one [rad]."""
+"""Turns to other sides that are tried for an object that may be grasped from any side, about its own axis [rad]."""
 SETTLE_M, SETTLE_RAD, SETTLE_STEPS = 0.0015, 0.015, 14
-"""How near the arm has to be to its target before the gripper changes [m], [rad], and most steps to wait for it."""
+"""Distance [m] and angle [rad] to its target within which the arm has settled, and most control steps to wait.
+
+The gripper changes only afterward.
+"""
 STILL_M, STILL_STEPS = 2e-4, 2
 """Motion of the fingers below which they stand still [m], and steps for which they have to, before a lift."""
 LEAVE_M = 0.10
@@ -54,7 +57,7 @@ TEMPO = 1.4
 TEMPO_DRAWN = 0.1
 """By how much the tempo of a demonstration differs from that of its lead at most, as a share of it."""
 ASIDE_M, LOWER_M, HIGHER_M = 0.03, 0.02, 0.05
-"""How far the middle of a way may run aside of that of its source, below and above it [m]."""
+"""Largest displacement of the middle of a way from that of its source: sideways, down and up [m]."""
 LAST_STEPS = 60
 """Control steps after the last skill in which the goal has to be met."""
 PRESS_M = 0.004
@@ -65,10 +68,10 @@ FULL_M = 0.003
 
 @dataclass(frozen=True, slots=True)
 class AmplifierSettings:
-    """How sources are carried over.
+    """Settings by which sources are carried over to a scene.
 
     Attributes:
-        select: How the source of each subgoal is chosen.
+        select: Choice of the source of each subgoal.
         action_noise: Standard deviation of the noise on executed actions, in action units of translation (5 cm) and
             rotation (0.5 rad); the gripper gets none, nor do the steps in which the arm settles or the gripper changes.
     """
@@ -79,7 +82,7 @@ class AmplifierSettings:
 
 @dataclass(frozen=True, slots=True)
 class _Hand:
-    """What is in the gripper on the way: distance of the finger pads [m], object, and where that is."""
+    """Gripper on the way: distance of the finger pads [m], held object, and its pose in the gripper."""
 
     width_m: float
     held: str | None = None
@@ -93,8 +96,8 @@ class _Candidate:
     Attributes:
         source: The skill as it was.
         moved: The skill in this scene.
-        change: How the way to it differs from that of its source.
-        hand: What is in the gripper on the way.
+        change: Difference of the way to it from that of its source.
+        hand: State of the gripper on the way.
         touched: Objects that the robot may touch in the skill.
     """
 
@@ -107,11 +110,11 @@ class _Candidate:
 
 @dataclass(frozen=True, slots=True)
 class _WayIn:
-    """A free way to where a skill begins.
+    """Collision-free way to the beginning of a skill.
 
     Attributes:
         poses: Corners of a planned way, or one pose per control step of a way that was carried over.
-        planned: Which of the two.
+        planned: Whether the way was planned.
         begin: Step of the skill at which it ends.
     """
 
@@ -121,11 +124,11 @@ class _WayIn:
 
 
 class Amplifier:
-    """Acts on the privileged state like the expert, but moves as source demonstrations did.
+    """Demonstrator that acts on the privileged state like the expert, with the motions of source demonstrations.
 
     Attributes:
         used: Names of the sources, one per skill that was begun.
-        failure: Why the attempt failed, or None so far.
+        failure: Reason why the attempt failed; None so far.
     """
 
     def __init__(
@@ -136,8 +139,8 @@ class Amplifier:
         Args:
             scene: The scene.
             library: Sources of the task.
-            lead: The one that says which skills follow each other.
-            settings: How sources are carried over.
+            lead: Source that determines the order of skills.
+            settings: Settings by which sources are carried over.
             draw: Stream of the attempt.
         """
         self._planner = Planner(scene)
@@ -182,9 +185,9 @@ class Amplifier:
             run.close()
 
     def disturb(self, action: np.ndarray) -> np.ndarray:
-        """Return what is executed in place of the last action: with noise, unless the arm settles.
+        """Return the action to execute: the last one with noise, or unchanged while the arm settles.
 
-        What is out of bounds is clipped where it is applied.
+        Values out of bounds are clipped where the action is applied.
         """
         if self._quiet or not self._settings.action_noise:
             return action
@@ -288,7 +291,7 @@ class Amplifier:
         return found
 
     def _from_object(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far what a skill is about stood from where it stands now: meters and radians count alike."""
+        """Return the distance of a skill's object or target in the source from the present one; 1 rad counts as 1 m."""
         here = state.pose(window.object) if window.kind != "place" else state.pose(window.target)
         there = skill.object_pose if window.kind != "place" else skill.target_pose
         other = skill.asset.identity != self._planner.asset(window.object).identity
@@ -296,7 +299,7 @@ class Amplifier:
         return distance(there.position, here.position) + turned + OTHER_INSTANCE_M * other
 
     def _from_robot(self, state: WorldState, window: SkillWindow, skill: SourceSkill) -> float:
-        """Return how far the arm is from where the skill would begin: meters and radians count alike."""
+        """Return the distance of the arm from the beginning of the skill; 1 rad counts as 1 m."""
         found = next((moved for _, moved in self._candidates(state, window, [skill], skill.slid_m)), None)
         if found is None:
             return float("inf")
@@ -313,12 +316,11 @@ class Amplifier:
         *,
         turn_rad: float = 0.0,
     ) -> Iterator[tuple[SourceSkill, CarriedOver]]:
-        """Yield skills carried over to this scene; those of things that may be turned freely in two ways.
+        """Yield skills carried over to this scene; for objects that may be turned freely, in two ways.
 
-        A thing that may be grasped from any side is first taken turned about its own axis by ``turn_rad``. Where
-        something is in the way of all of them, a thing that may be grasped from any side is taken from another
-        one. Where a container is filled otherwise than it was in the sources, what is let go may go to another goal of
-        the expert at which training lets go of things.
+        An object that may be grasped from any side is first grasped turned about its own axis by ``turn_rad``. If
+        all skills are blocked, it is grasped from another side. If a container is filled differently than in the
+        sources, an object may be released at another goal of the expert at which training releases objects.
         """
         asset = self._planner.asset(window.object)
         symmetric = any(grasp.symmetric_yaw for grasp in asset.grasps)
@@ -345,7 +347,7 @@ class Amplifier:
                 yield skill, carry_pick(skill, state, window.object, asset, turn_rad=turn)
 
     def _is_trained(self, state: WorldState, window: SkillWindow, foot: tuple[float, float, float]) -> bool:
-        """Tell whether training lets go of things where the foot of an object would be [m], as far as that is known."""
+        """Tell whether training releases objects where the foot of an object would be [m], as far as that is known."""
         trained = self._trained(window.target, window.relation, window.region)
         if trained is None:
             return True
@@ -405,7 +407,7 @@ class Amplifier:
         )[0]
 
     def _faster(self, skill: SourceSkill) -> float:
-        """Return how much faster than in its source a skill is given for the tempo of the demonstration."""
+        """Return the speed of a skill as a multiple of its source's, for the tempo of the demonstration."""
         own, lead = skill.tempo_mps, self._tempo_mps
         return min(TEMPO, max(1.0 / TEMPO, lead / own)) if own > 0.0 and lead > 0.0 else 1.0
 

@@ -1,4 +1,4 @@
-"""One attempt at a demonstration: the episode, and whether it is accepted."""
+"""Attempt at a demonstration: the episode, and the decision whether it is accepted."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ LASTING_STEPS = 4
 """Control steps after the end of an episode in which its goal has to hold on: 0.2 s, after the dwell of 0.5 s."""
 
 EXPERT, AMPLIFIED, TELEOPERATED = "demonstrator:expert", "demonstrator:amplified", "demonstrator:teleoperated"
-"""What the records of demonstrations name as their policy."""
+"""Demonstrators, as the records of demonstrations name them as their policy."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AttemptNote:
-    """What became of one attempt.
+    """Outcome of one attempt.
 
     Attributes:
-        number: Which attempt at its start it was, from 0.
+        number: Number of the attempt at its start, from 0.
         failure: Kind of failure, or "" if it was accepted.
-        reason: Why it failed, in one line.
+        reason: Reason of the failure, in one line.
         steps: Control steps that it took.
         sources: Sources that it used, one per skill.
         lead: The source whose order of skills it followed, or "".
@@ -71,7 +71,7 @@ class DemonstrationAttempt:
 
 @settled_heap()
 def collect_attempt(scene: Scene, number: int, *, twins: bool = False) -> DemonstrationAttempt:
-    """Let the expert demonstrate in a manner drawn by the seed of the scene and the number of the attempt.
+    """Let the expert demonstrate in a motion style drawn from the seed of the scene and the number of the attempt.
 
     Of ``twins``, the condition has no part in what is drawn.
     """
@@ -188,13 +188,13 @@ def _not_lasting(scene: Scene, record: Record) -> tuple[FailureKind, str] | None
 
 
 def _outside(scene: Scene, states: Iterable[WorldState]) -> tuple[FailureKind, str] | None:
-    """Return what of an episode the certified training regime does not show, or None."""
+    """Return the failure of an episode that leaves the certified training regime, or None."""
     problem = outside_support(states, scene.task, scene.condition)
     return None if problem is None else ("outside support", problem)
 
 
 def outside_support(states: Iterable[WorldState], task: Task, condition: Condition) -> str | None:
-    """Return what of an episode the certified training regime of its task does not show, told from its states.
+    """Return the first problem of an episode outside the certified training regime of its task, from its states.
 
     None where everything is inside, or the variation declares that it is not.
     """

@@ -1,4 +1,4 @@
-"""Why an attempt at a demonstration was not accepted."""
+"""Reasons why an attempt at a demonstration is not accepted."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ FAILURES: dict[FailureKind, str] = {
     "outside support": "It succeeded with a pick or a put that the certificate's training regime does not show.",
     "breakdown": "The program failed; this is an error of ours.",
 }
-"""What each kind of failure means."""
+"""Meaning of each kind of failure."""
 
 
 class AttemptFailedError(Exception):
-    """An attempt cannot succeed any more."""
+    """Error that ends an attempt that cannot succeed any more."""
 
     def __init__(self, kind: FailureKind, reason: str) -> None:
         super().__init__(reason)

@@ -1,4 +1,4 @@
-"""The manner of a demonstration: what varies between two people who do the same thing, drawn by seed."""
+"""Motion style of a demonstration: the differences between two people at the same task, drawn by seed."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ MISS_STEPS = 12
 
 @dataclass(frozen=True, slots=True)
 class DemonstrationManner:
-    """How one demonstration is given.
+    """Motion style of one demonstration.
 
     Attributes:
         speed: Share of the expert's speed.
         acceleration: Share of the expert's acceleration.
         approach_height_m: Height above the grasp at which the last stretch begins [m].
-        approach_offset_m: How far aside of the grasp it begins [m].
-        approach_bearing_rad: To which side, in the world frame [rad].
+        approach_offset_m: Horizontal distance from the grasp at which it begins [m].
+        approach_bearing_rad: Direction of that offset in the world frame [rad].
         grasp_turn_rad: Largest preference for one of several equal grasps, as turning of the gripper [rad].
         raise_m: Height by which transits are higher than they need to be [m].
         detour_m: Largest sideways displacement of the middle of a transit [m].
@@ -88,12 +88,12 @@ def draw_manner(draw: np.random.Generator) -> DemonstrationManner:
 
 @dataclass
 class VariedSkills(Skills):
-    """The expert's skills, carried out in a manner.
+    """The expert's skills, carried out in a motion style.
 
-    Whatever a manner asks for is planned like everything else, and left out where something stands in its way.
+    The deviations that a style asks for are planned like other motions, and left out where an obstacle prevents them.
 
     Attributes:
-        manner: How to move.
+        manner: The motion style.
         chance: Stream of the demonstration, from which pauses, detours and misses come in the order of their events.
     """
 

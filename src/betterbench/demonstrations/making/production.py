@@ -1,4 +1,4 @@
-"""Making a set of demonstrations: starts, attempts at them by workers, and an ordinary run folder that holds the set.
+"""Production of a set of demonstrations: starts, attempts at them by workers, and the run folder that holds the set.
 
 ``RUN/journal.jsonl`` lists the demonstrations, ``RUN/attempts/journal.jsonl`` every attempt. A start at which no
 attempt was accepted stays in the plan as an error, with the reason, and the plan grows by the start that takes its
@@ -68,26 +68,26 @@ logger = logging.getLogger(__name__)
 ATTEMPTS = "attempts"
 """Folder within a run of demonstrations that holds the journal of attempts."""
 METHOD_VERSIONS = {EXPERT: 1, TELEOPERATED: 1, AMPLIFIED: 2}
-"""Versions of how demonstrations are given and carried over; a run is resumed under its own alone."""
+"""Versions of the methods of demonstration; a run is resumed only under its own version."""
 MOST_ATTEMPTS = 100
 MOST_WORKERS = 256
 
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """How the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
+    """Method by which the demonstrations of a run are made; small and picklable, so that it can be sent to workers.
 
     Attributes:
-        policy: What the records name as their policy: the expert, or the amplifier.
+        policy: Demonstrator that the records name as their policy: the expert, or the amplifier.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start.
         sources: Folder of the run with the source demonstrations; "" for the expert.
         sources_hash: Hash of that set; "" likewise.
         source_tasks: Tasks whose demonstrations that hash is of; none likewise.
-        settings: How sources are carried over.
+        settings: Settings by which sources are carried over.
         quality: Render preset of the stored scenes.
         task_files: The user's files that workers load before anything else.
-        regime: Which conditions are demonstrated.
+        regime: Regime whose conditions are demonstrated.
         twins: Whether conditions with the same scene share their seeds and the manner of the expert.
     """
 
@@ -118,11 +118,11 @@ class Method:
         return (twin_starts if self.twins else planned_starts)(task, numbers, first_seed=self.first_seed)
 
     def replacement(self, start: Start, round_: int) -> Start | None:
-        """Return what takes the place of a start that was given up; nothing takes the place of a twin."""
+        """Return the replacement of a start that was given up; a twin has none."""
         return None if self.twins else replacement(self.task(start.task), start, round_, first_seed=self.first_seed)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what two runs have to share to be the same one, beside their trials."""
+        """Return the identity of a run beside its trials: runs with other values are not resumed."""
         form: dict[str, Any] = {
             "method_version": METHOD_VERSIONS[self.policy],
             "first_seed": self.first_seed,
@@ -150,7 +150,7 @@ _METHOD = TypeAdapter(_MethodForm)
 
 
 def method_of(run: RunFolder) -> Method:
-    """Return how the demonstrations of a run were made; RecordError if it is another kind of run."""
+    """Return the method of a run of demonstrations; RecordError if it is another kind of run."""
     where, cure = f"{run.path}: plan.demonstrations", "Name a run of better collect or better amplify"
     form = read_form(_METHOD, run.plan.get("demonstrations"), where=where, cure=cure, raises=RecordError)
     quality = run.plan.get("quality")
@@ -171,7 +171,7 @@ def method_of(run: RunFolder) -> Method:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StartOutcome:
-    """What became of the attempts at one start.
+    """Outcomes of the attempts at one start.
 
     Attributes:
         notes: One per attempt, in their order; the last one is accepted, or none is.
@@ -194,7 +194,7 @@ class StartOutcome:
 
     @property
     def why_not(self) -> str:
-        """Why there is none, in one line."""
+        """Reason why there is no demonstration from this start, in one line."""
         kinds = dict.fromkeys(note.failure for note in self.notes)
         return f"given up after {len(self.notes)} attempts ({', '.join(kinds)}): {self.notes[-1].reason}"
 
@@ -209,7 +209,7 @@ class _Produced:
 
 @dataclass(frozen=True, slots=True)
 class SetProgress:
-    """How far a set is: demonstrations there are, demonstrations asked for, attempts, and what was tried last."""
+    """Progress of a set: demonstrations made and requested, number of attempts, and outcome of the last start."""
 
     done: int
     planned: int
@@ -221,7 +221,7 @@ _OUTCOME = TypeAdapter(StartOutcome)
 
 
 class AttemptJournal(VersionedJournal):
-    """The journal of the attempts of a run; of several lines about a start the last one counts.
+    """Journal of the attempts of a run; of several lines about a start the last one counts.
 
     Raises as :class:`VersionedJournal` does.
     """
@@ -233,7 +233,7 @@ class AttemptJournal(VersionedJournal):
         super().__init__(path, versions, renews=True)
 
     def append(self, outcome: StartOutcome) -> None:
-        """Append what became of a start and force it to disk."""
+        """Append the outcome of a start and force it to disk."""
         self._append_form(asdict(outcome))
         self.found[outcome.trial] = outcome
 
@@ -247,7 +247,7 @@ def _read_line(form: dict[str, Any], where: str) -> StartOutcome:
 
 
 def attempts_of(run: Path) -> dict[TrialId, StartOutcome]:
-    """Return what became of every start of a run of demonstrations so far; RecordError if the journal is corrupt."""
+    """Return the outcomes of all starts of a run so far; RecordError if the journal is corrupt."""
     path = run / ATTEMPTS / "journal.jsonl"
     lines, _ = complete_lines(path)
     if lines:
@@ -277,7 +277,7 @@ def collect(
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start, each in another manner.
-        regime: Which conditions are demonstrated.
+        regime: Regime whose conditions are demonstrated.
         twins: Give conditions with the same scene the same seeds and manners, so that they differ by their cause alone.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
@@ -315,7 +315,7 @@ def amplify(
         demos: Demonstrations per training condition.
         first_seed: Seed from which starts are chosen.
         attempts: Most attempts at one start, each with another source in the lead.
-        settings: How sources are carried over.
+        settings: Settings by which sources are carried over.
         workers: Worker processes.
         on_progress: Called at the start and after every start.
 
@@ -371,7 +371,7 @@ def _produce(
     workers: int,
     on_progress: Callable[[SetProgress], None] | None,
 ) -> RunFolder:
-    """Make a set: round after round, until there is no start left whose demonstration is missing."""
+    """Make a set in rounds, until no start lacks a demonstration."""
     require_between("--attempts", method.attempts, 1, MOST_ATTEMPTS)
     require_between("--workers", workers, 1, MOST_WORKERS)
     chosen = [get_task(name) for name in dict.fromkeys(tasks)]
@@ -466,7 +466,7 @@ def _teller(
 
 
 def _produced(run: RunFolder, method: Method, due: Sequence[Start], workers: int) -> Iterator[_Produced]:
-    """Yield what became of starts, as it comes; those that share a compiled scene follow each other."""
+    """Yield the outcomes of starts as they come; starts that share a compiled scene follow each other."""
     order = sorted((s.trial for s in due), key=lambda t: (t.task, look_set_of(t.task, t.seed), t.condition, t.seed))
     return in_workers(order, workers, functools.partial(_work, str(run.path), method))
 

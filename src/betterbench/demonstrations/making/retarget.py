@@ -1,4 +1,4 @@
-"""Carrying a skill over to another scene: the same motion in the frame of the thing that it is about.
+"""Transfer of a skill to another scene: the same motion in the frame of its object or target region.
 
 For a pick and a slide that is the object, ``T_new(t) = T_object_new  T_object_source^-1  T_target_source(t)``, with a
 shift in between where the object is another instance of its category. For a place it is the region of the target, and
@@ -111,7 +111,7 @@ def carry_place(
         window: Names of object and target in this scene.
         keep_tool: True to keep the rotation of the tool, and let the object be turned as it lies in the gripper; for
             things that may stand in any heading.
-        foot: Where the foot of the object is let go [m], world frame; at the goal of the expert nearest to where the
+        foot: Release position of the foot of the object [m], world frame; at the expert's goal nearest to where the
             source would let go, if not given.
 
     Returns:
@@ -139,7 +139,7 @@ def carry_place(
 def _placing(
     target: Pose, T_tcp_foot_source: Pose, T_tcp_foot: Pose, shift: Sequence[float], T_foot_tcp: Pose | None
 ) -> Pose:
-    """Return where the tool has to be for the foot of an object to be where that of the source's object is.
+    """Return the pose of the tool that puts the foot of an object where that of the source's object is.
 
     Without the inverse ``T_foot_tcp`` the tool keeps its rotation, and the object is turned as it lies in the gripper.
     """

@@ -1,4 +1,4 @@
-"""Source demonstrations: what their skills look like in the frame of the thing that each is about."""
+"""Source demonstrations: their skills in the frame of the object or target region of each."""
 
 from __future__ import annotations
 
@@ -28,23 +28,24 @@ SPOT_M, MOST_SPOTS = 0.012, 16
 MOVING_M = 0.001
 """Least motion of a control step that is no pause [m]."""
 ROTATION_M = 0.1
-"""What a radian counts for where poses are compared [m/rad]: the reach of the gripper."""
+"""Weight of rotation against translation where poses are compared [m/rad]: the reach of the gripper."""
 
 SkillKey = tuple[str, str, str, str, str]
-"""What a skill is about: its kind, the kind of its object, and of a place relation, kind of the target and region.
+"""Key of a skill: its kind and the kind of its object; for a placement also relation, kind of the target and region.
 
-Of a slide, "out" stands for the relation where the drawer is drawn out."""
+For a slide, "out" stands for the relation where the drawer is drawn out.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SourceSkill:
-    """One skill of a source demonstration, with everything that is needed to carry it over.
+    """Skill of a source demonstration, with all values that are needed to carry it over.
 
     Attributes:
-        key: What it is about.
+        key: Kinds of skill, object and target, see :data:`SkillKey`.
         source: Name of the demonstration, "TASK/CONDITION/SEED".
         window: Its rows there.
-        object: What it takes, lets go of or slides.
+        object: Object that it takes, lets go of or slides.
         asset: Asset of that object.
         frame: ``T_world_reference`` when the window begins: of the object, or for a place of the target's region.
         object_pose: ``T_world_object`` when the window begins.
@@ -52,7 +53,7 @@ class SourceSkill:
         targets: Poses ``T_world_tcp`` that the controller was sent to, one per control step of the window.
         gripper: Gripper command of each of these steps.
         change: Index of the step that begins to change the gripper.
-        T_tcp_foot: Where the foot of the object is in the gripper just before the change; of a place.
+        T_tcp_foot: Pose of the object's foot in the gripper just before the change; of a place.
         anchor: Foot of the object [m], world frame, at the expert's goal nearest to where it was let go; of a place.
         spread_m: By how much wider than around the object the gripper opens [m]; of a place.
         slid_m: Distance along its own x axis by which a drawer is moved [m].
@@ -126,7 +127,7 @@ class Library:
 
 
 def key_of(info: SceneInfo, window: SkillWindow, *, out: bool) -> SkillKey:
-    """Return what a window is about in a scene; ``out`` tells whether a slide draws its drawer out."""
+    """Return the skill key of a window in a scene; ``out`` tells whether a slide draws its drawer out."""
     kind = info.object(window.object).kind
     if window.kind == "place":
         return ("place", kind, window.relation, info.object(window.target).kind, window.region)
@@ -159,7 +160,7 @@ def load_library(run: RunFolder, task: str) -> Library:
 
 
 def _require_version(record: Record, where: str) -> None:
-    """Raise RecordError if a record is of another version of the suite or its task, whose things lie elsewhere."""
+    """Raise RecordError if a record is of another version of the suite or its task, whose objects lie elsewhere."""
     meta = record.metadata
     versions = (
         ("suite", meta.suite_version, SUITE_VERSION),
@@ -174,7 +175,7 @@ def _require_version(record: Record, where: str) -> None:
 
 
 def demonstrated_source(record: Record) -> Source:
-    """Return what a successful record demonstrates; its segments are derived from its states, whatever it says."""
+    """Return the source of a successful record, with segments derived from its states and not read from it."""
     meta = record.metadata
     trial = TrialId(meta.task, meta.condition, meta.seed)
     condition = resolve_condition(meta.task, meta.condition)
@@ -270,9 +271,9 @@ def _anchor(state: WorldState, let_go: WorldState, window: SkillWindow) -> tuple
 def nearest_goal(
     state: WorldState, window: SkillWindow, point: Sequence[float], *, within_m: float
 ) -> tuple[float, float, float] | None:
-    """Return where the foot of an object is at the goal of the expert nearest to a point [m], or None if all are far.
+    """Return the foot position of an object at the expert's goal nearest to a point [m], or None if all are far.
 
-    Goals know the sizes of things and what lies at the target already, which a rigid transform does not.
+    Goals account for object sizes and for objects that are at the target already, which a rigid transform does not.
     """
     offset = foot_offset(state.info.object(window.object))
     goals = relation(window.relation).place_goals(state, window.object, window.target, window.region)
@@ -284,7 +285,7 @@ def nearest_goal(
 
 
 def other_goals(state: WorldState, window: SkillWindow) -> tuple[tuple[float, float, float], ...]:
-    """Return where the foot of an object is at the goals of the expert [m], the best first, one per spot."""
+    """Return the foot positions of an object at the goals of the expert [m], the best first, one per spot."""
     offset = foot_offset(state.info.object(window.object))
     found: list[tuple[float, float, float]] = []
     for goal in relation(window.relation).place_goals(state, window.object, window.target, window.region):
@@ -306,7 +307,7 @@ def _slid_m(record: Record, window: SkillWindow) -> float:
 
 
 def grasp_shift(source: Asset, T_object_tcp: Pose, other: Asset) -> Pose:
-    """Return how a grasp of one asset is shifted to be the same grasp of another one, ``T_object_object``.
+    """Return the shift ``T_object_object`` from a grasp of one asset to the same grasp of another one.
 
     The grasp is compared with those that are annotated on its asset; the same one of the other asset takes its place.
     The shift of an asset to itself is none, and there is none where no annotated grasp is near.

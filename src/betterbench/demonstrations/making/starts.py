@@ -1,4 +1,4 @@
-"""Start states: which seeds a set of demonstrations begins from, so that they cover the training distribution evenly.
+"""Start states: seeds of a set of demonstrations, chosen so that they cover the training distribution evenly.
 
 What a start draws is described by a few levels: the cell of the jitter region in which each thing that matters stands,
 how it is turned, and the set of looks. Each start is the best of a block of consecutive seeds: the one whose levels are
@@ -27,16 +27,16 @@ BLOCK = 32
 SPARE_BLOCK = 256
 """Consecutive seeds of which a replacement is the best."""
 SLOT_WEIGHT = 3
-"""What another cell of a slot counts for in a replacement, against another turn or other looks."""
+"""Weight of another cell of a slot in the choice of a replacement; another turn or other looks weigh 1."""
 SPARE_ROUNDS = 4
-"""How often a start may be replaced."""
+"""Most replacements of a start."""
 SPARES_FROM = 20_000_000
 """Distance of the first spare seed from the first seed."""
 MOST_STARTS = 10_000
 """Most starts per training condition: the blocks of so many end before the spares begin."""
 
 Levels = Mapping[str, int]
-"""What a start draws: the level of each factor, by its name."""
+"""Level of each factor that a start draws, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ class Start:
 
     Attributes:
         condition: Name of the training condition.
-        number: Which start of its condition it is, from 0.
-        round: How often its seed was replaced.
+        number: Number of the start within its condition, from 0.
+        round: Number of times that its seed was replaced.
         seed: Its seed.
     """
 
@@ -64,7 +64,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """One thing that a start draws.
+    """Random factor of a start.
 
     Attributes:
         name: "slot first" or "turn first" for a slot, or "looks".
@@ -76,7 +76,7 @@ class Factor:
 
 
 def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
-    """Return what matters about the starts of a training condition: slots of what is asked for, then of targets."""
+    """Return the random factors of a training condition's starts: slots of requested objects, then of targets."""
     slots = _slots(task, condition)
     return (
         *(Factor(f"slot {s.name}", GRID * GRID) for s in slots if s.jitter_m > 0.0),
@@ -86,7 +86,7 @@ def factors_of(task: Task, condition: Condition) -> tuple[Factor, ...]:
 
 
 def levels_of(task: Task, condition: Condition, seed: int) -> Levels:
-    """Return what the start of a seed draws; nothing is simulated or built for it."""
+    """Return the levels of all factors that a seed draws, without building or simulating a scene."""
     return _levels(task, _slots(task, condition), seed)
 
 
@@ -165,7 +165,7 @@ def _block_number(task: Task, condition: Condition, number: int) -> int:
 
 
 def replacement(task: Task, start: Start, round_: int, *, first_seed: int) -> Start | None:
-    """Return what takes the place of a planned start when it has to be given up for the time ``round_``, from 1.
+    """Return the replacement of a planned start that is given up for the time ``round_``, from 1.
 
     Every replacement is like the planned start, and not like the one before it. There is none after a few rounds.
     """
@@ -196,7 +196,7 @@ def twin_starts(task: Task, numbers: Sequence[int], *, first_seed: int) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class FactorCoverage:
-    """How evenly some starts cover one factor.
+    """Coverage of the levels of one factor by some starts.
 
     Attributes:
         counts: Starts per level.
@@ -211,7 +211,7 @@ class FactorCoverage:
 
 
 def coverage_of(task: Task, condition: Condition, seeds: Sequence[int]) -> tuple[FactorCoverage, ...]:
-    """Return how evenly the starts of some seeds cover the starts that a training condition can draw."""
+    """Return the coverage of the factors of a training condition by the starts of some seeds."""
     slots = _slots(task, condition)
     drawn = [_levels(task, slots, seed) for seed in seeds]
     found = []

@@ -1,4 +1,4 @@
-"""Carrying the way to a skill over: the same height, side, speed and pauses between other ends."""
+"""Transfer of the way to a skill: the same height, side, speed and pauses between other ends."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ CHECK_RAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class TransitChange:
-    """By how much a way differs from that of its source.
+    """Difference of a way from that of its source.
 
     Attributes:
-        aside_m: How far its middle is moved to the left, seen from above [m].
-        raise_m: How far its middle is moved up [m].
-        faster: Share of the source's speed.
+        aside_m: Displacement of its middle to the left, seen from above [m].
+        raise_m: Displacement of its middle up [m].
+        faster: Speed as a multiple of the source's.
     """
 
     aside_m: float = 0.0
@@ -49,7 +49,7 @@ def carry_transit(
         begin: Step of its window at which the way ends.
         start: Pose ``T_world_tcp`` at which it begins here.
         goal: Pose at which it ends here.
-        variation: What is varied.
+        variation: Difference from the way of the source.
 
     Returns:
         None where the way is no longer that of the source: the gripper closed in vain on it, or it would have to be

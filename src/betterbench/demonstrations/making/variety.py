@@ -1,4 +1,4 @@
-"""Variety: how far the demonstrations of a set are apart where they do the same.
+"""Variety: differences between the demonstrations of a set in the same motions.
 
 Demonstrations are compared that serve the same subgoal of the same condition with the same skill, each pair of them.
 Where a slot's jitter put the objects is taken out first, so that ten copies of one path to ten starts have no variety:
@@ -41,7 +41,7 @@ MovedKind = Literal["pick", "place", "slide"]
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Mean difference of two demonstrations that do the same.
+    """Mean difference between two demonstrations in the same motion.
 
     Attributes:
         path_cm: Distance of two paths of the tool at equal shares of their length, slot jitter taken out [cm].
@@ -77,13 +77,13 @@ SPREADS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class MotionVariety:
-    """How the demonstrations of a condition differ in one motion: the way to a grasp, or with it to where it ends.
+    """Differences between the demonstrations of a condition in one motion: to a grasp, or from there to its end.
 
     Attributes:
         condition: Name of the condition.
         subgoal: Name of the subgoal.
-        skill: What the motion ends with.
-        demonstrations: How many were compared; two at least.
+        skill: Kind of skill with which the motion ends.
+        demonstrations: Number of demonstrations compared, at least two.
     """
 
     condition: str
@@ -95,12 +95,12 @@ class MotionVariety:
 
 @dataclass(frozen=True, slots=True)
 class TaskVariety:
-    """How the demonstrations of a task differ.
+    """Differences between the demonstrations of a task.
 
     Attributes:
         task: Name of the task.
         spread: Mean over the motions.
-        motions: Each motion of each condition that two demonstrations have at least.
+        motions: Each motion of each condition that at least two demonstrations have.
     """
 
     task: str
@@ -130,7 +130,7 @@ class _Motion:
 
 
 class VarietyMeter:
-    """Takes in the demonstrations of a set, one record after the other, and tells how far they are apart."""
+    """Meter of the differences between the demonstrations of a set, which takes in one record after the other."""
 
     def __init__(self) -> None:
         self._found: dict[tuple[str, str], dict[tuple[str, MovedKind], list[_Motion]]] = {}
@@ -147,7 +147,7 @@ class VarietyMeter:
             motions.setdefault(key, []).append(motion)
 
     def tasks(self) -> tuple[TaskVariety, ...]:
-        """Return how far demonstrations of the same conditions are apart, by task; none of those of a single one."""
+        """Return the differences between demonstrations of the same conditions, by task; none for a single one."""
         found: dict[str, list[MotionVariety]] = {}
         for (task, condition), motions in sorted(self._found.items()):
             for (subgoal, skill), same in motions.items():
@@ -160,7 +160,7 @@ class VarietyMeter:
 def variety_of_run(
     run: RunFolder, tasks: Iterable[str] | None = None, *, on_progress: Callable[[int, int], None] | None = None
 ) -> tuple[TaskVariety, ...]:
-    """Return how much the successful demonstrations of a run differ, of some tasks or of all.
+    """Return the differences between the successful demonstrations of a run, of some tasks or of all.
 
     ``on_progress`` gets the number of records that were read and that of all. Raises RecordError if one cannot be read.
     """

@@ -29,12 +29,12 @@ _POLICIES: Mapping[str, Mapping[str, Any]] = {
 }
 _WEIGHTS = {"smolvla": "lerobot/smolvla_base", "pi0": "lerobot/pi0_base", "pi05": "lerobot/pi05_base"}
 _DOWNSAMPLED = 8
-"""What the horizon of diffusion is a multiple of: 2 to the number of its down_dims (configuration_diffusion.py)."""
+"""Divisor of diffusion's horizon: 2 to the number of its down_dims (configuration_diffusion.py)."""
 _WITHOUT_LANGUAGE = ("act", "diffusion")
 
 
 def lerobot_setup(training: Training) -> TrainerSetup:
-    """Return what LeRobot needs.
+    """Return the setup of LeRobot.
 
     Raises:
         UnknownNameError: If there is no such policy.

@@ -1,4 +1,4 @@
-"""A recipe of fine-tuning: what the paper fixes for all frameworks, and where each value comes from."""
+"""Recipe of fine-tuning: the values that the paper fixes for all frameworks, and the source of each value."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Framework = Literal["openpi", "gr00t", "being-h", "lerobot"]
 Backbone = Literal["vision", "language"]
 Benchmark = Literal["better", "libero", "calvin"]
 Origin = Literal["paper", "upstream", "recipe", "ours"]
-"""Who decided a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
+"""Origin of a value: the paper, the framework's own recipe, the user's recipe file, or betterbench."""
 
 _CURE = "Correct the recipe; docs/recipes.md shows one"
 
@@ -38,7 +38,7 @@ class Setting:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RecipeForm:
-    """What the file of a recipe may hold; what it leaves out is that of the recipe that it extends."""
+    """Form of a recipe file; fields that it leaves out have the values of the recipe that it extends."""
 
     extends: Benchmark = "better"
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,40}$")] | None = None
@@ -57,13 +57,13 @@ _FORM = TypeAdapter(RecipeForm)
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A recipe whose every value is decided, or left to the framework (None).
+    """Resolved recipe: every value is decided, or left to the framework (None).
 
     Attributes:
         name: Goes into names of configurations and folders.
-        form: What the user's file says.
-        fixed: What the paper fixes, with its place: ``steps``, ``batch``.
-        frozen: Which parts of the backbone are frozen, by framework, with their place.
+        form: Content of the user's file.
+        fixed: Values that the paper fixes, with their place in it: ``steps``, ``batch``.
+        frozen: Frozen parts of the backbone by framework, with their place in the paper.
     """
 
     name: str

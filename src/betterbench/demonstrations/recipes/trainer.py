@@ -1,4 +1,4 @@
-"""What a recipe becomes for a framework: files, fields with their sources, and what a person has to look at."""
+"""Setup of a framework for a recipe: its files, its fields with their sources, and the checks left to a person."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ class TrainingData:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """A training that is asked for.
+    """Requested training.
 
     Attributes:
         data: Its data sets: one, or several where the framework mixes them.
         gpus: Number of GPUs.
-        weights: Where the training starts from; the framework's published weights if None.
+        weights: Initial weights; those that the framework publishes if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
     """
@@ -102,7 +102,7 @@ _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 @dataclass(frozen=True, slots=True)
 class TrainerSetup:
-    """What is written for a framework.
+    """Setup of a framework: files, configuration fields, commands and checks.
 
     Attributes:
         upstream: Repository and commit (or release) that the fields were read from.
@@ -110,7 +110,7 @@ class TrainerSetup:
         settings: The fields of the framework's configuration.
         commands: Titles and command lines, in order.
         evaluation: The command that evaluates what was trained.
-        checks: What a person has to look at, because the framework does not say when it is wrong.
+        checks: Checks that a person has to make, because the framework does not report the error.
     """
 
     framework: str
@@ -123,13 +123,13 @@ class TrainerSetup:
 
 
 def data_of(place: str, *, preset: str, version: str, benchmark: str) -> TrainingData:
-    """Return what a data set holds, as far as it is here.
+    """Return the description of a data set, as far as its files are present.
 
     Args:
         place: Its folder; for other benchmarks than ours also a name on the hub.
         preset: Layout that the trainer needs, for data of ours.
         version: Version of LeRobot's format that it reads ("v2.1", "v3.0").
-        benchmark: What the recipe is for.
+        benchmark: Benchmark of the recipe.
 
     Raises:
         InvalidInputError: If it is here and is not what the trainer needs.
@@ -190,7 +190,7 @@ class _Layout:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Source:
-    """What is read of :data:`SOURCE_FILE`."""
+    """Fields of :data:`SOURCE_FILE` that are read."""
 
     layout: _Layout
     quality: Literal["fast", "standard", "high"]
@@ -199,7 +199,7 @@ class _Source:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Info:
-    """What is read of ``meta/info.json``."""
+    """Fields of ``meta/info.json`` that are read."""
 
     codebase_version: str
     total_frames: Annotated[int, Field(ge=1, le=10**12)]
@@ -231,10 +231,10 @@ def evaluation_lines(
     """Return the commands that evaluate what was trained: on our suite, or as its own benchmark does.
 
     Args:
-        recipe: What was trained.
-        data: What it was trained on.
+        recipe: Recipe of the training.
+        data: Data set of the training.
         address: Policy of a recipe for our suite.
-        on_libero: How the framework itself evaluates a recipe for LIBERO.
+        on_libero: The framework's own evaluation of a recipe for LIBERO.
         libero_address: Policy of a recipe for LIBERO on our suite, where it can be asked there.
     """
     if recipe.benchmark == "better":
@@ -270,7 +270,7 @@ def filled(name: str, texts: Mapping[str, str] | None = None) -> str:
 
 
 def exposure(training: Training) -> str:
-    """Return how often each frame is seen, if the number of frames is known."""
+    """Return the number of times that each frame is seen, if the number of frames is known."""
     frames = [data.frames for data in training.data]
     known = [n for n in frames if n is not None]
     samples = training.recipe.steps * training.recipe.batch

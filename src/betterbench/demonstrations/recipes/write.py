@@ -50,14 +50,14 @@ def trainer_setup(
     policy: str = "pi05",
     sample_tokens: int = 220,
 ) -> TrainerSetup:
-    """Return what a framework needs to train by a recipe.
+    """Return the setup of a framework for training by a recipe.
 
     Args:
         framework: The framework.
         recipe: The recipe.
         data: Places of the data sets; for LIBERO the published set where the framework has one.
         gpus: Number of GPUs.
-        weights: Where the training starts from; the framework's published weights if None.
+        weights: Initial weights; those that the framework publishes if None.
         policy: Type of policy, for LeRobot.
         sample_tokens: Tokens of one sample, for Being-H's packing.
 

@@ -1,4 +1,4 @@
-"""Making a training set: demonstrations, their proof, and everything that is derived from them.
+"""Production of a training set: demonstrations, their proof, and the files that are derived from them.
 
 ``OUT/recipe.json`` says what is made, ``OUT/sources`` and ``OUT/demonstrations`` are ordinary run folders, and the
 files beside them follow from the records alone. ``OUT/dataset.json`` is written last: with it the set is whole.
@@ -42,19 +42,19 @@ OnStage = Callable[[str, int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class MadeDataset:
-    """A training set that is complete.
+    """Complete training set.
 
     Attributes:
         path: Its folder.
         sha256: Hash of its demonstrations.
         command: The command that makes the same set again.
-        demonstrations: How many there are.
+        demonstrations: Number of demonstrations.
         steps: Their control steps.
         missing: Starts at which no attempt was accepted and that nothing took the place of.
-        audit: What goes together in it; None if no task has enough demonstrations.
-        prediction: What follows from that; None likewise.
+        audit: Its shortcut audit; None if no task has enough demonstrations.
+        prediction: The prediction from the audit; None likewise.
         pairs: Its twins.
-        variety: How far its demonstrations are apart, by task.
+        variety: Differences between its demonstrations, by task.
         sources: The same of those that they were carried over from; none where there are none.
     """
 
@@ -83,7 +83,7 @@ def make_dataset(
     """Make the training set of a recipe in a folder; the same call resumes it, and makes the same bytes.
 
     Args:
-        recipe: What is made.
+        recipe: Recipe of the set.
         out: Folder of the set.
         workers: Worker processes.
         pictures: Draw a sheet of starts per task.

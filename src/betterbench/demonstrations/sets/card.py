@@ -41,11 +41,11 @@ ABOUT_REGIME = {
 
 @dataclass(frozen=True, slots=True)
 class CardFacts:
-    """What a card says, beside the recipe.
+    """Content of a card beside the recipe.
 
     Attributes:
         sheets: File of the picture of each task, relative to the card, or why there is none.
-        variety: How far the demonstrations are apart, by task.
+        variety: Differences between the demonstrations, by task.
         sources: The same of those that they were carried over from.
     """
 

@@ -22,7 +22,7 @@ STATE = (
     "finger_width_m",
     *(f"joint_{i}_rad" for i in range(1, 8)),
 )
-"""What the numbers of the state are, in their order."""
+"""Names of the numbers of the state, in their order."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class ConditionCounts:
 
 
 class SetNumbers:
-    """Collects the numbers of the records of a set, one record after the other."""
+    """Accumulator of the numbers of a set, which takes in one record after the other."""
 
     def __init__(self, held_out: frozenset[int]) -> None:
         self._held_out = held_out

@@ -1,4 +1,4 @@
-"""Which demonstrations of a run are twins: found in the records, by comparing their histories bit for bit."""
+"""Twins among the demonstrations of a run, found in the records by comparing their histories bit for bit."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _pairs_of(run: RunFolder, trials: Sequence[TrialId]) -> Iterator[TwinPair]:
 
 
 def shared_rows(first: Record, second: Record) -> int:
-    """Return how many rows, from the first one on, are the same in two records: state, command and action."""
+    """Return the number of rows, from the first one on, that are equal in two records: state, command and action."""
     rows = min(len(first), len(second))
     same = np.ones(rows, dtype=bool)
     for name in ("qpos", "qvel", "ctrl", "action"):

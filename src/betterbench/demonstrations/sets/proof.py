@@ -19,14 +19,14 @@ CURE = "Delete the file and run the command again to give the demonstration anew
 
 @dataclass(frozen=True, slots=True)
 class RegimeBounds:
-    """The conditions that a set may show, and those that it must not show."""
+    """Conditions that a set may show, and those that it must not show."""
 
     shown: tuple[Condition, ...]
     forbidden: tuple[Condition, ...]
 
     @classmethod
     def of(cls, task: Task, regime: Regime) -> RegimeBounds:
-        """Return what a set of a regime may show of a task, and which tests it must not."""
+        """Return the conditions of a task that a set of a regime may show, and the tests that it must not show."""
         shown = conditions_of(task, regime)
         known = {pairing(condition) for condition in shown}
         tests = conditions_of(task, "covered")
@@ -34,7 +34,7 @@ class RegimeBounds:
 
 
 def proven_facts(record: Record, bounds: RegimeBounds, where: str) -> EpisodeFacts:
-    """Return what a record shows, once it is proven that it demonstrates its regime and nothing outside it.
+    """Return the facts of a record after a proof that it demonstrates its regime and nothing outside it.
 
     The start, the instruction, the order of the subgoals and every grasp and release are told from the states.
 

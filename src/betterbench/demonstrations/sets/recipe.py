@@ -1,4 +1,4 @@
-"""Recipes: everything that decides which bytes a training set holds, and the command that makes it again."""
+"""Recipes of training sets: all values that the bytes of a set depend on, and the command that makes it again."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _CURE = "Give the folder that --out of better dataset named"
 @strict_form
 @dataclass(frozen=True, slots=True)
 class SetRecipe:
-    """How a training set is made.
+    """Recipe of a training set.
 
     Attributes:
         tasks: Names of the tasks.
-        regime: Which conditions are demonstrated.
+        regime: Regime whose conditions are demonstrated.
         demos: Demonstrations per training condition; another regime shares as many out over its conditions.
-        sources: How many of them, likewise, the expert gives, from which the others are carried over; 0 if all.
+        sources: Number of these that the expert gives and from which the others are carried over; 0 if it gives all.
         seed: First seed of the expert's demonstrations; that of the others follows from it.
         noise: Standard deviation of the noise on executed actions of those carried over, in action units.
         validation: Share of the seeds whose demonstrations are for validation.

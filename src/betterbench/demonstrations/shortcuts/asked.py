@@ -1,4 +1,4 @@
-"""What an audit tested, and what it did not test and why."""
+"""Tested and untested questions of an audit, with the reason why a question was not tested."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ class AskedQuestion:
 
     Attributes:
         question: Name of the question.
-        title: What it asks, for people.
+        title: The question in words.
         n: Demonstrations, or observations in them, that it compares.
-        compared: What it compares with the outcome, such as "8 words"; "" if it is a single test.
-        untested: Why it could not be tested, "" if it was.
+        compared: Features that it compares with the outcome, such as "8 words"; "" if it is a single test.
+        untested: Reason why it could not be tested, "" if it was tested.
     """
 
     question: str

@@ -20,7 +20,7 @@ _Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Association:
-    """How strongly two things go together.
+    """Strength and significance of the association of two categorical variables.
 
     Attributes:
         bits: Mutual information [bit].
@@ -52,12 +52,12 @@ def entropy_bits(counts: _Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PermutationTest:
-    """The test of one question: what was seen, and what the permutations give.
+    """Permutation test of one question: the observed counts, and the distribution under permutations.
 
     Attributes:
         x: (n,) number of the first value of each observation.
         y: (n,) number of the second one.
-        sizes: How many first and second values there are.
+        sizes: Numbers of different first and second values.
         block: (n,) number of the demonstration of each observation.
         within: Whether first values are exchanged inside each demonstration.
         null: (PERMUTATIONS,) mutual information of the permutations [bit].
@@ -81,12 +81,12 @@ def association(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> Association:
-    """Return how two lists of equal length go together.
+    """Return the association of two lists of equal length.
 
     Args:
         first: A value per observation.
         second: The other value per observation.
-        draw: Where permutations are drawn from.
+        draw: Random generator of the permutations.
         blocks: To which demonstration each observation belongs. Without ``within``, whole demonstrations exchange their
             first values, so that what one demonstration repeats is no evidence; all its first values must be equal.
         within: Exchange the first values inside each block instead: of the steps of a demonstration.
@@ -102,7 +102,7 @@ def permutation_test(
     blocks: Sequence[Hashable] | None = None,
     within: bool = False,
 ) -> PermutationTest:
-    """Return how two lists go together, as :func:`association` does, with all that the test rests on."""
+    """Return the association of two lists, as :func:`association` does, with the data of its permutation test."""
     x, nx = codes_of(first)
     y, ny = codes_of(second)
     n = len(x)
@@ -138,7 +138,7 @@ def shuffled_inside(x: _Ints, block: _Ints, rows: int, draw: np.random.Generator
 
 
 def joint_counts(mixed: _Ints, y: _Ints, sizes: tuple[int, int]) -> _Ints:
-    """Return how often each first value goes with each second one, per row of first values: (rows, nx, ny)."""
+    """Return the joint counts of first and second values, per row of first values: (rows, nx, ny)."""
     (rows, _), (nx, ny) = mixed.shape, sizes
     cells = mixed * ny + y + (np.arange(rows) * (nx * ny))[:, None]
     return np.bincount(cells.ravel(), minlength=rows * nx * ny).reshape(rows, nx, ny)
@@ -189,14 +189,14 @@ def _permuted_bits(
 def strongest_of(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> list[Association]:
-    """Return how each of several features goes with an outcome, as :func:`features_test` finds it."""
+    """Return the association of each of several features with an outcome, as :func:`features_test` finds it."""
     return features_test(presence, outcome, draw)[0]
 
 
 def features_test(
     presence: npt.NDArray[np.bool_], outcome: Sequence[Hashable], draw: np.random.Generator
 ) -> tuple[list[Association], _Floats]:
-    """Return how each of several features goes with an outcome, with p-values that count all features at once.
+    """Return the association of each of several features with an outcome; p-values account for all features.
 
     The p-value is the share of the permutations of the outcome in which any feature reaches as much (Westfall and
     Young's single-step maximum).
@@ -204,7 +204,7 @@ def features_test(
     Args:
         presence: (episodes, features) whether an episode has a feature.
         outcome: The outcome of each episode.
-        draw: Where permutations are drawn from.
+        draw: Random generator of the permutations.
 
     Returns:
         The associations, and per permutation the most mutual information of any feature [bit], (PERMUTATIONS,).

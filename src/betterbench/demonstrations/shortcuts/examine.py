@@ -1,4 +1,4 @@
-"""The shortcut audit: what goes together in a dataset beyond chance, and which variations take it apart."""
+"""Shortcut audit: associations in a dataset beyond chance, and the variations that break them."""
 
 from __future__ import annotations
 
@@ -88,8 +88,12 @@ _MOST_SHOWN = 80
 """Most characters of an instruction in a finding."""
 
 Verdict = Literal["shortcut", "regularity", "none"]
-"""What was found: a rule that some variation breaks, or a stranger's test could; one that every variation of the task
-keeps, such as what a word means; or nothing beyond chance and :data:`STRONG`."""
+"""Verdict on a question.
+
+"shortcut" is a rule that some variation breaks, or that a test of an external dataset could break. "regularity" is a
+rule that every variation of the task keeps, such as the meaning of a word. "none" means that nothing was found beyond
+chance and :data:`STRONG`.
+"""
 
 Rules = Mapping[str, Counter[str]]
 """Per first value how often each second value was seen with it."""
@@ -97,12 +101,12 @@ Rules = Mapping[str, Counter[str]]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What the data say to one question.
+    """Answer of the data to one question: test statistics, verdict and the rules found.
 
     Attributes:
         question: Name of the question.
-        title: What was asked.
-        subject: The word that it is about, "" for questions about all things.
+        title: The question in words.
+        subject: The word that it is about, "" for questions about all objects.
         bits: Mutual information [bit].
         strength: 0 to 1, see :class:`~betterbench.demonstrations.shortcuts.association.Association`; of whole
         instructions, see
@@ -110,11 +114,11 @@ class Finding:
         p_value: Of the permutation test; None where there is nothing to permute.
         p_adjusted: The same, times the number of questions that were tested and are corrected together.
         n: Observations.
-        verdict: What follows.
-        rules: What a learner could go by, for people.
+        verdict: Conclusion, see :data:`Verdict`.
+        rules: Rules that a learner could follow, in words.
         seen: The same as counts: how often each second value was seen with each first one.
         separating: Variations whose right behavior breaks the rule, with the observation that does.
-        meaning: Why the words mean what they go with, so that the rule is a regularity; "" if no reason is known.
+        meaning: Reason why the words mean this outcome, so that the rule is a regularity; "" if no reason is known.
     """
 
     question: str
@@ -134,15 +138,15 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class GroupAudit:
-    """The findings on one task, or on one stranger's dataset.
+    """Findings on one task, or on one external dataset.
 
     Attributes:
         group: Name of the task or of the dataset.
         episodes: Demonstrations, or segments of some.
-        findings: What was found.
-        notes: What could not be asked, and why.
+        findings: Answers of the data, one per question.
+        notes: Questions that could not be asked, with the reason.
         smallest: Per question the smallest rule that would have been found with so many demonstrations.
-        asked: What was tested, and what could not be and why.
+        asked: Tested and untested questions.
     """
 
     group: str
@@ -163,7 +167,7 @@ class GroupAudit:
 
     @property
     def shortcuts(self) -> tuple[Finding, ...]:
-        """What a learner could go by and some variation breaks."""
+        """Findings of rules that a learner could follow and that some variation breaks."""
         return tuple(f for f in self.findings if f.verdict == "shortcut")
 
 
@@ -172,10 +176,10 @@ class ShortcutAudit:
     """The audit of a dataset.
 
     Attributes:
-        source: What was audited.
+        source: The audited data.
         facts_sha256: Hash of the facts that it rests on.
         groups: One per task.
-        reading: How the data were read.
+        reading: Description of the data that were read.
     """
 
     source: str
@@ -198,12 +202,12 @@ def facts_hash(episodes: Sequence[EpisodeFacts]) -> str:
 
 
 def audit_dataset(source: str, episodes: Sequence[EpisodeFacts], reading: DataReading | None = None) -> ShortcutAudit:
-    """Return what goes together in a dataset; a function of the facts alone.
+    """Return the audit of a dataset, which depends on its facts only.
 
     Args:
-        source: What is audited.
-        episodes: What its demonstrations show.
-        reading: How they were read, which the audit repeats.
+        source: Name of the audited data.
+        episodes: Facts of its demonstrations.
+        reading: Description of the data that were read; it becomes part of the audit.
 
     Raises InvalidInputError if there is no group with enough demonstrations.
     """
@@ -229,8 +233,8 @@ class _Raw:
     """A finding before the correction.
 
     Attributes:
-        finding: What was found.
-        rules: What it rests on.
+        finding: The finding, with the uncorrected p-value.
+        rules: Counts on which it rests.
         certain: Whether one of the rules holds always, or nearly.
         parts: Of a question about words, the words of the one or of the two that it is about.
         columns: Numbers of these words.
@@ -245,12 +249,12 @@ class _Raw:
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """A group of demonstrations, what was found in it and what was asked.
+    """Group of demonstrations, with its questions and findings.
 
     Attributes:
-        pairs: What was asked about pairs of words.
+        pairs: Questions about pairs of words.
         planted: Data with planted rules, for each question with a permutation test.
-        asked: What was tested, and what could not be.
+        asked: Tested and untested questions.
     """
 
     name: str
@@ -274,7 +278,7 @@ class _Asked:
 
 @dataclass(frozen=True, slots=True)
 class _AskedPairs:
-    """A question about pairs of words: of how many demonstrations, pairs and outcomes."""
+    """Question about pairs of words, with its number of demonstrations, pairs and outcomes."""
 
     question: str
     title: str
@@ -299,7 +303,7 @@ def _draw(group: str, question: str) -> np.random.Generator:
 
 
 def _answer(group: _Group, q: Question, handled: frozenset[str]) -> _Raw | None:
-    """Return what a question about named things found, or None where there is nothing to ask."""
+    """Return the answer to a question about named objects; None if one of the two variables never differs."""
     seen = [pair for facts in group.episodes for pair in q.pairs(facts, handled)]
     if len({x for _, x, _ in seen}) < 2 or len({y for _, _, y in seen}) < 2:
         named = any(facts.privileged for facts in group.episodes)
@@ -330,7 +334,7 @@ class _Said:
 
     Attributes:
         words: The words of each, apart.
-        shown: How each is shown.
+        shown: Text of each.
         presence: (episodes, words) in which episodes each is said.
     """
 
@@ -374,7 +378,7 @@ def _said_in(known: Sequence[EpisodeFacts], notes: list[str]) -> _Said:
 
 
 def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
-    """Return what the words of the instructions, pairs of them and whole instructions say about one outcome."""
+    """Return the findings of words, pairs of words and whole instructions on one outcome."""
     known = [facts for facts in group.episodes if outcome.of(facts)]
     outcomes = [outcome.of(facts) for facts in known]
     if len(set(outcomes)) < 2:
@@ -396,7 +400,7 @@ def _answers_about_words(group: _Group, outcome: WordOutcome) -> list[_Raw]:
 def _answers_about_single_words(
     group: _Group, outcome: WordOutcome, said: _Said, outcomes: Sequence[str]
 ) -> list[_Raw]:
-    """Return what each word says about an outcome; words that are always said together are one."""
+    """Return the finding of each word on an outcome; words that always occur together count as one."""
     question, title = outcome.question(WORDS), outcome.title(WORDS)
     if not said.words:
         reason = "no word is said in some demonstrations and not in others"
@@ -456,13 +460,13 @@ def _answers_about_instructions(
     data: tuple[Sequence[EpisodeFacts], _Said, Sequence[str]],
     found: Sequence[_Raw],
 ) -> list[_Raw]:
-    """Return what whole instructions say about an outcome beyond what was found of their words and pairs.
+    """Return the findings of whole instructions on an outcome beyond those of their words and pairs.
 
     Args:
         group: The group.
         outcome: The outcome.
         data: The demonstrations that have it, the words that they say, and the outcome of each.
-        found: What was found of words and pairs.
+        found: Findings on words and pairs.
     """
     question, title = outcome.question(WHOLE), outcome.title(WHOLE)
     known, said, outcomes = data
@@ -516,7 +520,7 @@ def _picking_words(episodes: Sequence[EpisodeFacts]) -> frozenset[str]:
 
 
 def _together(both: npt.NDArray[np.bool_], codes: npt.NDArray[np.int64], kinds: int, pair: WordPair) -> Association:
-    """Return how the presence of both words goes with an outcome, with the p-value of the pair."""
+    """Return the association of the presence of both words with an outcome, with the p-value of the pair."""
     joint = np.array([np.bincount(codes[both == there], minlength=kinds) for there in (False, True)], dtype=np.float64)
     hx, hy = entropy_bits(joint.sum(axis=1)), entropy_bits(joint.sum(axis=0))
     bits = max(0.0, hx + hy - entropy_bits(joint.ravel()))
@@ -576,7 +580,7 @@ def _least_share_of_pairs(asked: _AskedPairs, tests: int) -> float | None:
 
 
 def _constants(episodes: Sequence[EpisodeFacts]) -> list[_Raw]:
-    """Return what never differs: where a landmark stands, how many things there are, or the first place of all."""
+    """Return findings on constants: the place of a landmark, the number of objects, or the first place of all."""
     raw = []
     slots: dict[str, Counter[str]] = {}
     for facts in episodes:
@@ -641,7 +645,10 @@ def _judged(groups: Sequence[_Group]) -> list[GroupAudit]:
 
 
 def _family(group: _Group, question: str) -> str:
-    """Return which questions are corrected together: of our own sets, those about several words by themselves."""
+    """Return the family of questions whose p-values are corrected together.
+
+    In data of betterbench, questions about several words are a family of their own.
+    """
     own = any(facts.privileged for facts in group.episodes)
     return "several words" if own and question.endswith((PAIRS, WHOLE)) else ""
 
@@ -681,7 +688,7 @@ def _is_part(these: Sequence[Sequence[str]], those: Sequence[Sequence[str]]) -> 
 
 
 def _tests_of(group: str) -> dict[str, EpisodeFacts] | None:
-    """Return what a right policy does in each variation of a task; None if it is no task of ours."""
+    """Return the facts of correct behavior in each variation of a task; None if betterbench has no such task."""
     if group not in task_names():
         return None
     names = [variation.name for variation in get_task(group).variations]
@@ -737,7 +744,7 @@ def _certain(rules: Rules) -> bool:
 
 
 def _breaks(finding: Finding, raw: _Raw, test: EpisodeFacts) -> str:
-    """Return what of a test does not go by a rule, or "" if all of it does."""
+    """Return the part of a test that breaks a rule, in words; "" if nothing does."""
     rules = raw.rules
     if finding.question == COUNT:
         there = str(len(test.standing))

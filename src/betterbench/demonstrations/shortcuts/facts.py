@@ -1,7 +1,7 @@
-"""What the audit looks at: per demonstration the instruction, what was taken from where to where, and what stood where.
+"""Facts of each demonstration for the audit: instruction, objects moved with origin and target, and initial layout.
 
 Facts of records come from their states, facts of a condition from what it asks for, and facts of a stranger's dataset
-from actions, instruction and proprioception: then things have no names, and places are named by where they are.
+from actions, instruction and proprioception: then objects have no names, and places are named by their positions.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ HEADINGS = ("away", "away and left", "left", "back and left", "back", "back and 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ShownStep:
-    """One thing that was taken, and where it was put; a drawer that was moved has no origin.
+    """One manipulation: the object, its origin and its target; a drawer that was moved has no origin.
 
     Attributes:
-        thing: Its kind, "" where it is not known.
+        thing: Kind of the object, "" where it is not known.
         word: The word of the instruction that picks it out, "" where that is not known.
         origin: Place that it was taken from.
         target: Place that it was brought to.
@@ -52,15 +52,15 @@ class ShownStep:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class EpisodeFacts:
-    """What one demonstration shows.
+    """Facts of one demonstration.
 
     Attributes:
         episode: Its name.
-        group: What it is compared with: its task.
-        instruction: What was said.
-        steps: What was done, in time.
-        standing: Kind and place of everything loose that stood on the table at the start.
-        landmarks: Kind and place of what cannot be picked and stands in a slot.
+        group: Group of demonstrations that it is compared with: its task.
+        instruction: Its instruction.
+        steps: Objects moved, in order of time.
+        standing: Kind and place of every loose object on the table at the start.
+        landmarks: Kind and place of every object in a slot that cannot be picked.
         heading: Direction in which the gripper set out, "" where it is not known.
     """
 
@@ -79,7 +79,7 @@ class EpisodeFacts:
 
     @property
     def privileged(self) -> bool:
-        """Whether it is known what stood where."""
+        """Whether the initial layout is known, so that objects have names."""
         return bool(self.standing)
 
     def to_json(self) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def read_facts(form: object, where: str) -> EpisodeFacts:
 
 
 def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
-    """Return what a record shows, from its states and the slots of the condition that it was found to match.
+    """Return the facts of a record, from its states and the slots of the condition that it was found to match.
 
     Args:
         record: The record.
@@ -113,7 +113,7 @@ def facts_of_record(record: Record, condition: Condition) -> EpisodeFacts:
 
 
 def facts_of_condition(condition: Condition) -> EpisodeFacts:
-    """Return what a correct episode of a condition shows; of several objects that a word can mean, the first."""
+    """Return the facts of a correct episode of a condition; of several objects that a word can mean, the first."""
     steps = []
     taken: set[str] = set()
     for goal in condition.instruction.subgoals:

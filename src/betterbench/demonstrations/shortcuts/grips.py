@@ -1,4 +1,4 @@
-"""When a gripper closes and opens, and which of its ends is the closed one."""
+"""Closings and openings of a gripper, and the end of its range at which it is closed."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ _Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Jaws:
-    """How the numbers of a gripper are read.
+    """Range, threshold and polarity of a gripper's values.
 
     Attributes:
         low: Least value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         between: Value between open and closed.
         closed: ``low`` or ``high``.
-        because: Why that side is the closed one.
-        warning: What speaks against it, "" if nothing does.
+        because: Reason why that side is the closed one.
+        warning: Evidence against it, "" if there is none.
     """
 
     low: float
@@ -65,7 +65,7 @@ class Still:
 
 
 def still_ones(grips: Sequence[tuple[Grip, Sequence[_Floats]]], shortest: int) -> list[Still | None]:
-    """Return which grippers never move, and why: those that are constant, and those of an idle arm with noise.
+    """Return the grippers that never move, with the reason: they are constant, or belong to an idle arm with noise.
 
     Noise has less than :data:`IDLE_SHARE` of the range of another gripper of the same column (or of one whose name
     differs in the side alone), or less than that range and changes sides faster than a gripper is closed and opened.
@@ -117,7 +117,7 @@ def _ends(values: _Floats) -> tuple[float, float]:
 
 
 def jaws_of(grip: Grip, episodes: Sequence[_Floats], side: str | None, where: str) -> Jaws:
-    """Return how the numbers of a gripper that moves are read.
+    """Return the range, threshold and polarity of a gripper that moves.
 
     The closed end is told by the name ("width", "closed"), by numbers that are a width in meters, by LeRobot's rule for
     ``gripper.pos`` (0 closed, 100 open), or by where episodes begin. The last two have to agree if both speak.

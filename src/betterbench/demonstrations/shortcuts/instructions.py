@@ -1,4 +1,4 @@
-"""Whole instructions as categories: what an instruction tells about an outcome that its words and pairs do not.
+"""Whole instructions as categories: information about an outcome beyond that of single words and pairs of words.
 
 Three or more words may fix an outcome together, or two words in so few demonstrations that no pair can be tested. A
 test of the whole instruction shows both. Where words or pairs already tell an outcome, demonstrations are compared
@@ -31,7 +31,7 @@ class WholeTest:
         beyond: The association among demonstrations that agree in the words that already tell the outcome.
         share_told: Share of the errors of the best guess from these words that the instruction avoids.
         rows: Numbers of the demonstrations that were compared.
-        instructions: How many different instructions they have.
+        instructions: Number of different instructions that they have.
     """
 
     test: PermutationTest
@@ -44,13 +44,13 @@ class WholeTest:
 def whole_test(
     instructions: Sequence[str], outcomes: Sequence[str], known: Sequence[str], draw: np.random.Generator
 ) -> WholeTest | None:
-    """Return what whole instructions tell about an outcome, or None if there is nothing to compare.
+    """Return the test of whole instructions against an outcome, or None if there is nothing to compare.
 
     Args:
         instructions: Instruction of each demonstration.
         outcomes: Outcome of each demonstration.
         known: For each demonstration, which of the words that already tell the outcome it has, as a text.
-        draw: Where permutations are drawn from.
+        draw: Random generator of the permutations.
     """
     times = Counter(instructions)
     rows = [i for i, text in enumerate(instructions) if times[text] >= FEWEST_SAID]

@@ -1,7 +1,8 @@
-"""What a stranger's LeRobot dataset shows, versions 2.0 to 3.0: instruction, actions and proprioception, and no state.
+"""Facts of an external LeRobot dataset, versions 2.0 to 3.0, from instruction, actions and proprioception.
 
-Objects have no names there. A place is where a gripper closes or opens. Which columns are the instruction, the gripper
-and the place is told by names, and refused where they do not tell; :class:`DataReading` says what was taken.
+Such a dataset has no simulator state, so objects have no names, and a place is a point at which a gripper closes or
+opens. The columns of instruction, gripper and place are recognized by their names; a dataset is refused if these are
+not clear. :class:`DataReading` lists the columns that were chosen.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ _Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What a user says about how a data set is read; what is not given is told by names.
+    """Columns and conventions that a user gives for a data set; the others are recognized by their names.
 
     Attributes:
         instruction: Column with the instruction, of the frames or of the file of tasks.
@@ -87,7 +88,7 @@ class Choices:
 
 @dataclass(frozen=True, slots=True)
 class LeRobotFacts:
-    """What a data set shows, and how it was read."""
+    """Facts of the episodes of a data set, with a description of how they were read."""
 
     facts: tuple[EpisodeFacts, ...]
     reading: DataReading
@@ -99,18 +100,18 @@ def is_lerobot_dataset(path: Path) -> bool:
 
 
 def facts_of_lerobot(path: Path) -> tuple[EpisodeFacts, ...]:
-    """Return what each episode of a LeRobot dataset shows, as :func:`read_lerobot` does with nothing chosen."""
+    """Return the facts of each episode of a LeRobot dataset, as :func:`read_lerobot` does without choices."""
     return read_lerobot(path).facts
 
 
 def read_lerobot(path: Path, choices: Choices | None = None) -> LeRobotFacts:
-    """Return what each episode of a LeRobot dataset shows, or each segment of one whose instruction changes.
+    """Return the facts of each episode of a LeRobot dataset, or of each segment where the instruction changes.
 
     With two arms there is a group of facts for each, and one about which of them closes its gripper first.
 
     Args:
         path: Folder of the data set.
-        choices: What a user says about how it is read.
+        choices: Columns and conventions that the user gives.
 
     Raises:
         InvalidInputError: If the folder is no such dataset, or instruction, gripper or places cannot be told.
@@ -176,7 +177,7 @@ def _says_steps(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class _Said:
-    """Where the instructions stand.
+    """Location of the instructions in a data set.
 
     Attributes:
         column: Column of the frames.
@@ -190,7 +191,7 @@ class _Said:
 
     @classmethod
     def of(cls, path: Path, info: Mapping[str, Any], named: str | None) -> _Said:
-        """Return where they stand: in the file of tasks, or where a user says."""
+        """Return the location of the instructions: the file of tasks, or the column that the user names."""
         features = info["features"]
         texts = [
             name
@@ -212,7 +213,7 @@ class _Said:
 
     @property
     def source(self) -> str:
-        """Where they were read, for people."""
+        """Location of the instructions, in words."""
         if self.tasks is None:
             return f"column {self.column} of the frames"
         return f"{self.tasks.source}, by {self.column} of the frames"
@@ -257,16 +258,16 @@ class _Stretch:
 
     @property
     def length(self) -> int:
-        """How many frames it has."""
+        """Number of its frames."""
         return sum(map(len, self.parts))
 
 
 @dataclass(slots=True)
 class _Scanned:
-    """All episodes that can be read, and what cannot.
+    """Readable episodes of all files, with the counts of those that cannot be used.
 
     Attributes:
-        episodes: Those that can.
+        episodes: The readable ones.
         orders: The files whose rows had to be sorted, with their order.
         short: Episodes of less than two frames.
         silent: Episodes without an instruction.
@@ -283,7 +284,7 @@ class _Scanned:
 
     @property
     def there(self) -> int:
-        """How many episodes the files hold."""
+        """Number of episodes in the files."""
         return len(self.episodes) + self.short + self.silent + sum(map(len, self.odd.values()))
 
 
@@ -443,16 +444,16 @@ def _all(grips: Sequence[Grip], places: Sequence[ArmPlace]) -> Iterator[NamedNum
 
 @dataclass(frozen=True, slots=True)
 class _Arm:
-    """What one arm does in each episode.
+    """Gripper events and positions of one arm, by episode.
 
     Attributes:
         grip: Its gripper.
-        place: Where it is.
-        jaws: How its gripper is read.
+        place: The numbers that give its position.
+        jaws: Range and polarity of its gripper.
         closings: Rows in which the gripper closes, by episode.
         openings: Rows in which it opens.
         share_closed: Share of all rows in which it is closed.
-        points: Where it is, by episode; in the plane of all its rows if these are no positions.
+        points: Its positions by episode; principal components of its numbers if these are not positions.
         span: Range of these points.
     """
 
@@ -468,11 +469,11 @@ class _Arm:
 
     @classmethod
     def of(cls, chosen: tuple[Grip, ArmPlace], jaws: Jaws, episodes: Sequence[_Episode], shortest: int) -> _Arm:
-        """Return what an arm does.
+        """Return the gripper events and positions of an arm.
 
         Args:
             chosen: Its gripper and its place.
-            jaws: How its gripper is read.
+            jaws: Range and polarity of its gripper.
             episodes: The numbers of all episodes.
             shortest: Rows for which a gripper is closed or open at least.
         """
@@ -556,12 +557,12 @@ def _facts_on_arms(group: str, arms: Sequence[_Arm], episodes: Sequence[_Episode
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """All that was read of a data set, to be told.
+    """Contents of a data set and the choices made in reading it, for the report on the reading.
 
     Attributes:
         still: The grippers that never move, with the reason.
         odd: Episodes that were left out for their numbers, by the reason.
-        not_drawn: How many episodes were left out by the sample.
+        not_drawn: Number of episodes that were left out by the sample.
     """
 
     info: Mapping[str, Any]
@@ -583,7 +584,7 @@ class _Read:
 
 
 def _reading(read: _Read) -> DataReading:
-    """Return how a data set was read."""
+    """Return the description of the data that were read."""
     segments, episodes = sum(len(e.stretch.segments) for e in read.episodes), len(read.episodes)
     observations = ""
     if segments > episodes:

@@ -1,4 +1,7 @@
-"""Which numbers of a LeRobot dataset are its grippers and the places of its arms: told by names, or refused."""
+"""Choice of the numbers of a LeRobot dataset that give its grippers and the positions of its arms, by their names.
+
+The dataset is refused if the names are not clear.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,7 @@ from betterbench.errors import InvalidInputError, one_line
 
 MOST_SHOWN = 8
 STEPS = "+"
-"""What stands before a number of ``--place`` whose sum is a place."""
+"""Prefix of a number of ``--place`` that is a step: its sum over time is the position."""
 
 _ACTIONS = ("action", "actions")
 _STATES = ("observation.state", "state")
@@ -28,11 +31,11 @@ _NO_STATE = {"environment", "env", "images", "image", "goal", "target", "object"
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """The numbers of a data set, with what each of them is.
+    """Numbers of a data set, with the role of each of them.
 
     Attributes:
         numbers: By column.
-        parts: What they are, likewise.
+        parts: Their roles, likewise.
         where: File that names them.
         steps: Whether the actions are known to be steps of the tool, so that their sums are places.
     """
@@ -67,7 +70,7 @@ class Columns:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """The number that tells how far the gripper of an arm is closed, and why that one."""
+    """Number that measures how far the gripper of an arm is closed, with the reason for its choice."""
 
     arm: str
     number: NamedNumber
@@ -76,7 +79,7 @@ class Grip:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlace:
-    """The numbers that tell where an arm is, what they are (as in ``PlaceReading``), and why these."""
+    """Numbers that give the position of an arm, their kind (as in ``PlaceReading``), and the reason for the choice."""
 
     arm: str
     numbers: tuple[NamedNumber, ...]
@@ -192,7 +195,7 @@ def _span(count: int) -> str:
 
 
 def choose_places(columns: Columns, grips: Sequence[Grip], named: Sequence[str]) -> tuple[ArmPlace, ...]:
-    """Return where the arm of each gripper is: as a user says, by positions of its end effector, or by its joints.
+    """Return the numbers that locate the arm of each gripper: the user's, end-effector positions, or joints.
 
     Raises:
         InvalidInputError: If an arm has no such numbers, or two sets of them.

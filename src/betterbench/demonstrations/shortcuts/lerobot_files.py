@@ -1,4 +1,4 @@
-"""The files of a LeRobot dataset, versions 2.0 to 3.0: what describes it, its instructions, and its frames.
+"""Files of a LeRobot dataset, versions 2.0 to 3.0: its description, instructions and frames.
 
 Files are laid out as huggingface/lerobot 0.4 writes them. They are a stranger's: their sizes are bounded before they
 are read, a pipe is not waited for, and a pointer of Git LFS in the place of a file is named as such.
@@ -27,7 +27,7 @@ from betterbench.json_form import open_ordinary, parse_json, read_bounded, read_
 
 CURE = "Give the folder of a LeRobot dataset, which has meta/info.json and data"
 POINTER = b"version https://git-lfs.github.com/spec/"
-"""How a pointer of Git LFS begins."""
+"""First bytes of a Git LFS pointer file."""
 FETCH = "It is a pointer of Git LFS, and the file itself was not fetched. Run git lfs pull in the dataset"
 
 MOST_ROWS = 20_000_000
@@ -56,7 +56,7 @@ _Ints = npt.NDArray[np.int64]
 
 
 def is_pointer(path: Path) -> bool:
-    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is no ordinary file."""
+    """Tell whether a file is a pointer of Git LFS; False if it cannot be read or is not an ordinary file."""
     try:
         with open_ordinary(path) as file:
             return file.read(len(POINTER)) == POINTER
@@ -95,7 +95,7 @@ class Tasks:
 
     Attributes:
         texts: By number; None where a number has no text.
-        source: Where they were read.
+        source: File that they were read from.
         others: Columns beside the one that was read.
     """
 
@@ -279,7 +279,7 @@ class Frames:
 
 @contextmanager
 def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
-    """Open a table of a stranger: a text that many of its rows have is read once, and not once for each of them."""
+    """Open a table of external data; a text that many rows share is stored once, not once per row."""
     _require_file(file)
     with open_ordinary(file) as opened:
         with pq.ParquetFile(opened) as table:

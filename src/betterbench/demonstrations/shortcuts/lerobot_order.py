@@ -104,7 +104,7 @@ class EpisodePart:
         return cls(file, start, stop, order.key, float(frames[0]), float(frames[-1]), bool(np.isfinite(frames).all()))
 
     def __len__(self) -> int:
-        """How many rows it has."""
+        """Return the number of rows."""
         return self.stop - self.start
 
 

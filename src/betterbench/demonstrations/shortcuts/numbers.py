@@ -1,4 +1,4 @@
-"""The numbers of a stranger's data set by name: which are a gripper, positions of an end effector, or joints.
+"""Recognition of the numbers of an external data set by name: gripper, end-effector position, or joint.
 
 A number is told by its name in ``meta/modality.json``, by its name in ``meta/info.json``, or by the name of its column,
 in this order. Position in a vector tells nothing: the last number may be a waist or a thumb.
@@ -52,10 +52,10 @@ class NamedNumber:
 
     Attributes:
         column: Name of the column.
-        index: Which of its numbers.
+        index: Position of the number in the column.
         name: Its name in ``meta/info.json``, "" if it has none.
         labels: Its names, the one that says most first.
-        by: Where each of these names comes from.
+        by: Source of each of these names.
     """
 
     column: str
@@ -72,14 +72,14 @@ class NamedNumber:
 
 @dataclass(frozen=True, slots=True)
 class NumberRole:
-    """What a number is, and of which arm.
+    """Physical quantity of a number, and the arm that it belongs to.
 
     Attributes:
         kind: ``gripper``, ``finger``, ``hand``, ``x``, ``y``, ``z``, ``joint``, ``body``, ``other``; "" if no name
             tells.
         arm: ``left``, ``right``, a number as text, or "" if no name tells.
-        by: Where the name comes from.
-        kinds: What each of its labels says.
+        by: Source of the name.
+        kinds: Kind by each of its labels.
     """
 
     kind: str
@@ -160,7 +160,7 @@ def columns_of(features: Mapping[str, Any], modality: Mapping[str, Any]) -> dict
 
 
 def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
-    """Return what ``meta/modality.json`` calls each number of a column."""
+    """Return the names in ``meta/modality.json`` by column and number."""
     found: dict[tuple[str, int], str] = {}
     for kind, usual in (("state", "observation.state"), ("action", "action")):
         entries = modality.get(kind)
@@ -177,7 +177,7 @@ def _spans(modality: Mapping[str, Any]) -> dict[tuple[str, int], str]:
 
 
 def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
-    """Return what each number of a column is."""
+    """Return the role of each number of a column."""
     sets = [_parts(numbers, level) for level in range(3)]
     parts = []
     for i, number in enumerate(numbers):
@@ -192,7 +192,7 @@ def parts_of(numbers: Sequence[NamedNumber]) -> list[NumberRole]:
 
 
 def _parts(numbers: Sequence[NamedNumber], level: int) -> list[str]:
-    """Return what each number is by its label of one level."""
+    """Return the kind of each number by its label of one level."""
     labels = [number.labels[level] if level < len(number.labels) else "" for number in numbers]
     kinds = [_kind(label) for label in labels]
     # Positions that are numbered and not named: the first three of a row with the same name are x, y and z.

@@ -40,7 +40,7 @@ def audit_lines(audit: ShortcutAudit) -> list[str]:
 
 
 def _reading_lines(reading: DataReading) -> list[str]:
-    """Return the paragraph with which an audit begins; a stranger's names are no markup."""
+    """Return the paragraph with which an audit begins; names from external data are escaped."""
     return [markdown_text(reading.paragraph)]
 
 

@@ -85,7 +85,7 @@ def _corrected(pairs: Sequence[WordPair]) -> list[WordPair]:
 
 
 def _elements(presence: _Bools) -> _Ints:
-    """Return the features that are no two others together."""
+    """Return the features that are not the conjunction of two others."""
     columns = [np.packbits(column).tobytes() for column in presence.T]
     counts = presence.sum(axis=0)
     order = np.argsort(-counts, kind="stable")[: 2 * MOST_WORDS]

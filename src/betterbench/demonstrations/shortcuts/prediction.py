@@ -1,4 +1,4 @@
-"""The prediction: which variations a learner of a dataset fails, and how, said before anyone trains on it.
+"""Prediction of the variations that a learner of a dataset fails and of the failure labels, made before training.
 
 It follows from the audit alone. A variation that breaks what the data let a learner go by is at risk, the more rules it
 breaks and the stronger they are; one that breaks none is not.
@@ -77,7 +77,10 @@ LABELS: Mapping[str, tuple[Label, ...]] = {
     "bystander_place": (_CAUSAL, _LAYOUT),
     COUNT: (_PHASE, _CAUSAL),
 }
-"""How a learner that goes by a rule fails, the likeliest first; only what a variation can bring out is said of it."""
+"""Labels of the failures of a learner that follows a rule, by question, the likeliest first.
+
+A variation is given only those labels that it can bring out.
+"""
 
 NAMESPACE = "betterbench-prediction"
 """Namespace of signatures made by ``ssh-keygen -Y``."""
@@ -91,7 +94,7 @@ _Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What is predicted of one variation.
+    """Prediction for one variation.
 
     Attributes:
         rank: Place in the ranking, from 1: the likeliest failure.
@@ -115,7 +118,7 @@ class Prediction:
     """The ranking of all variations, for one dataset.
 
     Attributes:
-        source: What was audited.
+        source: The audited data.
         facts_sha256: Hash of the facts that were found in it.
         dataset_sha256: Hash of the demonstrations, "" where there is none.
         tasks: Tasks that the data demonstrate.
@@ -153,7 +156,7 @@ _FORM = TypeAdapter(Prediction)
 
 
 def predict(audit: ShortcutAudit, *, dataset_sha256: str = "") -> Prediction:
-    """Return which variations of the audited tasks a learner of the dataset fails, the likeliest failure first.
+    """Return the predicted failures of a learner of the dataset on the audited tasks, the likeliest first.
 
     Raises InvalidInputError if no audited group is a task that is known here.
     """

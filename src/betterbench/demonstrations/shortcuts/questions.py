@@ -1,4 +1,4 @@
-"""What the audit asks of a dataset: which two things could go together, and what each demonstration says of them."""
+"""Questions of the audit: pairs of variables that may be associated, and their values in a demonstration."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from betterbench.demonstrations.shortcuts.facts import EpisodeFacts
 from betterbench.demonstrations.shortcuts.words import instruction_words
 
 Pair = tuple[str, str]
-"""What goes together with what in one observation."""
+"""Values of the two variables of a question in one observation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One thing that a learner could go by.
+    """Question whether two variables are associated, so that a learner could infer one from the other.
 
     Attributes:
         name: Its name in files.
-        title: What is asked, for people.
-        rule: How a finding is worded: what is known, and what follows from it.
+        title: The question in words.
+        rule: Text of a finding, with the first value as ``{x}`` and the second, which follows from it, as ``{y}``.
         pairs: The observations of a demonstration; the kinds that are ever handled, or None to leave out none.
         within: Whether observations are exchanged within a demonstration and not between demonstrations.
         either_way: Whether the second value also tells the first.
@@ -34,7 +34,7 @@ class Question:
 
 
 def handled_kinds(episodes: Iterable[EpisodeFacts]) -> frozenset[str]:
-    """Return the kinds of thing that are ever taken from a place."""
+    """Return the kinds of object that are ever taken from a place."""
     return frozenset(step.thing for facts in episodes for step in facts.steps if step.thing and step.origin)
 
 
@@ -99,19 +99,19 @@ QUESTIONS = (
     Question("thing_target", "thing and target", "{x} is brought to {y}", _thing_target),
     Question("landmark_place", "place of the target and of things", "with {x}, things stand at {y}", _landmark_place),
 )
-"""The questions about named things; those of a stranger's dataset have no names, and only its words are asked about."""
+"""The questions about named objects; in an external dataset objects have no names, so only its words are tested."""
 
 
 @dataclass(frozen=True, slots=True)
 class WordOutcome:
-    """What a demonstration does, which words may tell.
+    """Outcome of a demonstration that words of its instruction may predict.
 
     Attributes:
         name: Name of the question about single words.
-        what: The outcome, for people.
-        rule: How a finding is worded, with the outcome as ``{y}``.
+        what: The outcome in words.
+        rule: Text of a finding, with the outcome as ``{y}``.
         of: The outcome of a demonstration, "" if it has none.
-        missing: Why no demonstration may have the outcome.
+        missing: Reason why no demonstration may have the outcome.
         is_place: Whether it is a place, a direction or a side, which a word such as "left" may mean.
     """
 
@@ -157,7 +157,7 @@ def _sequence(facts: EpisodeFacts) -> str:
 
 
 COUNT, LANDMARK = "count", "landmark"
-"""The questions whether the number of things at the start, or the place of a landmark, ever differs.
+"""Names of the questions whether the number of objects at the start, or the place of a landmark, ever differs.
 
 They are no associations and need no test.
 """
@@ -167,7 +167,7 @@ FIRST_OBJECT, SEQUENCE, ARM = "words_first_object", "words_order", "words_arm"
 comes first, in which order, and which arm."""
 
 WORDS, PAIRS, WHOLE = "", "_together", "_whole"
-"""What follows the name of a question about words in that about words, pairs of them and whole instructions."""
+"""Suffixes of the names of questions about single words, pairs of words and whole instructions."""
 _LEVELS = {WORDS: "words", PAIRS: "two words", WHOLE: "whole instruction"}
 
 _NO_GRASP = "no demonstration has it"

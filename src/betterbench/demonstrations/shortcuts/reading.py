@@ -1,4 +1,4 @@
-"""How an audit read its data: which episodes, instructions, grippers and places, and what it left out."""
+"""Description of the data of an audit: episodes, instructions, grippers and places that were read or left out."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.statistics.wording import plural
 
 @dataclass(frozen=True, slots=True)
 class GripperReading:
-    """Where the motion of one gripper was read, and what it does.
+    """Source, range and polarity of the values of one gripper.
 
     Attributes:
         arm: Arm that it belongs to, "" if there is one alone.
@@ -18,7 +18,7 @@ class GripperReading:
         low: Least value, without the lowest 1 %.
         high: Largest value, without the highest 1 %.
         closed: Side on which the gripper is closed: ``low`` or ``high``.
-        because: Why that side.
+        because: Reason for that side.
         share_closed: Share of all frames in which it is closed.
         never: Episodes in which it never closes.
     """
@@ -35,12 +35,12 @@ class GripperReading:
 
 @dataclass(frozen=True, slots=True)
 class PlaceReading:
-    """Where the places of one arm were read.
+    """Source of the places of one arm.
 
     Attributes:
         arm: Arm that they belong to, "" if there is one alone.
         source: Columns and numbers that were read, and why these.
-        space: What the numbers of a place are: ``position``, ``joints`` (two principal components of the joints),
+        space: Kind of the numbers of a place: ``position``, ``joints`` (two principal components of the joints),
             ``numbers`` (likewise, of numbers without names) or ``steps`` (sums of the actions).
     """
 
@@ -51,18 +51,18 @@ class PlaceReading:
 
 @dataclass(frozen=True, slots=True)
 class DataReading:
-    """How an audit read its data.
+    """Description of the data that an audit read.
 
     Attributes:
         episodes: Episodes that were read.
         of: Episodes that the data set says it has.
-        observations: What was compared: episodes, or segments of them with one instruction each.
-        instruction: Where instructions were read, and how many there are.
+        observations: Unit of comparison: episodes, or segments of them with one instruction each.
+        instruction: Source of the instructions, and their number.
         grippers: One per arm; of our own records none, because their states tell what was grasped.
         places: One per arm.
         about: Sentences on sources that need none of these.
-        left_out: What was not read, and why.
-        warnings: What may make the findings wrong.
+        left_out: Data that were not read, with the reason.
+        warnings: Possible reasons for wrong findings.
     """
 
     episodes: int

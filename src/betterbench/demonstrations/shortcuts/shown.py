@@ -1,4 +1,4 @@
-"""What a record shows, told from its first state and its instruction and not from what it is called."""
+"""Facts of a record, from its first state and its instruction and not from the name of its condition."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.interventions.listed_regimes import every_listed_conditio
 from betterbench.tasks.relations.closed import GAP, opening_m
 
 SETTLED_M = 0.005
-"""How far something may stand outside the jitter region of its slot after it has settled [m]."""
+"""Largest distance of a settled object from the jitter region of its slot [m]."""
 AT_TARGET_M = 0.20
 """Horizontal distance from its target within which something that was put there before lies [m]."""
 
@@ -100,7 +100,7 @@ def facts_of_run(
 
 
 def reading_of_run(facts: Sequence[EpisodeFacts], trials: int) -> DataReading:
-    """Return how the demonstrations of a run are read, of which some trials were successful."""
+    """Return the description of the data of a run, of which some trials were successful."""
     left = trials - len(facts)
     return DataReading(
         len(facts),

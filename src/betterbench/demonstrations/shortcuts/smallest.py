@@ -1,4 +1,4 @@
-"""The smallest rule that an audit would have found: what as few demonstrations as these could not have shown.
+"""Smallest rule that an audit would have found: the sensitivity that the number of demonstrations allows.
 
 Planted data answer it. They keep the counts of the real ones (who says what how often, what happens how often) and so
 the same permutations, the same correction and the same threshold. In a share of the demonstrations the outcome follows
@@ -43,16 +43,16 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], bool]
-"""Whether a weak association counts all the same, because some value is a sure sign; from the joint counts (nx, ny)."""
+"""Test on joint counts (nx, ny): whether a weak association counts because some value is a sure sign."""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleCounts:
-    """Which significant associations an audit reports.
+    """Criterion by which an audit reports a significant association.
 
     Attributes:
-        strong: Strength from which all count.
-        certain: Which weaker ones count.
+        strong: Strength from which every association counts.
+        certain: Test whether a weaker one counts.
     """
 
     strong: float
@@ -65,15 +65,15 @@ class SmallestRule:
 
     Attributes:
         question: Name of the question.
-        title: What was asked.
+        title: The question in words.
         n: Demonstrations, or observations in them, that the test compares.
-        noun: What these are called.
+        noun: Name of these observations.
         least_share: Smallest share of them in which the rule decides the outcome, chance deciding the others, so that
             the audit finds it in at least :data:`POWER` of all data sets with these counts; None if not even a rule
             without an exception is found.
         strong_share: Smallest share from which a rule is strong enough to count, as often, if nothing is asked of its
             p-value: what more demonstrations would find.
-        sentence: What ``least_share`` says, in words.
+        sentence: Meaning of ``least_share``, in words.
     """
 
     question: str
@@ -100,7 +100,7 @@ def smallest_rule(
 
 
 def said_of(share: float | None, of: str) -> str:
-    """Return what a share means in words."""
+    """Return the meaning of a share, in words."""
     if share is None:
         return f"with {of}, not even a rule without an exception would be found"
     if share >= 1.0:
@@ -128,7 +128,7 @@ class Planted:
         y: (n,) outcome of each observation.
         perfect: (n,) first values arranged so that they decide the outcomes as far as their counts allow.
         block: (n,) number of the unit of each observation: what the rule holds or does not hold for.
-        sizes: How many first and second values there are.
+        sizes: Numbers of different first and second values.
         within: Whether first values are exchanged inside each unit, or between units.
         null: (PERMUTATIONS,) what the test compares with [bit].
         expected: Mutual information by chance [bit].
@@ -210,7 +210,7 @@ def planted_word(presence: _Bools, outcome: Sequence[Hashable], found: Sequence[
     Args:
         presence: (episodes, words) whether an episode says a word.
         outcome: The outcome of each episode.
-        found: What was found of each word.
+        found: Finding on each word.
         null: (PERMUTATIONS,) the most mutual information of any word [bit].
     """
     y, kinds = codes_of(outcome)

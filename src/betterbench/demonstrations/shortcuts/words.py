@@ -26,7 +26,7 @@ _VARIATION = re.compile("[\ufe00-\ufe0f\u200d\u200b\u2060\ufeff]")
 
 
 def instruction_words(text: str) -> frozenset[str]:
-    """Return the words of a text, whatever their case and their form in Unicode."""
+    """Return the words of a text, independent of case and Unicode form."""
     return frozenset(word for run, spaced in _runs(text) for word in ((run,) if spaced else _grams(run)))
 
 

@@ -21,7 +21,7 @@ SIZE_PX = 256
 LATE_S = 1.0
 """Age of a wanted image from which it is called late [s]."""
 STOP_S = 0.5
-"""How long an image under way is waited for at the end [s]."""
+"""Longest wait for an image under way when the thread is closed [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class _Frame:
 
 
 class CameraThread:
-    """Draws the newest state that it was given, and drops the others."""
+    """Thread that draws the newest state that it was given, and drops the others."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class CameraThread:
 
     @property
     def late_s(self) -> float:
-        """How long images have been waited for [s], 0 while they come in time or none are drawn."""
+        """Time that images have been waited for [s]; 0 while they come in time or none are drawn."""
         since = self._waits_since
         if since is None or not self._thread.is_alive():
             return 0.0

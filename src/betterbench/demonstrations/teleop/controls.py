@@ -1,7 +1,7 @@
-"""What the operator asks for, gathered from browser and devices between control steps; callable from any thread.
+"""Inputs of the operator, collected from browser and devices between control steps; callable from any thread.
 
 One page drives, the first that is opened; others look on until one of them takes over. Nothing that a page or a device
-sends can block or break the loop: what cannot be read is told in one line, and held keys that are not renewed lapse.
+sends can block or break the loop: unreadable input is reported in one line, and held keys that are not renewed lapse.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from betterbench.geometry import Pose
 from betterbench.json_form import read_form
 
 Tap = Literal["gripper", "undo", "restart", "save", "discard"]
-"""What happens once per press."""
+"""Actions that a press of a button or key triggers once."""
 TAPS: tuple[str, ...] = get_args(Tap)
 
 HELD_FOR_S = 0.6
 """Time after which held keys and axes that were not renewed count as let go [s]; the page renews them every 0.2 s."""
 MARK = "better-teleop:"
-"""What the text begins with that the page sends."""
+"""Prefix of the text that the page sends."""
 DEAD_ZONE = 0.12
 """Deflection of an axis below which it counts as at rest."""
 MOST_TAPS = 32
@@ -50,13 +50,13 @@ KEYS: dict[str, tuple[int, float]] = {
 """Component and sign of each key that pushes: forward, left, up, roll, pitch and yaw, seen from the viewer."""
 TAP_KEYS: dict[str, Tap] = {"Space": "gripper", "KeyZ": "undo", "Enter": "save"}
 SLOW = 0.25
-"""What holding Shift leaves of the speed."""
+"""Share of the speed while Shift is held."""
 
 _Number = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 
 class _Sent(BaseModel, extra="forbid", allow_inf_nan=False):
-    """What the page sends: keys held, how often each tap was made since it was opened, and axes in [-1, 1]."""
+    """Message of the page: keys held, count of each tap since the page was opened, and axes in [-1, 1]."""
 
     held: Annotated[list[Annotated[str, Field(max_length=20)]], Field(max_length=20)] = []
     taps: dict[Annotated[str, Field(max_length=20)], Annotated[int, Field(ge=0)]] = {}
@@ -70,13 +70,13 @@ _SENT = TypeAdapter(_Sent)
 
 @dataclass(frozen=True, slots=True)
 class ControlInput:
-    """What was asked for since the last control step.
+    """Input of the operator since the last control step.
 
     Attributes:
         taps: Buttons and keys, in order.
-        drag: Where the gizmo was dragged, or where a leader arm is; None if nowhere.
+        drag: Pose to which the gizmo was dragged, or the pose of a leader arm; None without either.
         is_dragging: Whether the gizmo is still held.
-        push: How hard the tool is pushed: forward, left, up, roll, pitch and yaw as the viewer sees it, each in
+        push: Deflections that push the tool: forward, left, up, roll, pitch and yaw as the viewer sees it, each in
             [-1, 1].
         closed: Whether a leader arm holds its gripper closed; None without one.
         driver: Number of the page that drives; None while no page is open.
@@ -98,12 +98,12 @@ class _Push:
 
 @dataclass(slots=True)
 class Controls:
-    """Gathers what is asked for; ``take`` is called once per control step."""
+    """Collector of the operator's input; ``take`` is called once per control step."""
 
     driver: int | None = None
     """Number of the page that drives."""
     problems: list[str] = field(default_factory=list)
-    """What could not be read, one line each, until it is taken."""
+    """Reports of unreadable input, one line each, until they are taken."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _pages: list[int] = field(default_factory=list)
     _taps: list[Tap] = field(default_factory=list)
@@ -212,12 +212,12 @@ class Controls:
             self._tool, self._drag = tool, None
 
     def grip(self) -> tuple[int, Pose | None]:
-        """Return how often a leader arm had to take hold, and where the tool was sent then; None before the start."""
+        """Return how often a leader arm had to take hold, and the tool's target at that time; None before the start."""
         with self._lock:
             return self._grip, self._tool
 
     def take(self, now_s: float) -> ControlInput:
-        """Return what was asked for since the last call."""
+        """Return the operator's input since the last call."""
         with self._lock:
             for device in [d for d, push in self._pushes.items() if now_s - push.at_s > HELD_FOR_S]:
                 del self._pushes[device]
@@ -228,7 +228,7 @@ class Controls:
             return asked
 
     def take_problems(self) -> list[str]:
-        """Return what could not be read since the last call."""
+        """Return the reports of unreadable input since the last call."""
         with self._lock:
             found, self.problems = self.problems, []
             return found

@@ -29,7 +29,7 @@ EV_KEY, EV_REL, EV_ABS = 1, 2, 3
 SPACE_MOUSE_RANGE, GAMEPAD_RANGE = 350, 32767
 """Largest deflection where the kernel does not tell it."""
 RENEW_S = 0.1
-"""How often a deflection that does not change is renewed [s]: the kernel reports changes alone."""
+"""Period at which an unchanged deflection is renewed [s]: the kernel reports changes only."""
 SPRUNG_S = 0.15
 """Time after which a relative axis that was not reported counts as let go [s]."""
 
@@ -47,7 +47,7 @@ _GAMEPAD_KEYS: dict[int, Tap] = {0x130: "gripper", 0x131: "undo", 0x13B: "save"}
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A device that can be read: its file, its name and what it is."""
+    """Readable input device: its file, name and kind."""
 
     path: Path
     name: str
@@ -80,7 +80,7 @@ def _has_key(words: Sequence[str], key: int) -> bool:
 
 
 class DeviceThread:
-    """Reads one device into the controls until it is closed or unplugged.
+    """Thread that reads one device into the controls until it is closed or unplugged.
 
     Raises InvalidInputError if the device cannot be opened.
     """

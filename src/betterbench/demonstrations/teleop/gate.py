@@ -1,4 +1,4 @@
-"""The gate of the page: who does not know the token in its address, or comes from another site, gets one line.
+"""Access control of the page: requests without the token of its address, or from another site, get one line.
 
 The token is the first part of the path: the page's own connection goes to the address of the page, so it carries it
 too, and no cookie is needed, which a server on another port could read.
@@ -20,7 +20,7 @@ from betterbench.demonstrations.teleop.incoming import MAX_MESSAGE_BYTES, Incomi
 from betterbench.policies.serving.callers import is_own_host, is_own_origin
 
 OPEN_TIMEOUT_S = 5.0
-"""How long a connection may take to say what it wants [s]."""
+"""Longest time that a connection may take to send its request [s]."""
 _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Frame-Options": "DENY",
@@ -45,10 +45,10 @@ def _asked(inner: Callable[[Any, Any], Any] | None, connection: Any, request: An
 
 
 class Gate:
-    """Lets in who knows the token and comes from the page itself.
+    """Filter of requests: only those with the token and from the page itself are admitted.
 
     Attributes:
-        token: What the path of each request has to begin with.
+        token: Token with which the path of each request has to begin.
         is_closed: Whether a server stands behind it. A server without it must not be used.
     """
 
@@ -58,7 +58,7 @@ class Gate:
         self._incoming = incoming
 
     def path_inside(self, path: str) -> str | None:
-        """Return what follows the token in the path of a request; None without the right token."""
+        """Return the rest of a request's path after the token; None without the right token."""
         plain, mark, query = path.partition("?")
         given, _, rest = plain.removeprefix("/").partition("/")
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self.token.encode()):

@@ -1,4 +1,4 @@
-"""The messages of the page: those that it sends come in, and all others are left out before viser reads them.
+"""Filter of incoming messages: only those that the page sends reach viser, all others are left out.
 
 viser takes any property of any element from a message, and calls whatever a message names: a wrong value would end the
 session or keep every later page out, and one message shows the page to the whole internet. So each message is read
@@ -20,7 +20,7 @@ LARGEST = 1e6
 LEFT_OUT = "a message that this page does not send was left out; reload the page"
 
 InputKind = Literal["button", "number", "text"]
-"""What the value of an element of the panel is."""
+"""Kind of the value of an element of the panel."""
 
 _Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 _Vector = Annotated[list[_Number], Field(min_length=3, max_length=3)]
@@ -75,7 +75,7 @@ _TYPES: dict[InputKind, tuple[type, ...]] = {"button": (bool,), "number": (int, 
 
 
 class IncomingMessages:
-    """Tells which messages may come in. A server without it must not be used."""
+    """Rules by which messages are let in. A server without them must not be used."""
 
     def __init__(self, complain: Callable[[str], None]) -> None:
         """Let nothing in for an element of the panel until it is named; ``complain`` is told what is left out."""
@@ -120,7 +120,7 @@ class IncomingMessages:
 
 
 class _Filtered:
-    """A connection without the messages that are left out; everything else is that of the connection."""
+    """Wrapper of a connection without the messages that are left out."""
 
     def __init__(self, connection: Any, incoming: IncomingMessages) -> None:  # noqa: ANN401
         self._connection, self._incoming = connection, incoming

@@ -21,7 +21,7 @@ LEADERS = ("so101_leader", "so100_leader")
 """Leader arms whose kinematics are known here."""
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 SCALE = 1.5
-"""How far the robot's tool moves for each meter of the leader's: about the ratio of their reaches."""
+"""Motion of the robot's tool per meter of the leader's motion: about the ratio of their reaches."""
 CLOSED_BELOW, OPEN_ABOVE = 30.0, 45.0
 """Positions of the leader's gripper (0 closed to 100 open) at which that of the robot is told to close and to open."""
 RATE_HZ = 50.0
@@ -57,7 +57,7 @@ def leader_tool(degrees: Mapping[str, float]) -> Pose:
 
 
 class Follower:
-    """Turns readings of a leader into where the robot's tool is to be, from where both were when it took hold."""
+    """Conversion of a leader's readings to target poses of the robot's tool, relative to the poses at ``take_hold``."""
 
     def __init__(self) -> None:
         """Wait to take hold."""
@@ -131,7 +131,7 @@ def connect_leader(kind: str, port: str, name: str) -> Any:  # noqa: ANN401 - le
 
 
 class LeaderThread:
-    """Reads a connected leader into the controls until it is closed or gone."""
+    """Thread that reads a connected leader into the controls until it is closed or disconnected."""
 
     def __init__(self, leader: Any, controls: Controls) -> None:  # noqa: ANN401 - lerobot's Teleoperator
         """Start reading."""

@@ -1,4 +1,4 @@
-"""Making the session of a start, which takes seconds: at once, or in a thread so that the loop goes on."""
+"""Preparation of the session of a start, which takes seconds: at once, or in a thread so that the loop goes on."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from betterbench.demonstrations.teleop.session import TeleopSession
 
 
 class SessionLoader:
-    """Makes one session at a time.
+    """Loader that makes one session at a time.
 
     A loader that works ``apart`` does so in a thread of its own, which is left alone when the command ends.
     """

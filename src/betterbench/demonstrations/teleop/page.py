@@ -37,31 +37,31 @@ GIZMO = "/tool"
 GIZMO_M = 0.20
 """Length of the arrows of the gizmo [m]."""
 EYE_M, LOOK_AT_M = (-0.25, -0.70, 0.68), (0.42, 0.0, 0.10)
-"""Where the person stands at first, and looks [m]: behind the robot's right shoulder, so that "forward" is away."""
+"""Initial position and target of the view [m]: behind the robot's right shoulder, so that "forward" is away."""
 PANEL_PX, IMAGES_PX = 380, 300
 STOP_S = 0.5
-"""How long the pages are waited for at the end [s]."""
+"""Longest wait for pages to close at the end [s]."""
 TOLD_EVERY_S = 3.0
 """Least time between two notices to a page that it does not drive [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanelState:
-    """What the panel says; only what has changed is sent.
+    """Content of the panel; only changes are sent to the page.
 
     Attributes:
-        title: Which demonstration this is.
+        title: Headline: the demonstration, and the number of saved ones.
         subgoals: Text of each subgoal, and whether it is done.
         share: Share of the episode's steps that are used.
-        status: What is going on, in a few words.
+        status: State of the episode, in a few words.
         tone: "go", "wait", "good" or "bad": the color of the status.
-        notice: What keeps the tool from where it is wanted, or what could not be done; "" if nothing.
+        notice: Reason why the tool cannot follow or a request failed; "" if there is none.
         said: The last messages, newest last.
-        undo_to: What an undo comes back to.
+        undo_to: Name of the moment to which an undo returns.
         closed: Whether the gripper is to be closed.
         can_save: Whether the episode can be saved.
         height: Height of the tool above the table, in words; "" if there is none.
-        images: What is known of camera images that are late; "" if they come in time.
+        images: Note on camera images that are late; "" if they come in time.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""A teleoperated episode: commands of an operator in, states out; it knows no clock, no browser and no device.
+"""Teleoperated episode: commands of an operator in, states out, independent of clock, browser and devices.
 
 What the operator asks for goes through the same action space as any policy, so the record is an ordinary one. The
 session remembers the whole state at the start and at every moment at which a subgoal has been done. Undo comes back to
@@ -42,10 +42,10 @@ SessionPhase = Literal["going", "success", "step_limit"]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the operator asks for at one control step.
+    """Command of the operator at one control step.
 
     Attributes:
-        target: Where the tool center point is to go, in the base frame; None to stay where it is sent now.
+        target: Target pose of the tool center point, in the base frame; None to keep the present one.
         closed: Whether the gripper is to be closed.
         speed: Share of the expert's full speed.
     """
@@ -57,7 +57,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moment:
-    """A moment to come back to: how many rows there were, and everything that what follows depends on."""
+    """Moment to which an undo can return: the number of rows, and the whole state of scene and steering."""
 
     rows: int
     done: tuple[bool, ...]
@@ -69,7 +69,7 @@ class _Moment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
-    """One row of the record to be."""
+    """One row of the future record."""
 
     state: WorldState
     truth: Truth
@@ -95,7 +95,7 @@ class TeleopSession:
         self._steering = Steering()
         self._stuck_for = 0
         self.notice = ""
-        """What keeps the tool from where the operator wants it, in one line; "" if nothing does."""
+        """Reason why the tool cannot follow the operator, in one line; "" if there is none."""
         state = scene.reset()
         self._tracker = self._new_tracker()
         self._take(state, None, None)
@@ -108,7 +108,7 @@ class TeleopSession:
 
     @property
     def truth(self) -> Truth:
-        """What is true now."""
+        """Ground truth of the present state."""
         return self._rows[-1].truth
 
     @property
@@ -125,7 +125,7 @@ class TeleopSession:
 
     @property
     def undo_to(self) -> str:
-        """What an undo would come back to ("the start", "place_mug")."""
+        """Name of the moment to which an undo would return ("the start", "place_mug")."""
         return self._last_moment().name
 
     def is_waiting(self, target: Pose | None) -> bool:
@@ -228,7 +228,7 @@ class TeleopSession:
             self.scene.restore(here)
 
     def _speed(self) -> float:
-        """Return how fast the tool moved where it moved, as a share of the expert's free speed (9 of 10 rows below)."""
+        """Return the speed of the moving tool (90th percentile) as a share of the expert's free speed."""
         at = np.array([row.state.ee_pose.position for row in self._rows])
         speeds = np.linalg.norm(np.diff(at, axis=0), axis=1) / self._period_s
         moving = speeds[speeds > RESTING_M_S]

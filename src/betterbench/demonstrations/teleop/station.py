@@ -1,4 +1,4 @@
-"""The loop of a teleoperation: at the control rate it takes what is asked for, steps the session and shows the result.
+"""Loop of a teleoperation: at the control rate it takes the input, steps the session and shows the result.
 
 It waits for nobody. Time stands still while no page is open, and while the person asks for nothing and nothing moves;
 then the record gets no rows either, so that a demonstration holds no pauses for thought.
@@ -31,14 +31,14 @@ from betterbench.sim.scenes.glb import body_files
 PUSH_M_S, PUSH_RAD_S = 0.30, 1.2
 """Speed of a target that is pushed at full deflection and full speed [m/s, rad/s]."""
 PUSH_LEAD_M = 0.06
-"""How far a pushed target may lead the tool [m]: it stops soon after the key is let go."""
+"""Largest distance of a pushed target from the tool [m], so that the tool stops soon after the key is released."""
 WAIT_STEPS = 10
 """Control steps without a wish and without motion after which time stands still: 0.5 s."""
 SAID_LINES = 3
 
 
 class Display(Protocol):
-    """What the loop shows things on; the page in the browser is one."""
+    """Display of a teleoperation, such as the page in the browser."""
 
     @property
     def view_yaw(self) -> float:
@@ -59,7 +59,7 @@ class Display(Protocol):
 
 
 class Station:
-    """One person's work: start after start is demonstrated into one store."""
+    """Teleoperation by one person, who demonstrates start after start into one store."""
 
     def __init__(
         self,
@@ -74,10 +74,10 @@ class Station:
         """Set up the first start that is due.
 
         Args:
-            store: Where demonstrations go.
-            controls: What the person asks for.
+            store: Store of the demonstrations.
+            controls: Input of the person.
             display: Shows everything.
-            name: Who demonstrates.
+            name: Name of the person who demonstrates.
             cameras: Draws the live images.
             loads_apart: Make scenes in a thread, so that the loop goes on and can be ended meanwhile.
         """

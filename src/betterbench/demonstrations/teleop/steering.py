@@ -1,4 +1,4 @@
-"""Steering: from a target of the tool to the action of one control step, within reach and at a bounded speed."""
+"""Steering: the action of one control step toward a target of the tool, within reach and at a bounded speed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ IN_THE_TABLE = "below the table: the fingers stop above it"
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """Where a robot's tool may be sent.
+    """Limits of the poses to which a robot's tool may be sent.
 
     Attributes:
         longest_m: Largest distance of the flange from the shoulder.
@@ -70,7 +70,7 @@ class Reach:
 
 @dataclass(frozen=True, slots=True)
 class Steering:
-    """What steering remembers between control steps: how fast the tool is being led now [m/s]."""
+    """State of the steering between control steps: the speed at which the tool is being led [m/s]."""
 
     speed_m_s: float = 0.0
 
@@ -84,7 +84,7 @@ class Steering:
 
         Args:
             now: Commanded pose.
-            wanted: Where it is to be.
+            wanted: Target pose.
             gripper: Gripper command in [-1, 1].
             share: Share of the expert's full speed.
             period_s: Control period [s].

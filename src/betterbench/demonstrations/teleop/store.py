@@ -1,4 +1,4 @@
-"""Where teleoperated demonstrations go: an ordinary run folder, with the starts that are still due."""
+"""Store of teleoperated demonstrations: an ordinary run folder, with the starts that are still due."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from betterbench.tasks import Expected, get_task
 FIRST_TELEOPERATED_SEED = 500_000_000
 """First seed of teleoperated demonstrations unless another one is asked for: far from those of other demonstrators."""
 ADVICE: tuple[FailureKind, ...] = ("outside support",)
-"""What may be wrong with a demonstration that a person gives and wants to keep: it is noted beside it."""
+"""Failures that do not prevent a person from keeping a demonstration; they are noted beside it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TeleopPlan:
-    """What is to be demonstrated.
+    """Plan of a teleoperation: the demonstrations to be given.
 
     Attributes:
         tasks: Names of the tasks.

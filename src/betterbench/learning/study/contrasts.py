@@ -1,4 +1,4 @@
-"""Rates and gaps of groups of learners, and how two groups differ on the trials that they share."""
+"""Rates and gaps of groups of learners, and the difference of two groups on the trials that they share."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from betterbench.tasks import stream
 
 @dataclass(frozen=True, slots=True)
 class ArmFinding:
-    """What the learners of one arm did on one task, or on all ("").
+    """Results of the learners of one arm on one task, or on all ("").
 
     Attributes:
         training: Success on training conditions.
@@ -40,14 +40,14 @@ class ArmFinding:
 
 @dataclass(frozen=True, slots=True)
 class ArmContrast:
-    """Two groups of learners on the same trials; the second is the one that is compared with.
+    """Comparison of two groups of learners on the same trials; the second group is the baseline.
 
     Attributes:
         success: Success on variations, first minus second, over pairs of trials; its p-value is that of the sign-flip
             test over pairs of learners of one task and seed.
         gap: Illusion gap, first minus second. Its interval is the wider one of those over trials and over pairs of
             learners; its p-value is that of the same test.
-        learners: How many pairs of learners there are.
+        learners: Number of pairs of learners.
     """
 
     name: str
@@ -81,7 +81,7 @@ def figure_of(found: Difference, n: int, *, noun: str = "pairs", p_value: float 
 
 
 def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) -> ArmFinding:
-    """Return what learners of one arm and lever did; the task is "" for all."""
+    """Return the results of learners of one arm and lever; the task is "" for all."""
     varied = [trial for f in chosen for trial in f.varied]
     known = [trial.intention for trial in varied if trial.intention is not None]
     pairs = sum(len(f.pairs()) for f in chosen)
@@ -93,7 +93,7 @@ def arm_of(task: str, arm: str, lever: str, chosen: Sequence[LearnerOutcome]) ->
 
 
 def contrast_of(name: str, task: str, first: Sequence[LearnerOutcome], second: Sequence[LearnerOutcome]) -> ArmContrast:
-    """Return how two groups of learners differ, over pairs of one task and training seed and of the same trials."""
+    """Return the contrast of two groups of learners, over pairs of one task and training seed and of equal trials."""
     others = {(f.learner.task, f.learner.seed): f for f in second}
     pairs = [
         (f, others[key])

@@ -1,4 +1,4 @@
-"""Doses of a confound: how often what breaks it fails, by the share of the demonstrations that hold it."""
+"""Doses of a confound: failure rates on the variations that break it, by the share of demonstrations that hold it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLANTED = 0.95
 
 @dataclass(frozen=True, slots=True)
 class DoseFinding:
-    """What learners did of whose demonstrations a share holds the confounds.
+    """Results of learners that were trained with confounds in a share of their demonstrations.
 
     Attributes:
         dose: That share.
@@ -42,7 +42,7 @@ class DoseFinding:
 def doses_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> Iterator[DoseFinding]:
-    """Yield what was found by dose, over all tasks and then for each; nothing of a plan without mixtures."""
+    """Yield the results by dose, over all tasks and then for each; none for a plan without mixtures."""
     if all(len(shares) == 1 for shares in plan.arms.values()):
         return
     for task in ("", *plan.tasks):
@@ -93,6 +93,6 @@ def rises(doses: Sequence[DoseFinding]) -> bool | None:
 
 
 def named_when_planted(doses: Sequence[DoseFinding]) -> Figure:
-    """Return how often the diagnosis names a rule of the card where a confound is planted."""
+    """Return the share of failures with a label of the variation's card, over doses with a planted confound."""
     planted = [d.exposed for d in doses if d.dose >= PLANTED and not d.task]
     return Figure.of_rate(Rate(sum(f.k or 0 for f in planted), sum(f.n or 0 for f in planted)))

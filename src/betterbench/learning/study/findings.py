@@ -1,4 +1,4 @@
-"""What a study found: rates, gaps, construct validity, the audit's prediction scored, and what words do."""
+"""Findings of a study: rates, gaps, construct validity, score of the audit's prediction, and effect of the words."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ GapVerdict = Literal[
     "hard for another reason",
     "open",
 ]
-"""What a variation turned out to measure; see :func:`verdict_of`."""
+"""Verdict on the cause of a variation's gap; see :func:`verdict_of`."""
 
 
 @dataclass(frozen=True, slots=True)
 class VariationFinding:
-    """What one variation showed.
+    """Results of the learners on one variation.
 
     Attributes:
         risk: Predicted by the audit of the confounded set; None without one.
@@ -87,10 +87,10 @@ class VariationFinding:
 
 @dataclass(frozen=True, slots=True)
 class KnownFinding:
-    """What was found on the variations whose words, categories and colors all learners have been shown.
+    """Results on the variations whose words, categories and colors all learners have been shown.
 
     Attributes:
-        variations: How many there are.
+        variations: Number of these variations.
         balanced: Success of the balanced learners there.
         contrast: The balanced learners against the confounded ones there.
     """
@@ -102,13 +102,13 @@ class KnownFinding:
 
 @dataclass(frozen=True, slots=True)
 class RepeatedFinding:
-    """Whether the verdict that decorrelation is enough holds for a learner that it does not rest on.
+    """Replication of the verdict that decorrelation is enough, with learners that were left out of the verdict.
 
     Each training seed is left out in turn. The variations are those that have this verdict by the learners of all other
     seeds, the trials are of the balanced learner left out, in the same scenes.
 
     Attributes:
-        variations: How many variations had the verdict, over all seeds left out.
+        variations: Number of variations with the verdict, summed over the seeds left out.
         success: Success of the balanced learners left out there.
     """
 
@@ -118,7 +118,7 @@ class RepeatedFinding:
 
 @dataclass(frozen=True, slots=True)
 class WordFinding:
-    """How often the target changes where nothing but the words does."""
+    """Rate at which the learners' target changes when only the instruction changes."""
 
     arm: str
     changed: Figure
@@ -127,11 +127,11 @@ class WordFinding:
 
 @dataclass(frozen=True, slots=True)
 class PredictionFinding:
-    """How the audit's prediction, made before training, fared with the confounded learners.
+    """Score of the audit's prediction, which was made before training, on the confounded learners.
 
     Attributes:
         area: Chance that a variation that was failed had the higher risk (AUROC); ``n`` counts variations.
-        failed: How many variations were failed.
+        failed: Number of variations that were failed.
         label: Share of failed trials that have the label that was predicted for their variation.
         exposed: Share of failed trials with a label that their variation's card names.
     """
@@ -144,7 +144,7 @@ class PredictionFinding:
 
 @dataclass(frozen=True, slots=True)
 class StudyFindings:
-    """Everything that a page of a study shows.
+    """Findings of a study, as its page shows them.
 
     Attributes:
         roles: Per role the arm that plays it.
@@ -153,7 +153,7 @@ class StudyFindings:
         known: The contrast of the balanced and the confounded learners on the variations of which everything was shown;
             None without these arms.
         repeated: Whether verdicts hold for learners that were left out; None without two training seeds of both arms.
-        doses: What was found by the share of the demonstrations that holds the confounds, where the plan mixes.
+        doses: Results by the share of the demonstrations that holds the confounds, where the plan mixes.
     """
 
     roles: Mapping[str, str]
@@ -178,7 +178,7 @@ class StudyFindings:
 def findings_of(
     plan: StudyPlan, learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]
 ) -> StudyFindings:
-    """Return what a study found; a function of its arguments alone.
+    """Return the findings of a study, which depend on the arguments only.
 
     Args:
         plan: The plan.
@@ -223,7 +223,7 @@ def _coverage(plan: StudyPlan, learners: Sequence[LearnerOutcome], roles: Mappin
 def _on_the_known(
     variations: Sequence[VariationFinding], balanced: Sequence[LearnerOutcome], confounded: Sequence[LearnerOutcome]
 ) -> KnownFinding:
-    """Return what was found on the variations of which nothing is new to either arm."""
+    """Return the results on the variations in which nothing is new to either arm."""
     known = {(v.task, v.variation) for v in variations if not v.never_shown}
     first, second = (
         [
@@ -239,7 +239,7 @@ def _on_the_known(
 
 
 def _repeated(learners: Sequence[LearnerOutcome], roles: Mapping[str, str]) -> RepeatedFinding | None:
-    """Return what balanced learners solve where those of the other training seeds say that decorrelation is enough."""
+    """Return the success of balanced learners where the other training seeds say that decorrelation is enough."""
     if not {"confounded", "balanced"} <= roles.keys():
         return None
     chosen, trials, seeds = 0, list[TrialOutcome](), 0
@@ -323,7 +323,7 @@ def solves(figure: Figure | None) -> bool | None:
 
 
 def verdict_of(success: Mapping[str, Figure]) -> GapVerdict:
-    """Return what a variation turned out to measure, from the success of the roles that were trained."""
+    """Return the verdict on the cause of a variation's gap, from the success of the roles that were trained."""
     confounded, diverse, balanced, covered = (
         solves(success.get(role)) for role in ("confounded", "diverse-confounded", "balanced", "covered")
     )
@@ -356,9 +356,9 @@ def reworded(task: str) -> tuple[str, ...]:
 
 
 def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
-    """Return how often the first target of learners changes between twins that differ by their words alone.
+    """Return the rate at which the first target of learners changes between twins that differ in words only.
 
-    A trial without an attempt has no target, so that nothing changes to it or from it.
+    A trial without an attempt has no target, and its pair counts as unchanged.
     """
     pairs = [p for f in learners for name in reworded(f.learner.task) for p in f.pairs(name)]
     changed = sum(
@@ -369,7 +369,7 @@ def word_finding(arm: str, learners: Sequence[LearnerOutcome]) -> WordFinding:
 
 
 def score_of(learners: Sequence[LearnerOutcome], predictions: Mapping[str, Prediction]) -> PredictionFinding:
-    """Return how the prediction fared: its ranking of the variations, and its labels of the failed trials."""
+    """Return the score of the prediction: its ranking of the variations, and its labels of the failed trials."""
     risks, failed, named, exposed, count = [], [], 0, 0, 0
     for task, prediction in sorted(predictions.items()):
         mine = [f for f in learners if f.learner.task == task]

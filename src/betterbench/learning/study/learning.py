@@ -1,4 +1,4 @@
-"""Training the learners of a study: one here, or several side by side, each in a process of its own.
+"""Training of the learners of a study: one in this process, or several in parallel, each in its own process.
 
 A learner of this size keeps one processor busy: two that are trained side by side take as long as one.
 """
@@ -33,7 +33,7 @@ OnWork = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainedPolicy:
-    """A learner that is ready.
+    """Trained learner, as a policy that can be evaluated.
 
     Attributes:
         address: Address of the policy.
@@ -75,11 +75,11 @@ class TrainingJob:
 
 @dataclass(slots=True)
 class _Learner:
-    """A learner whose process is at work.
+    """Learner in training, with its process.
 
     Attributes:
-        done: Of its steps.
-        note: What it last said.
+        done: Steps that are done.
+        note: Its last message.
     """
 
     job: TrainingJob

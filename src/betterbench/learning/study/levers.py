@@ -1,4 +1,4 @@
-"""Levers: what a change of the recipe does, on each axis and as a whole, in the shape of the paper's Table 3."""
+"""Levers: effects of changes of the recipe, per axis and as a whole, in the form of the paper's Table 3."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from betterbench.tasks import Axis, get_task
 
 @dataclass(frozen=True, slots=True)
 class LeverRow:
-    """What the learners of one recipe did.
+    """Results of the learners of one recipe.
 
     Attributes:
-        found: What they did on all their tasks; its ``lever`` is "" for the recipe as it is.
+        found: Results on all their tasks; its ``lever`` is "" for the recipe as it is.
         axes: Success on the variations of each axis, by its name.
         against: The difference to what they are compared with, over the trials of the same tasks and training seeds;
             None for the recipe as it is.
@@ -34,12 +34,12 @@ class LeverRow:
 
 @dataclass(frozen=True, slots=True)
 class LeverTable:
-    """Levers on the same learners; the first row is the recipe as it is.
+    """Comparison of levers on the same learners; the first row is the recipe as it is.
 
     Attributes:
         arm: Arm of all these learners.
         tasks: Their tasks.
-        seeds: How many training seeds there are of each.
+        seeds: Number of training seeds of each task.
     """
 
     arm: str

@@ -1,4 +1,4 @@
-"""What is kept of a trial of a learner: everything that the findings of a study rest on."""
+"""Outcomes of the trials of learners: the data from which the findings of a study are computed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from betterbench.learning.study.plan import PlannedLearner
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """How one trial ended.
+    """Outcome of one trial.
 
     Attributes:
         variation: Its variation, or None on a training condition.
         condition: The training condition; on a variation that of its twin.
-        label: What the diagnosis says of it.
+        label: Label that the diagnosis gives it.
         intention: Whether its first attempt was right; None without a record.
-        target: Where its first attempt was, as a slot or an object; None if there was none.
+        target: Slot or object of its first attempt; None if there was none.
     """
 
     variation: str | None
@@ -68,7 +68,7 @@ _TRIALS = TypeAdapter(tuple[TrialOutcome, ...])
 
 
 def outcomes_of(diagnosis: RunDiagnosis) -> tuple[TrialOutcome, ...]:
-    """Return what is kept of a diagnosed run."""
+    """Return the outcomes of the trials of a diagnosed run."""
     return tuple(
         TrialOutcome(
             t.variation,

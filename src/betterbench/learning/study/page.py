@@ -56,7 +56,7 @@ _WHAT_VERDICTS_SAY = {
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """Something that was expected of a study, and what came out.
+    """Expectation of a study, and its result.
 
     Attributes:
         held: Whether it held; None where that is open or was not measured.
@@ -96,7 +96,7 @@ def write_page(outcome: StudyOutcome, out: Path) -> StudyFindings:
 
 
 def document_of(outcome: StudyOutcome, found: StudyFindings) -> dict[str, Any]:
-    """Return everything that was found as a JSON document, the same whatever interrupted the study."""
+    """Return all findings as a JSON document, which does not depend on interruptions of the study."""
     form: dict[str, Any] = json.loads(json.dumps(asdict(found)))
     return {
         "betterbench": __version__,
@@ -189,7 +189,7 @@ def study_charts(found: StudyFindings) -> Iterator[Chart]:
 
 
 def expectations(found: StudyFindings) -> tuple[Expectation, ...]:
-    """Return what was expected of the study, and what came out; nothing holds of learners that have not learned."""
+    """Return the expectations of the study with their results; those about learners that have not learned stay open."""
     lines = []
     if found.known is not None and found.known.variations:
         gap, solved = found.known.contrast.gap, found.known.balanced
@@ -256,7 +256,7 @@ def _expected_of_doses(found: StudyFindings) -> Iterator[Expectation]:
 
 
 def _of_the_able(found: StudyFindings, roles: tuple[str, ...], line: Expectation) -> Expectation:
-    """Return what was found, open if the learners of a role solve less than half of their training conditions."""
+    """Return an expectation, left open if a role's learners solve less than half of their training conditions."""
     for role in roles:
         arm = next((a for a in found.arms if (a.arm, a.task, a.lever) == (found.roles.get(role), "", "")), None)
         if arm is not None and arm.training.value is not None and arm.training.value < SOLVED:

@@ -1,4 +1,4 @@
-"""The plan of a study: which tasks, on which arms, with which seeds, and what is changed in the recipe."""
+"""Plan of a study: its tasks, arms, training seeds and changes of the recipe."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SUM_SLACK = 1e-6
 _Name = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_.-]{0,39}$")]
 _Share = Annotated[float, Field(gt=0.0, le=1.0)]
 RegimeShares = Annotated[dict[Regime, _Share], Field(min_length=1)]
-"""What part of the demonstrations of an arm shows which regime."""
+"""Share of the demonstrations of an arm by regime."""
 
 ROLES: Mapping[str, dict[Regime, float]] = {
     "confounded": {"training": 1.0},
@@ -41,7 +41,7 @@ ROLES: Mapping[str, dict[Regime, float]] = {
     "covered": {"covered": 1.0},
     "diverse-confounded": {"diverse-confounded": 1.0},
 }
-"""The arms that findings are about: whoever is trained on one regime alone, whatever the arm is called."""
+"""Regime shares of each role in the findings: the arm with these shares plays the role, under any name."""
 USUAL_ARMS = ("confounded", "balanced", "covered")
 """The arms of a plan that names none; all tasks of the suite have these."""
 
@@ -49,7 +49,7 @@ USUAL_ARMS = ("confounded", "balanced", "covered")
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Lever:
-    """Something that is changed in the recipe, against the same learners without the change.
+    """Change of the recipe, compared with the same learners without the change.
 
     Attributes:
         name: Its name in files and tables.
@@ -94,17 +94,17 @@ def _usual_arms() -> dict[str, dict[Regime, float]]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StudyPlan:
-    """What a study does.
+    """Plan of a study.
 
     Attributes:
         arms: Per arm what its demonstrations show. An arm of two regimes holds a planted confound at that dose.
         seeds: Seeds of training; each task and arm is trained with each of them.
         demos: Demonstrations per training condition; other regimes share as many out over theirs.
-        sources: How many of them the expert gives, from which the others are carried over; 0 if all.
+        sources: Number of these that the expert gives and from which the others are carried over; 0 if it gives all.
         noise: Noise on the executed actions of those that are carried over, in action units.
         trials: Trials per variation of each learner; the training conditions have as many in all.
         recipe: Fields of the training recipe other than its defaults.
-        levers: What is changed in the recipe, one at a time.
+        levers: Changes of the recipe, each tried on its own.
     """
 
     tasks: Annotated[tuple[str, ...], Field(min_length=1)]

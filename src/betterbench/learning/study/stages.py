@@ -47,15 +47,15 @@ _CURE = "Move the file elsewhere, and the stage is looked at again; what it made
 
 @dataclass(frozen=True, slots=True)
 class StudyProgress:
-    """How far a study is.
+    """Progress of a study.
 
     Attributes:
         number: The stage under way, from 1.
-        stages: How many there are.
-        name: Its name.
-        done: How much of it is done.
-        planned: Of how much; 0 if nobody knows.
-        note: What is being done.
+        stages: Number of stages.
+        name: Name of the stage under way.
+        done: Units of work of this stage that are done.
+        planned: Units of work of this stage in all; 0 if unknown.
+        note: Description of the work under way.
     """
 
     number: int
@@ -71,13 +71,13 @@ OnStudy = Callable[[StudyProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class StudyOutcome:
-    """Everything that was measured.
+    """Outcome of a study: all measurements.
 
     Attributes:
-        plan: What was to be done.
+        plan: Plan of the study.
         learners: The trials of each learner.
         predictions: Folder of the confounded set of each task, whose prediction.json says what would fail.
-        seconds: What the stages took, by their kind; sittings that were interrupted are not counted [s].
+        seconds: Durations of the stages by kind [s]; interrupted sittings are not counted.
     """
 
     plan: StudyPlan
@@ -89,7 +89,7 @@ class StudyOutcome:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """What a complete stage leaves."""
+    """Record of a complete stage."""
 
     inputs: str
     output: dict[str, Any]
@@ -123,7 +123,7 @@ _OUTPUTS: Mapping[str, TypeAdapter[Any]] = {
     "learners": TypeAdapter(_Learned),
     "runs": TypeAdapter(_Evaluated),
 }
-"""What a stage of each kind leaves."""
+"""Form of the output of each kind of stage."""
 
 
 def run_study(
@@ -139,9 +139,9 @@ def run_study(
     A larger plan goes on in the same folder.
 
     Args:
-        plan: What is to be done.
+        plan: Plan of the study.
         out: Folder of the study.
-        workshop: Who does the work.
+        workshop: Functions that do the work.
         certificate: Certificate of the trials, or its folder; the one that ships with the suite if not given.
         on_progress: Called as the stages go on.
 
@@ -164,10 +164,10 @@ def run_study(
 
 @dataclass(frozen=True, slots=True)
 class _Learning:
-    """A learner that is due.
+    """Learner that is still to be trained.
 
     Attributes:
-        job: How it is trained.
+        job: Its training.
         inputs: Hash of all that decides what it becomes.
     """
 
@@ -177,7 +177,7 @@ class _Learning:
 
 
 class _Study:
-    """A study while it goes on."""
+    """Study in progress."""
 
     def __init__(self, plan: StudyPlan, out: Path, workshop: Workshop, on_progress: OnStudy | None) -> None:
         self._plan, self._out, self._workshop, self._on_progress = plan, out, workshop, on_progress
@@ -346,7 +346,7 @@ class _Study:
     def _stage(
         self, kind: str, name: str, inputs: Mapping[str, Any], work: Callable[[OnWork], dict[str, Any]]
     ) -> dict[str, Any]:
-        """Return what a stage gave: of its file, if that is complete with the same inputs, else of its work."""
+        """Return the output of a stage, from its file if that is complete with the same inputs, else from its work."""
         self._number += 1
         hashed = _hash_of(inputs)
         if self._there(kind, name, hashed) is None:
@@ -356,7 +356,7 @@ class _Study:
         return self._counted(kind, name, hashed)
 
     def _teller(self, label: str) -> OnWork:
-        """Return what tells how the stage under way goes on, and tell that it begins."""
+        """Return a callback that reports the progress of the stage under way, and report its beginning."""
 
         def tell(done: int, planned: int, note: str) -> None:
             if self._on_progress is not None:
@@ -369,7 +369,7 @@ class _Study:
         return self._out / STAGES / f"{kind}-{name}.json"
 
     def _there(self, kind: str, name: str, inputs: str) -> _Done | None:
-        """Return what a complete stage left, or None if it is not done with these inputs."""
+        """Return the record of a complete stage, or None if it is not done with these inputs."""
         path = self._marker(kind, name)
         there = _read(path, kind) if path.exists() else None
         return there if there is not None and there.inputs == inputs else None
@@ -380,7 +380,7 @@ class _Study:
             write_durably(path, (json.dumps(sealed_form(asdict(done)), indent=1) + "\n").encode())
 
     def _counted(self, kind: str, name: str, inputs: str) -> dict[str, Any]:
-        """Return what a complete stage gave, and count its time."""
+        """Return the output of a complete stage, and add its duration to the total."""
         there = self._there(kind, name, inputs)
         if there is None:
             raise AssertionError(f"{kind} {name} is done")
@@ -394,7 +394,7 @@ def _asked_name(about: str, questions: int) -> str:
 
 
 def _conditions(recipe: SetRecipe) -> list[list[Any]]:
-    """Return what a set shows: a task that has changed since needs another one."""
+    """Return the conditions that a set shows, with task versions: a task that has changed needs another set."""
     tasks = [get_task(name) for name in recipe.tasks]
     shown = [(task.version, c) for task in tasks for c in conditions_of(task, recipe.regime)]
     return [[version, c.id, c.instruction.text, dict(c.layout)] for version, c in shown]
@@ -405,7 +405,7 @@ def _hash_of(inputs: Mapping[str, Any]) -> str:
 
 
 def _read(path: Path, kind: str) -> _Done | None:
-    """Return what the file of a stage says; None for one of an earlier version, whose stage is looked at again."""
+    """Return the record in the file of a stage; None for an earlier version, whose stage is checked again."""
     data = read_bounded(path, max_bytes=_MAX_BYTES, cure=_CURE, raises=RecordError)
     form = open_seal(data, where=str(path), cure=_CURE, raises=RecordError, since=("version", 2))
     if "version" not in form:

@@ -1,7 +1,7 @@
-"""What of a variation a learner has never been shown: words of its instruction, categories and colors of its things.
+"""Words, object categories and colors of a variation that a learner has never been shown.
 
-A learner reads all of these as one number, that of the unknown. That it fails there is ignorance and no shortcut, so
-variations of which everything has been shown are counted apart as well.
+A learner reads all of these as one number, that of the unknown. A failure there shows ignorance and not a shortcut,
+so the variations without anything unknown are also counted separately.
 """
 
 from __future__ import annotations

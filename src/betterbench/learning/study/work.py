@@ -1,4 +1,4 @@
-"""What a study lets others do: make a training set, train a learner, evaluate and diagnose it."""
+"""Work that a study delegates: to make a training set, and to train, evaluate and diagnose a learner."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from betterbench.vqa import SetOptions
 from betterbench.vqa import make_set as make_question_set
 
 QUESTIONS = SetOptions(cameras=("front",), quality="fast")
-"""How the demonstrations of a set are asked about; a question does not name its camera, so there is one."""
+"""Options of the questions about a set's demonstrations; a question does not name its camera, so there is only one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Workshop:
-    """Who does the work of a study; each goes on where it was interrupted.
+    """Functions that do the work of a study; each resumes where it was interrupted.
 
     Attributes:
         make_set: Makes the set of a recipe in a folder and returns its hash.
@@ -37,7 +37,7 @@ class Workshop:
         train: Trains some learners, side by side if there are several.
         evaluate: Evaluates a policy on a task, so many trials per variation, in a folder, and diagnoses it; refuses one
             whose weights are not those of its digest.
-        threads: How many threads learners may take that are trained side by side.
+        threads: Total number of threads of learners that are trained in parallel.
         require_set: Refuses a folder whose set is not the one with a hash.
     """
 

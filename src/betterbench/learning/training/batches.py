@@ -1,4 +1,4 @@
-"""Batches of a training set: which frames a step draws follows from seed and step alone, so that nothing is lost."""
+"""Batches of a training set: the frames of a step depend on seed and step only, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Batches:
         return found[rank::world]
 
     def questions(self, chosen: np.ndarray, *, training: bool) -> AskedBatch:
-        """Return what is shown with questions, and the right answers."""
+        """Return a batch of questions: the observations shown with them, and the right answers."""
         asked = self._questions
         if asked is None:
             raise AssertionError("nothing is asked without co-training")
@@ -64,7 +64,7 @@ class Batches:
         return AskedBatch(shown, held["answers"][at])
 
     def sample(self, frames: np.ndarray, *, training: bool) -> tuple[ShownBatch, Tensor, Tensor]:
-        """Return what frames show, their chunks of actions, (B, chunk, 7), and which of these count, (B, chunk)."""
+        """Return the observations of frames, their chunks of actions, (B, chunk, 7), and which count, (B, chunk)."""
         held, recipe = self._held, self._recipe
         at = torch.from_numpy(frames).to(self._device)
         episode = held["episodes"][at]
@@ -84,7 +84,7 @@ class Batches:
         return shown, held["actions"][torch.minimum(ahead, last[:, None])], ahead <= last[:, None]
 
     def _pictures(self, store: FrameStore, numbers: np.ndarray, *, training: bool) -> Tensor:
-        """Return what frames look like, (B, views, size, size, 3) uint8, each picture shifted in training."""
+        """Return the images of frames, (B, views, size, size, 3) uint8, each image shifted in training."""
         shifts, most = None, self._recipe.augmentation.shift_px
         if training and most:
             views = len(self._recipe.eyes.windows)
@@ -92,7 +92,7 @@ class Batches:
         return torch.from_numpy(store.read(numbers, shifts)).to(self._device)
 
     def _augment(self, shown: ShownBatch) -> None:
-        """Change what is shown as the recipe asks, with torch's own generator."""
+        """Augment the observations as the recipe asks, with torch's own generator."""
         recipe, batch = self._recipe, len(shown.words)
         own, other = recipe.proprioception, recipe.augmentation
         if own.noise_m:

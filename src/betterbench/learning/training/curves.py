@@ -1,4 +1,4 @@
-"""What is kept of a training: tables in CSV, whose bytes do not depend on interruptions, and curves in SVG."""
+"""Logs of a training: tables in CSV, whose bytes do not depend on interruptions, and curves in SVG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What records of demonstrations give a learner: arrays of all frames, and what stays the same in each episode."""
+"""Training data from records of demonstrations: arrays of all frames, and of the constants of each episode."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from betterbench.tasks import TrialId
 from betterbench.tasks.interventions import resolve_condition
 
 PHASES = ("move", "pick", "carry", "place", "slide", "miss")
-"""What a frame is about: moving with the hand empty, picking, moving with something in it, and so on."""
+"""Phases of a demonstration: moving with an empty gripper, picking, moving with an object in it, and so on."""
 
 _STILL_M, _STILL_RAD = 2e-4, 2e-3
-"""What a pose or the fingers move less than in a control step while a demonstrator pauses."""
+"""Motion of pose and fingers [m] and turn [rad] per control step below which a demonstrator pauses."""
 
 OnRead = Callable[[int, int], None]
 """Called with the number of records that were read, and of all."""
@@ -61,8 +61,8 @@ class TrainingSet:
         phases: (F,) int64 indices into :data:`PHASES`.
         at_gripper: (F,) bool: frames in whose chunk the gripper changes.
         shown: (F,) bool: frames that are shown; the others are there for the chunks. None for all.
-        frames_of: What the shown frames look like, in their order; None for the family ``objects``.
-        questions: What is asked about the demonstrations; None without co-training.
+        frames_of: Images of the shown frames, in their order; None for the family ``objects``.
+        questions: Questions about the demonstrations; None without co-training.
     """
 
     vocabulary: Vocabulary
@@ -347,7 +347,7 @@ def _poses(record: Record, most: int) -> np.ndarray:
 
 
 def _phases(record: Record) -> np.ndarray:
-    """Return what each frame is about, by the segments of the record or those that are derived from it."""
+    """Return the phase of each frame, by the segments of the record or those that are derived from it."""
     meta = record.metadata
     segments = meta.segments or subgoal_segments(record, resolve_condition(meta.task, meta.condition).condition)
     closed = record.gripper_command[: record.n_steps] > 0.0
@@ -359,7 +359,7 @@ def _phases(record: Record) -> np.ndarray:
 
 
 def _at_gripper(gripper: np.ndarray, chunk: int) -> np.ndarray:
-    """Return which frames have a change of the gripper among the actions of their chunk, (n,) bool."""
+    """Return the mask of frames with a change of the gripper among the actions of their chunk, (n,) bool."""
     found = np.zeros(len(gripper), dtype=bool)
     for change in np.flatnonzero(np.diff(gripper)) + 1:
         found[max(0, change - chunk + 1) : change + 1] = True
@@ -391,5 +391,5 @@ def scales_of(data: TrainingSet) -> dict[str, np.ndarray]:
 
 
 def epochs_of(data: TrainingSet, recipe: TrainingRecipe) -> float:
-    """Return how often training sees each frame on average."""
+    """Return the mean number of times that training sees a frame."""
     return recipe.steps * recipe.batch / len(data.frames(held_out=False))

@@ -44,7 +44,7 @@ from betterbench.records.compressed import pack_block, unpack_block
 FRAMES_VERSION = 1
 """Version of how a record becomes frames, and of the files that hold them."""
 SUFFIX = ".frames"
-"""What the name of the folder of frames adds to that of the folder of demonstrations."""
+"""Suffix of the folder of frames after the name of the folder of demonstrations."""
 
 _MAX_HEADER = 1 << 16
 _ITSELF, _DIFFERENCE = 0, 1

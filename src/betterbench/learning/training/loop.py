@@ -1,4 +1,4 @@
-"""The loop of training: each step follows from weights, seed and number of the step, so that it can be resumed."""
+"""Training loop: each step depends only on weights, seed and step number, so that training can be resumed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from betterbench.records.run import keep_copies
 from betterbench.tasks.user_files import code_of, explaining
 
 STATE_NAME = "state.safetensors"
-"""What training resumes from: weights, their mean, and the moments of the optimizer."""
+"""File from which training resumes: weights, their mean, and the moments of the optimizer."""
 _RECIPE_NAME = "recipe.json"
 _MAX_RECIPE = 1 << 20
 _ROW_STEPS = 50
@@ -60,14 +60,14 @@ _SAME = {
     "processes": "as many processes",
     "learner": "the learner's file as it was, of which the folder keeps a copy in task_files",
 }
-"""What another training differs in beside recipe and data, as what one has to go on with."""
+"""Conditions other than recipe and data that a resumed training must keep, as texts for the error message."""
 _PATIENCE = timedelta(hours=6)
-"""How long processes wait for the first one, which alone validates and writes."""
+"""Longest wait of the processes for the first one, which alone validates and writes."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrainingProgress:
-    """How far a training is.
+    """Progress of a training.
 
     Attributes:
         step: Steps that are done, those of earlier sittings included.
@@ -87,13 +87,13 @@ OnTraining = Callable[[TrainingProgress], None]
 
 @dataclass(frozen=True, slots=True)
 class TrainingResult:
-    """A training that is complete.
+    """Result of a complete training.
 
     Attributes:
         checkpoint: File of the learner.
         parameters: Numbers that were trained.
         log: Its tables.
-        seconds: What this sitting took, reading of data left out [s].
+        seconds: Duration of this sitting without reading the data [s].
         samples_per_s: Training samples per second of this sitting, without validation; 0 if nothing was left to do.
     """
 
@@ -168,7 +168,7 @@ def require_place(out: Path, device: str) -> None:
 
 
 class _Training:
-    """One training while it runs."""
+    """Training in progress."""
 
     def __init__(
         self,
@@ -282,7 +282,7 @@ class _Training:
         return found
 
     def _require_sound(self, loss: object) -> None:
-        """Refuse a learner of one's own whose loss is none, or that has made weights since it was built."""
+        """Refuse a user's learner whose loss is not a valid one, or that has created weights since it was built."""
         where = f"learner {self._recipe.family!r}"
         if not isinstance(loss, Tensor) or loss.shape != () or not loss.requires_grad:
             raise InvalidInputError(where, "its loss is no number that its weights can be led by", "Correct loss")
@@ -299,9 +299,9 @@ class _Training:
         return recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * share))
 
     def _follow(self) -> None:
-        """Move the mean of the weights toward them; at first faster, because it began at random weights.
+        """Update the moving average of the weights; faster at first, because it began at random weights.
 
-        What a learner of one's own keeps beside them, as a batch norm does, is taken over as it is.
+        Buffers of a user's learner, such as those of a batch norm, are copied unchanged.
         """
         decay = min(self._recipe.ema, (1.0 + self._step) / (10.0 + self._step))
         with torch.no_grad():
@@ -344,7 +344,7 @@ class _Training:
         write_tensors(self._out / STATE_NAME, tensors, about)
 
     def _restore(self) -> None:
-        """Go back to the saved state; InvalidInputError if it is no state of this training."""
+        """Restore the saved state; InvalidInputError if it belongs to another training."""
         path = self._out / STATE_NAME
         tensors, about = read_tensors(path, cure=_STATE_CURE)
         if about.get("training") != self._identity:
@@ -377,7 +377,7 @@ class _Training:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _State:
-    """What the state of a training says about itself; states of earlier versions say nothing of the tables."""
+    """Metadata of the state of a training; states of earlier versions have none about the tables."""
 
     step: Annotated[int, Field(ge=0, lt=1 << 53)]
     rows: list[Annotated[list[float], Field(min_length=2, max_length=2)]]
@@ -397,7 +397,7 @@ def _require_like(there: Mapping[str, Tensor], wanted: Mapping[str, Tensor], whe
 
 
 def _begin_with(network: LearnerNetwork, start: Path, data: TrainingSet) -> None:
-    """Take over the weights of a checkpoint, which has to know the same words and things."""
+    """Take over the weights of a checkpoint, which must have the same vocabulary."""
     weights, about = read_tensors(start)
     require_code(about, f"start: {start}")
     known = first_difference(about.get("vocabulary"), data.vocabulary.to_json(), "vocabulary")
@@ -432,7 +432,7 @@ def _identity(form: Mapping[str, Any]) -> str:
 
 
 def _wherever(form: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what decides the weights without where it lies: what was moved is known by its hash."""
+    """Return the identity of a training without the paths of its inputs, which are identified by their hashes."""
     recipe = form.get("recipe")
     if not isinstance(recipe, dict):
         return dict(form)

@@ -1,4 +1,4 @@
-"""What a co-trained learner says of its own trials: where is the object that the instruction names?
+"""Answers of a co-trained learner about its own trials: where is the object that the instruction names?
 
 A learner that answers questions beside its actions may know where the object is and still reach elsewhere. Its own
 head is asked, about the states of the records of its trials and with what it sees when it acts there. It answers with a
@@ -41,13 +41,13 @@ class OwnAnswer:
     Attributes:
         trial: Task, condition and seed.
         where: The variation, or the training condition.
-        label: What the diagnosis says of the trial.
+        label: Label that the diagnosis gives the trial.
         success: Whether it succeeded.
         object: Name of the object that the instruction names.
         row: Row of the record that was asked about.
         question: The question as the learner read it.
         cell: The right answer: "column,row" of a grid of 8 x 8 over the image.
-        answer: What the learner answered.
+        answer: Answer of the learner.
         nearest: Name of the loose object whose middle is nearest to the middle of the cell that it named; "" if it
             named no cell. A cell is as large as an object, so that the next cell often shows the object too.
     """
@@ -76,7 +76,7 @@ class OwnAnswer:
 
 @dataclass(frozen=True, slots=True)
 class OwnAnswers:
-    """What a learner answered about some trials of one condition.
+    """Rates of a learner's right answers about some trials of one condition.
 
     Attributes:
         where: The task with the variation or the training condition.
@@ -151,7 +151,7 @@ def ask_about_run(
 
 
 def own_answers(learner: Learner, record: Record, row: int, questions: Iterable[Question]) -> tuple[str, ...]:
-    """Return what a learner of objects answers to questions about a row of a record."""
+    """Return the answers of a learner of the family ``objects`` to questions about a row of a record."""
     recipe, known = learner.trained.recipe, learner.trained.vocabulary
     objects = record.state(row).info.objects
     rows = np.maximum(row - recipe.history_stride * np.arange(recipe.history), 0)

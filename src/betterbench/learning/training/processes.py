@@ -12,11 +12,11 @@ _CURE = "Start it under torchrun, or unset them"
 
 @dataclass(frozen=True, slots=True)
 class TrainingProcesses:
-    """The processes that train together, and which of them this is.
+    """Position of this process among those that train together.
 
     Attributes:
         rank: Number of this process among all.
-        size: How many there are.
+        size: Number of processes.
         local_rank: Number of this process among those of its machine.
     """
 
@@ -26,9 +26,9 @@ class TrainingProcesses:
 
     @classmethod
     def here(cls) -> TrainingProcesses:
-        """Return what the environment says; one process alone if it says nothing.
+        """Return the processes that torchrun's environment variables describe; a single one without these.
 
-        Raises InvalidInputError if what it says makes no sense.
+        Raises InvalidInputError if their values are inconsistent.
         """
         names = ("RANK", "WORLD_SIZE", "LOCAL_RANK")
         said = [os.environ.get(name, usual) for name, usual in zip(names, "010", strict=True)]

@@ -38,8 +38,8 @@ class TrainingQuestions:
         tools: (Q, history, 10) float32, the present first.
         poses: (Q, n, 9) float32.
         answers: (Q,) int64 numbers of the right answers in the vocabulary; -1 for one that training never shows.
-        types: What each is about.
-        frames_of: What the frames look like that are asked about; None for the family ``objects``.
+        types: Type of each.
+        frames_of: Images of the frames that are asked about; None for the family ``objects``.
         frames: (Q,) int64 numbers of these frames.
     """
 
@@ -149,7 +149,7 @@ def training_questions(
         records: The demonstrations.
         held_out: (E,) bool: demonstrations that are not trained on.
         recipe: The recipe.
-        vocabulary: What the learner has numbers for.
+        vocabulary: Words, categories and colors for which the learner has numbers.
         objects: The most objects of a demonstration.
         draw: Draws rows of each demonstration, for learners of pixels.
 
@@ -193,11 +193,11 @@ def training_questions(
 
 @dataclass(frozen=True, slots=True)
 class AnswerRate:
-    """How many questions about held-out demonstrations were answered right.
+    """Number of right answers to questions about held-out demonstrations.
 
     Attributes:
         step: Training step.
-        type: What the questions are about; "all" for all of them.
+        type: Type of the questions; "all" for all of them.
         right: Questions that were answered right.
         asked: Questions that were asked.
     """

@@ -1,4 +1,4 @@
-"""What a validation tells: errors of the next actions per phase of held-out demonstrations, and a few rollouts."""
+"""Validation of a learner: errors of the next actions per phase of held-out demonstrations, and a few rollouts."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """How far the next actions of a learner are from the demonstrator's, over the frames of one phase.
+    """Error of a learner's next actions against the demonstrator's, over the frames of one phase.
 
     Attributes:
         step: Training step.
-        translation_mm: Mean distance of what is commanded in one control step [mm].
+        translation_mm: Mean distance between the translations commanded in one control step [mm].
         rotation_deg: Mean angle between the turns of one control step [degree].
-        gripper_wrong: Share of commands to the gripper that are the other one.
+        gripper_wrong: Share of gripper commands that are wrong.
         frames: Frames that were compared.
     """
 
@@ -48,7 +48,7 @@ class PhaseError:
 
 @dataclass(frozen=True, slots=True)
 class Rollout:
-    """How an episode ended that a learner acted in, at the start of a held-out demonstration."""
+    """Outcome of an episode in which a learner acted from the start of a held-out demonstration."""
 
     step: int
     trial: str
@@ -87,7 +87,7 @@ def phase_errors(
 def right_answers(
     network: LearnerNetwork, batches: Batches, data: TrainingSet, step: int, *, most: int = MOST_FRAMES
 ) -> list[AnswerRate]:
-    """Return how many questions about held-out demonstrations are answered right; none without co-training.
+    """Return the numbers of right answers to questions about held-out demonstrations; none without co-training.
 
     An answer that training never showed cannot be given, so a question for it counts as wrong.
     """
