@@ -1,4 +1,4 @@
-"""Gathering: what several callers ask at the same time is answered in one call."""
+"""Batching of policy calls: questions that several threads ask at the same time are answered in one call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAUSE_S = 0.01  # after which a call that waits for company looks again whether
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
-    """One question on its way."""
+    """Pending question of one thread, with its answer or the exception that it raised."""
 
     question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)

@@ -1,4 +1,4 @@
-"""PolicyFactory decide what to do next; the skills carry it out. The expert's rule reads the truth and is right."""
+"""Decision rules of privileged policies: a rule decides what to do next, and the skills carry it out."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a rule knows besides the state.
+    """Trial in which a decision rule decides; all that the rule knows besides the state.
 
     Attributes:
         task: The task, with its training regime.

@@ -1,4 +1,4 @@
-"""Code that loading a checkpoint of LeRobot would run: refused, unless whoever made it is trusted.
+"""Check for code that loading a checkpoint of LeRobot would run; it is refused unless the user trusts its author.
 
 LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` is one of LeRobot's own. One with a ``class`` is any name of any module, ``os.system`` for

@@ -42,7 +42,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""What others call our cameras: LIBERO's names in LeRobot's own data sets."""
+"""Other names of our cameras: those of LIBERO in LeRobot's own data sets."""
 
 _MOST_SHOWN = 12
 """Differences that one message names."""

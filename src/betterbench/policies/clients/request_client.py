@@ -1,4 +1,4 @@
-"""A ZeroMQ socket that asks and is answered, and that does not hang when an answer never comes."""
+"""ZeroMQ socket for requests and replies with a deadline, so that a lost reply does not block it."""
 
 from __future__ import annotations
 

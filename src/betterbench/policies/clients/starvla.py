@@ -29,7 +29,7 @@ from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
 ExampleLayout = Literal["payload", "flat"]
-"""Where the examples of a request stand: in its payload, or beside its type, as the first servers want them."""
+"""Layout of a request: examples in its payload, or at the top level beside its type, as the first servers expect."""
 
 _IMAGES = "image"
 _MOST_STRAYS = 64

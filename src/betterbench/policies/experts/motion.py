@@ -21,7 +21,7 @@ ROTATION_PER_UNIT_RAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast a motion may be.
+    """Limits on the speed and acceleration of a motion.
 
     Attributes:
         speed: Largest speed of the tool center point [m/s].

@@ -44,7 +44,7 @@ COMFORT_RAD = 0.3
 SLIDE_WIDTH_M = 0.05
 """Opening of the gripper around a knob that is checked along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Why a way is not free along which the arm cannot go on without another posture."""
+"""Reason against a path on which the arm would have to change its posture."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 

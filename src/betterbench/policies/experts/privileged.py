@@ -1,4 +1,4 @@
-"""A privileged policy: a rule and its skills, answering one action per state."""
+"""Privileged policies: a decision rule and motor skills that return one action per state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """How a policy carries out what its rule decides.
+    """Execution noise of a policy: errors of the motions that carry out its decisions.
 
     Attributes:
         grasp_offset: Deliberate error of the grasp, or None.
@@ -158,7 +158,7 @@ class PrivilegedAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
+        """Ground truth of the policy about its own episode, for the journal of the run; records do not contain it.
 
         ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
         decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names

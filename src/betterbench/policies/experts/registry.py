@@ -34,7 +34,7 @@ from betterbench.policies.faulty import (
 
 @dataclass(frozen=True, slots=True)
 class ExpertEntry:
-    """One privileged policy.
+    """Entry of a privileged policy in the registry.
 
     Attributes:
         address: Its address.

@@ -42,7 +42,7 @@ SURE = 0.6
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
 KNOB_RELEASE_M = 0.016
-"""How much wider than the knob of a drawer the gripper opens to let go of it [m]."""
+"""Gripper opening beyond the width of a drawer's knob when the knob is released [m]."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""The expert as a witness: in every one of its episodes it is known which faulty rules decide as it does.
+"""Expert that also records, in each of its episodes, which faulty rules would have decided as it did.
 
 A rule that gives the expert's decision each time it is asked drives the same episode to the same bits, because nothing
 else differs. Its outcome is then the expert's, and need not be simulated again.

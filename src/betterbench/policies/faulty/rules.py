@@ -1,4 +1,4 @@
-"""What all broken rules share: when they apply, what would have been right, and what their first fault is called.
+"""Base class of faulty decision rules: when they apply, the right decisions, and the label of their first fault.
 
 A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
 that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the

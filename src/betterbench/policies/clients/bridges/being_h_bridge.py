@@ -56,7 +56,7 @@ MAX_FRAME_BYTES = 256 * 1024 * 1024
 
 
 class ServedPolicy(Protocol):
-    """What is served."""
+    """Interface of the policy object that this bridge serves."""
 
     def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Return ``action.<name>`` entries, each (chunk, size) or (1, chunk, size)."""
