@@ -1,8 +1,8 @@
-"""Handling: what happens to the objects of an episode, told from its states and not by what a policy says it does.
+"""Handling: the picks, puts and slides of an episode, found from its states and not from the policy's own account.
 
 A **pick** counts with the pose in which the object last stood at rest before the gripper touched it. A **put** counts
 with where it was let go and with the relation that the object then bears to a target. A **slide** is a drawer that was
-moved along its rails. What is **pre-placed** counts with how it stands at its target at the start.
+moved along its rails. A **pre-placed** object counts with its pose at its target at the start.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Where an object was let go: height of its foot above the table [m], and where the foot was at the target [m].
+    """Point of release of an object: height of its foot above the table, position of the foot at the target [m].
 
     The latter is in the frame of the target, against the middle of the target region.
     """

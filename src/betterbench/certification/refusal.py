@@ -1,4 +1,4 @@
-"""Whether a certificate covers the trials of a run, and what to do if it does not."""
+"""Check that a certificate covers the trials of a run; the error about one that does not names the remedy."""
 
 from __future__ import annotations
 

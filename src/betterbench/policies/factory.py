@@ -92,7 +92,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """Description that the policy gives of itself, for which it is built once; see :func:`check_policy` for errors."""
+        """Description that the policy, built once for this, gives of itself; raises what :func:`check_policy` does."""
         if self._info is None:
             self._info = self._kind.describe(self._kind.parse(self.address, world=self._world))
         if self._info is None:

@@ -1,4 +1,4 @@
-"""``probe:no-language``: sees everything and hears nothing."""
+"""``probe:no-language``: a policy that sees the whole state and does not get the instruction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of faulty decision rules: when they apply, the right decisions, and the label of their first fault.
+"""Base class of faulty decision rules: when a fault applies, the right decisions, and the label of the first fault.
 
 A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
 that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the

@@ -1,4 +1,4 @@
-"""A kind of policies as one value, and the register of all kinds."""
+"""Kinds of policies as values, and the registry of all kinds."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PlannedTrial(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyNeeds:
-    """What a policy needs of the run that asks it.
+    """Resources that a policy needs from the run that asks it.
 
     Attributes:
         state: The privileged state, instead of observations. One is made for each episode, in its scene.
@@ -78,7 +78,7 @@ STATE = PolicyNeeds(state=True)
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """One policy as ``better list policies`` shows it; a privileged one sees the state instead of observations."""
+    """Entry of ``better list policies``; a privileged policy sees the state instead of observations."""
 
     address: str
     summary: str
@@ -101,7 +101,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """A kind of policies: what its addresses look like, what they need, and how a policy is made.
+    """Kind of policies: the form of their addresses, their needs, and their constructor.
 
     The functions get an address that :attr:`read` has checked, and raise a BetterError where they cannot go on.
 

@@ -1,4 +1,4 @@
-"""What the kinds of built-in privileged policies have in common: their names, their options, and one maker."""
+"""Shared parts of the kinds of built-in privileged policies: their names, options and constructor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the kinds of servers have in common, and with them checkpoints that are spoken to in a preset."""
+"""Shared parts of the kinds of policy servers, and of checkpoints that take a preset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The families of learners: what each sees, its sizes, and what of it may be frozen. Users' files add their own.
+"""Families of learners: the input of each, its sizes, and the parts that can be frozen. Users' files add their own.
 
 Nothing here needs torch: :mod:`networks` makes the network of a family.
 """
@@ -17,7 +17,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.user_files import load_declared, registered
 
 Sees = Literal["objects", "pixels"]
-"""What a learner is shown: the state as a perfect detector would tell it, or pictures."""
+"""Input of a learner: the state as a perfect detector would give it, or images."""
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 

@@ -1,4 +1,4 @@
-"""What the networks of all families share, the transformer of two of them, and the network of ``objects``."""
+"""Networks of learners: the base class, the transformer of two families, and the network of ``objects``."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _Memory = tuple[Tensor, Tensor]
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """What a batch of B samples shows in every family.
+    """Inputs of a batch of B samples that all families have.
 
     Attributes:
-        words: (B, w) int64, at most MOST_WORDS of them.
-        tools: (B, history, 10) float32, the present first.
+        words: (B, w) int64, the instruction, at most MOST_WORDS words.
+        tools: (B, history, 10) float32, states of the tool, the present one first.
         blind: (B,) bool: samples whose state is left out; None for none.
     """
 
@@ -48,7 +48,7 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """What a batch shows of at most n objects.
+    """Inputs of a batch of the ``objects`` family, with at most n objects per sample.
 
     Attributes:
         poses: (B, n, 9) float32.
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: what is shown, with the words of the question in place of an instruction, and the answers.
+    """Questions of a batch: the inputs, with the words of the question in place of an instruction, and the answers.
 
     Attributes:
         answers: (B,) int64 numbers of the right answers.
@@ -77,7 +77,7 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a network makes of U different instructions alone, which stays the same through an episode.
+    """Encodings of U different instructions, which stay the same through an episode.
 
     Attributes:
         words: (U, w, width) tokens of their words.
@@ -129,7 +129,7 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """From what is shown to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: from the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
 
     A family makes its modules in :meth:`build` and gathers what is shown into one vector of each sample in
     :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.

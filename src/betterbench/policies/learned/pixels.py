@@ -18,7 +18,7 @@ _KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
 
 @dataclass(slots=True, kw_only=True)
 class PicturesBatch(ShownBatch):
-    """What a batch shows in V views.
+    """Inputs of a batch of the ``pixels`` family, with V views per sample.
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8.
@@ -30,7 +30,7 @@ class PicturesBatch(ShownBatch):
 
 
 class _Convolutions(nn.Module):
-    """From pictures to one token each."""
+    """Convolutions with FiLM that turn each image into one token."""
 
     def __init__(self, width: int, views: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A checkpoint that acts, as its family sees: the state, or pictures."""
+"""Policies that act with a checkpoint, from the state or from images as its family needs."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ class SeeingPolicy:
 
 
 class _Past(Generic[SeenT]):
-    """What was seen at the steps that the history of a recipe reaches back to."""
+    """Buffer of the inputs of earlier steps, as far back as the history of a recipe reaches."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history

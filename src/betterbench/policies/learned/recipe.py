@@ -34,7 +34,7 @@ _WHOLE = (0.0, 0.0, 1.0, 1.0)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Proprioception:
-    """What the learner is told about its own arm.
+    """Proprioceptive inputs of a learner.
 
     Attributes:
         given: False to leave out the tool's pose and the fingers, and what follows from them.
@@ -50,7 +50,7 @@ class Proprioception:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """What is changed at random in training samples.
+    """Random augmentation of training samples.
 
     The first two are of ``objects``, the last two of ``pixels``.
 
@@ -70,7 +70,7 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """One picture that a learner of the ``pixels`` family sees.
+    """Image input of a learner of the ``pixels`` family: a camera, or a part of its image.
 
     Attributes:
         camera: Name of the camera.
@@ -92,7 +92,7 @@ class View:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """What a learner of the ``pixels`` family sees.
+    """Image inputs of a learner of the ``pixels`` family.
 
     Attributes:
         observation: Observation preset whose cameras the pictures are of; evaluation has to show the same.
@@ -142,7 +142,7 @@ class CoTraining:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
-    """How a learner is trained.
+    """Recipe of a training: data, network, optimization and random seeds.
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
@@ -274,12 +274,12 @@ class TrainingRecipe:
 
     @property
     def sees(self) -> Sees:
-        """What the learner is shown."""
+        """Input of the learner: the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property
     def built_in(self) -> bool:
-        """Whether the family is one of betterbench's own."""
+        """Whether the family is built into betterbench."""
         return learner_family(self.family).make is None
 
     @property
@@ -289,7 +289,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """What decides how many weights there are of each kind, but for the vocabulary, by the name of its field."""
+        """Settings that determine the number of weights apart from the vocabulary, by the name of their field."""
         given = self.proprioception.given
         return {
             "family": self.family,

@@ -1,4 +1,4 @@
-"""A policy that is not ours, in a process of its own: whatever it does to that process costs at most its own trial."""
+"""User policies in processes of their own, so that a crash costs at most the trial of that policy."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from betterbench.policies.process.process_reader import read_answer
 logger = logging.getLogger(__name__)
 
 LOAD_S = 3000.0
-"""How long a policy may take to load [s], unless told otherwise."""
+"""Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""How long a policy may take to close [s]; then its process is ended."""
+"""Time limit for closing a policy [s], after which its process is ended."""
 
 MAX_KILLS = 3
-"""How often a batch is asked for whose process is killed meanwhile."""
+"""Number of times that a batch is tried when the process is killed during it."""
 
 _POLL_S = 0.2
 _LEAVE_S = 0.5
@@ -309,7 +309,7 @@ class _Started:
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for a question: it has not ended, and has said nothing that nobody asked for."""
+        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Payloads that torch has written, read without running what a stranger put into them.
+"""Reading of payloads that torch has written, without running any code in them.
 
 Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
 the sender names. Here an answer is read by ``torch.load(weights_only=True)``, which calls nothing but what is on its

@@ -40,10 +40,10 @@ a process has 1,024 descriptors on most machines."""
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
 """Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
-"""How long a client may be silent before its connection is closed and what it holds is given back [s]."""
+"""Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""How long a client may be silent while all slots are taken and another client waits [s]. Between two questions a
-policy loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
+"""Time limit for a silent client while all slots are taken and another client waits [s]. Between two questions a policy
+loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
 
 _AWAY_CODE = 1001
 _ERROR_CODE = 1011
