@@ -37,7 +37,7 @@ class Pick:
 class Release(NamedTuple):
     """Point of release of an object: height of its foot above the table, position of the foot at the target [m].
 
-    The latter is in the frame of the target, against the middle of the target region.
+    The position is in the frame of the target, relative to the middle of the target region.
     """
 
     height_m: float
@@ -53,7 +53,7 @@ class Put:
         kind: Kind of the object.
         asset: Identity of its asset.
         relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
-        region: TargetRegion of the target, where it offers several.
+        region: Region of the target, where it offers several.
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
         level: Number of things below, down to the slot; the mount of a drawer does not count.
         pose: Pose ``T_world_object`` at rest.

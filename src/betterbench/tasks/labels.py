@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """What sort of outcome a label is; an unfinished trial is neither a success nor a failure of any kind."""
+    """Kind of outcome that a label stands for; an unfinished trial is neither a success nor a failure."""
 
     NONE = "none"
     REASONING = "reasoning"

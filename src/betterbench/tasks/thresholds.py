@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """One entry of the table.
+    """Threshold in the table: its value, unit, purpose and effect.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
@@ -63,7 +63,7 @@ def threshold_table() -> tuple[Threshold, ...]:
 
 
 class Thresholds:
-    """Thresholds that several files read."""
+    """Thresholds that several modules use."""
 
     # fmt: off
     # The goal tracker: what is at rest, what stands, what is home.

@@ -81,7 +81,7 @@ class Heard:
 
     Attributes:
         words: (U, w, width) tokens of their words.
-        told: (U, w) bool: which of these are there.
+        told: (U, w) bool, False for padding.
         which: (B,) instruction of each sample.
         memories: Per layer keys and values of the words, each (U, heads, w, width of a head).
     """
@@ -338,7 +338,7 @@ class TokenNetwork(LearnerNetwork):
         Args:
             shown: What is shown.
             words: (U, w, width) tokens of the different instructions.
-            told: (U, w) bool: which of these are there.
+            told: (U, w) bool, False for padding.
             which: (B,) instruction of each sample.
         """
 

@@ -142,34 +142,34 @@ class CoTraining:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
-    """Recipe of a training: data, network, optimization and random seeds.
+    """Recipe for training a learner: its data, network, optimization and validation.
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would,
-            ``pixels`` sees pictures; or the name of a family of one's own.
-        options: Fields of a family of one's own.
+        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as a perfect detector would
+            give them, ``pixels`` gets images; or the name of a user's family.
+        options: Options of a user's family.
         tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
-        variations: Take demonstrations of test variations too, as the covered regime holds.
-        demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
-        longest_pause: Control steps of a demonstrator's pause that are trained on; None for all.
-        every: Frames from one that is shown in training to the next; the actions of a chunk follow without a gap.
-        eyes: What a learner of ``pixels`` sees.
+        variations: True to use demonstrations of test variations too, such as those of the covered regime.
+        demonstrations: Largest number of demonstrations of one condition, the lowest seeds first; None for all.
+        longest_pause: Number of control steps of a demonstrator's pause that are trained on; None for all.
+        every: Stride between frames that training uses as inputs; the actions of a chunk follow without a gap.
+        eyes: Image inputs of a learner of ``pixels``.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: States of the tool that the learner sees: the present one and those before it.
+        history: Number of states of the tool that the learner gets: the present one and those before it.
         history_stride: Control steps from one of them to the next; for ``pixels``, which are asked for every
             ``execute`` steps, a multiple of these.
-        chunk: Actions of one answer.
-        execute: Actions of an answer that are executed before the learner looks again.
+        chunk: Number of actions in one answer.
+        execute: Number of actions of an answer that are executed before the learner is asked again.
         loss: ``l1``, or ``flow`` for flow matching.
-        flow_steps: Steps of integration when a flow is drawn from.
+        flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations that is dropped in training.
-        gripper_weight: How much more often a sample at a change of the gripper is drawn than another one.
+        gripper_weight: Sampling weight of a sample at a change of the gripper; that of the others is 1.
         co_training: Questions that are learned beside the actions, or None.
         start: Checkpoint whose weights training begins with, or None.
-        frozen: Parts whose weights stay as they began.
+        frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the mean of weights, which is what is evaluated.
+        ema: Decay of the moving average of the weights, which is what is evaluated.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as ``better export --validation`` does.
         validate_every: Steps between two validations.

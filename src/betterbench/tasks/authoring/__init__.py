@@ -39,7 +39,7 @@ from betterbench.tasks.relations.relation import Relation
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 
 SlotLayout = Mapping[ObjectSpec, Slot]
-"""Which object starts in which slot."""
+"""Start slot of each object."""
 
 
 def item(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
@@ -151,7 +151,7 @@ def condition(
     """Return a training condition; the registry gives it its task and its name.
 
     Args:
-        layout: Which object starts in which slot.
+        layout: Start slot of each object.
         instruction: What is asked for.
         *mounted: Drawers, which start in their mounts.
         preplaced: Objects of the layout that already rest at a target instead of in their slot.

@@ -1,4 +1,4 @@
-"""What a task's training regime teaches: which word went with which place, and which step came first.
+"""Regularities of a task's training regime: the places that went with each word, and the steps that came first.
 
 These are the confounds that the variations break. They are computed from the training conditions and never written down
 by hand, so they cannot disagree with them.

@@ -1,4 +1,4 @@
-"""The one place where a name becomes a condition."""
+"""Look-up of conditions by name; all other modules get conditions through it."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from betterbench.tasks.thresholds import LEAN_FORCE, PRESS_FORCE, PRESS_TIME, TH
 
 @dataclass(frozen=True, slots=True)
 class GraspAttempt:
-    """One grasp attempt, before it is known what was asked for.
+    """Grasp attempt, described without regard to the instruction.
 
     Attributes:
         release: Row at which the gripper was commanded to open again, or the number of rows.

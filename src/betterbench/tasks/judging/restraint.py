@@ -1,4 +1,4 @@
-"""Restraint: what must not be attempted where staying still is right, or where what is asked for is absent."""
+"""Restraint: forbidden grasp attempts where the policy should stay still, or where the requested object is absent."""
 
 from __future__ import annotations
 

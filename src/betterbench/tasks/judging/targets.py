@@ -1,4 +1,4 @@
-"""The targets of a condition: what is asked for there, what is there, and what is there besides."""
+"""Occupancy of a condition's targets: the requested objects, those that are there, and those that do not belong."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Places = tuple[tuple[str | None, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """A subgoal as it is seen in a scene, by the names of the scene.
+    """Subgoal in a scene, in the names of that scene.
 
     Attributes:
         candidates: Objects that it can mean.
-        count: How many of them must be there.
+        count: Number of them that must be there.
     """
 
     relation: str
@@ -39,7 +39,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """One target that is watched: which of the subjects are at which of its regions, all by name."""
+    """Watched target: the relation, the objects whose region is tracked, and the regions of the target, all by name."""
 
     relation: Relation
     target: str
@@ -48,12 +48,12 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """What a subgoal needs: enough of its candidates at a region of a watched target.
+    """Need of a subgoal: a number of its candidates at a region of a watched target.
 
     Attributes:
         watch: Number of the watched target.
-        candidates: Numbers, among the subjects, of the objects that it can mean.
-        least: How many of them must be there.
+        candidates: Indices among the subjects of the objects that the subgoal can mean.
+        least: Number of them that must be there.
     """
 
     watch: int

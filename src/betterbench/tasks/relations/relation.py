@@ -1,4 +1,4 @@
-"""What a relation between an object and a target is, and the registry of all relations."""
+"""Relations between an object and a target, and the registry of all relations."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -44,11 +44,11 @@ Surface = Callable[[Mapping[str, Region], str], Vector]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relation:
-    """Everything that the program has to know of a relation between an object and a target.
+    """Relation between an object and a target, with all that judging, planning and documents need of it.
 
     Attributes:
         name: Identifier ("inside", "beside").
-        words: How documents say it: "{object} is inside {target}"; ``{region}`` where the target offers several.
+        words: Text of documents: "{object} is inside {target}"; ``{region}`` where the target offers several.
         where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
             target offers one alone, or None if the object is at none. Where regions overlap it returns the names of
             all of them, joined by "+"; :func:`is_at` tells them apart.
@@ -86,7 +86,7 @@ class Relation:
 
     @property
     def carried(self) -> bool:
-        """Whether a gripper brings it about by carrying the object; otherwise by moving it along its rail."""
+        """Whether the relation is brought about by carrying the object; otherwise by moving it along its rail."""
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:
