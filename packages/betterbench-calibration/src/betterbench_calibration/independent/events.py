@@ -14,15 +14,15 @@ DISPLACED_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """One closing of the gripper.
+    """Closing of the gripper, with the objects near it.
 
     Attributes:
         step: Control step at which the fingers stopped.
         tool: Position of the tool [m], world frame.
-        nearest: Movable thing whose middle was nearest to the tool, seen from above.
-        beside_m: Horizontal distance from the tool to the origin of that thing [m].
-        above_m: Height of the tool above the top of that thing [m]; negative between bottom and top.
-        gripped: Thing that both fingers touched at the end, or None.
+        nearest: Movable object whose middle was nearest to the tool, seen from above.
+        beside_m: Horizontal distance from the tool to the origin of that object [m].
+        above_m: Height of the tool above the top of that object [m]; negative below the top.
+        gripped: Object that both fingers touched at the end, or None.
     """
 
     step: int

@@ -1,4 +1,4 @@
-"""What a habit is: one fixed way to decide wrongly, to fail physically, or to do right in an odd way."""
+"""Habits of the independent family: fixed ways to decide wrongly, to fail physically, or to do right in an odd way."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ MOST_DRAWS = 1 << 48
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraw:
-    """One draw: its number in the whole mixture, the data set, the item in it, and how often all items came before."""
+    """Draw from a mixture: its number, the data set, the item in it, and the number of earlier passes over that set."""
 
     number: int
     part: str
