@@ -111,7 +111,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
+    """Tracker of the primitives of an episode. Feed it every state from reset on, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
         self._condition = condition

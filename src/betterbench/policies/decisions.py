@@ -58,7 +58,7 @@ class Freeze:
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """Decision to move about for ever without grasping at anything."""
+    """Decision to move about forever without grasping at anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class Situation:
 
 
 class DecisionRule(Protocol):
-    """Decides step by step."""
+    """Decision rule of a privileged policy, which is asked for one decision after the other."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision.
@@ -158,7 +158,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Does what the instruction asks for, in order, and stops when it is done."""
+    """Rule of the expert: it does what the instruction asks for, in order, and stops when that is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Prepare for an episode."""

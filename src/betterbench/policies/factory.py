@@ -50,7 +50,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
+    """Factory of the policies of one worker; a context manager that closes an instance that was not handed out."""
 
     def __init__(
         self,

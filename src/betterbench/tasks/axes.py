@@ -1,4 +1,4 @@
-"""The four axes along which a task is turned, and what a right policy is expected to do."""
+"""The four axes of variation of a task, and the behavior expected of a policy."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSpec:
-    """An object as a condition wants it.
+    """Specification of an object in a condition.
 
     Attributes:
         name: Name in the scene. It carries no meaning: renaming every object changes no verdict.

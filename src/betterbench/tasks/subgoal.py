@@ -1,11 +1,11 @@
-"""Subgoals: what an instruction asks for, step by step, as relations between the things it names."""
+"""Subgoals: the steps of an instruction, as relations between the objects that it names."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The way an instruction picks out an object: by what it is, or by where it stands at the start.
+    """Reference of an instruction to an object: by its description, or by its place at the start.
 
     Attributes:
         kind: Kind of object that is meant ("burger", "red mug"), or None.

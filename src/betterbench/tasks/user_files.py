@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A user's file as it was loaded; workers get the same text, whatever happens to the file meanwhile.
+    """User file as it was loaded. Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that loaded it first. ``demonstrations`` is the text of its companion file, if
     there is one.
@@ -104,7 +104,7 @@ class _Origin:
 
 
 class _Loader(importlib.abc.ExecutionLoader):
-    """Executes the text of a task file as a module."""
+    """Import loader that executes the text of a task file as a module."""
 
     def __init__(self, file: TaskFile) -> None:
         self._file = file

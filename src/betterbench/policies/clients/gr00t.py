@@ -211,7 +211,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
 
 class Gr00tBatchClient(Gr00tClient):
-    """A GR00T policy that looks at the present only; one client asks for many environments."""
+    """A GR00T policy that needs the present observation only; one client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode in one of the environments; there is nothing to forget."""
@@ -223,7 +223,7 @@ class Gr00tBatchClient(Gr00tClient):
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """A GR00T policy that is given several time steps; it sees every control step and plays its chunks itself."""
+    """A GR00T policy that needs several time steps; it gets every control step and plays its chunks itself."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)

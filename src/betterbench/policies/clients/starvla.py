@@ -36,7 +36,7 @@ _MOST_STRAYS = 64
 
 
 class StarVlaClient(ServerClient[WebSocket]):
-    """A policy behind starVLA's websocket; one client asks for many environments."""
+    """A policy behind starVLA's websocket; one client serves many environments."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)

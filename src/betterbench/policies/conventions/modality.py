@@ -20,7 +20,7 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True, slots=True)
 class Modalities:
-    """The modalities of a server.
+    """Modalities of a server, with the entries and the time steps of each.
 
     Attributes:
         video: Names of the images it wants; None if it does not say. Likewise the others.

@@ -65,7 +65,7 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Runs one policy through one episode of a task that asks for things to be carried."""
+    """Privileged policy in one episode of a LIBERO task that asks for objects to be carried."""
 
     def __init__(self, address: str, scene: ForeignScene) -> None:
         """Prepare for an episode that has been reset.

@@ -1,4 +1,4 @@
-"""Planning for the privileged experts: which grasp, which way, which place, without touching anything else."""
+"""Planning for the privileged experts: grasps, paths and placements without contact with other objects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 """Heights of the tool center point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
-"""Distance between configurations that are checked along a way."""
+"""Distance between configurations that are checked along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 """Distance and angle by which a checked configuration may miss its pose; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
@@ -51,7 +51,7 @@ LIFT_M = 0.08
 
 @dataclass(frozen=True, slots=True)
 class PickPlan:
-    """A collision-free way to take an object.
+    """Collision-free path to pick up an object.
 
     Attributes:
         object: Name of the object.
@@ -68,7 +68,7 @@ class PickPlan:
 
 @dataclass(frozen=True, slots=True)
 class PlacePlan:
-    """A collision-free way to put the held object down.
+    """Collision-free path to put down the held object.
 
     Attributes:
         way: Poses of the tool center point to pass.
@@ -85,7 +85,7 @@ class PlacePlan:
 
 @dataclass(frozen=True, slots=True)
 class SlidePlan:
-    """A collision-free way to take a drawer by its knob and to move it along its rails.
+    """Collision-free path to grasp a drawer by its knob and move it along its rails.
 
     Attributes:
         pick: Way to the knob.
@@ -97,7 +97,7 @@ class SlidePlan:
 
 
 class Planner:
-    """Finds grasps and ways in one scene."""
+    """Planner of grasps and collision-free paths in one scene."""
 
     def __init__(self, scene: Scene) -> None:
         """Prepare a private copy of the scene."""

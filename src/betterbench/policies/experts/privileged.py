@@ -45,7 +45,7 @@ class ExecutionNoise:
 
 
 class _DecisionLoop:
-    """Turns the decisions of a rule into actions.
+    """Loop that turns the decisions of a rule into actions.
 
     The agent holds the loop and its generator, and neither refers to the agent: a cycle would keep the scene in memory
     until a garbage collection.
@@ -125,7 +125,7 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 class PrivilegedAgent:
-    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
+    """Privileged policy with one rule in one episode. It has the same action space and limits as any policy."""
 
     def __init__(
         self,

@@ -30,7 +30,7 @@ OTHER_DEMONSTRATIONS = 500_000
 
 
 class OpenLoop:
-    """Plays given actions one after the other and then holds still."""
+    """Open-loop policy: it plays given actions one after the other and then holds still."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.

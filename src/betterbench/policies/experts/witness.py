@@ -12,7 +12,7 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Decides like the expert and asks other rules, in the same state and after the same decisions, what they would do.
+    """Expert rule that also asks other rules for their decisions, in the same states and after the same decisions.
 
     Attributes:
         same: Names of the rules that have decided like the expert so far.

@@ -398,7 +398,7 @@ class TokenNetwork(LearnerNetwork):
 
 
 class ObjectsNetwork(TokenNetwork):
-    """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
+    """Network of ``objects``, with one token per object. Tokens have no position code, so their order is irrelevant."""
 
     position_mean: Tensor
     position_scale: Tensor

@@ -63,10 +63,10 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Sees one token per view: where the channels of a convolution net, which the words modulate, are strongest.
+    """Network of ``pixels``, with one token per view: the key points of a convolution net that the words modulate.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). A channel is read out as the mean place of its
-    softmax over the picture and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
+    softmax over the image and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
     Deep Visuomotor Policies"). All views share the net.
     """
 

@@ -30,7 +30,7 @@ KEPT_INSTRUCTIONS = 64
 
 
 class Learner:
-    """A network that is ready to answer; several episodes share one.
+    """Loaded network of a learner, which several episodes share.
 
     Attributes:
         trained: What its checkpoint says.
@@ -108,7 +108,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """A learner of ``objects`` in one episode; it looks again when ``execute`` actions of an answer were played."""
+    """Learner of ``objects`` in one episode; it is asked again after ``execute`` actions of an answer."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Prepare for one episode; ``episode`` is the number that the noise of a flow is drawn with."""
@@ -145,7 +145,7 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """A learner of ``pixels``, which sees what every policy under test sees: observations."""
+    """Learner of ``pixels``, which gets observations as every policy under test does."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
         """Prepare; InvalidInputError if it is not asked at the steps that its history is of."""

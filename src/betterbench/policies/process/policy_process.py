@@ -63,11 +63,11 @@ MARK = "BETTERBENCH_POLICY_PROCESS"
 
 
 class PolicyProcess:
-    """A policy in a process of its own, as the run asks it.
+    """Client side of a policy in a process of its own.
 
-    When it is asked after its process has ended, another one is started, with a policy that is made anew. So is it for
-    the episode after one in which it failed, unless it holds weights: what it did then to its process is nobody else's.
-    The process leads a session, so that no signal to the group of the run reaches it, nor one of its own the run.
+    If it is asked after its process has ended, another process is started with a new policy. The same is done for the
+    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes.
+    The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
 
     Attributes:
         info: What the policy says about itself.
@@ -257,7 +257,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
 
 
 class _Started:
-    """A process that loads its policy and then answers."""
+    """Started process that loads its policy and then answers."""
 
     def __init__(self, address: str, world: str) -> None:
         self._address, self._number, self._mark = address, 0, uuid.uuid4().hex

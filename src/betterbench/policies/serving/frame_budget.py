@@ -26,7 +26,7 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Follows the bytes that come over one connection: first a request in HTTP, then the frames of a websocket.
+    """Meter of the bytes that one connection receives: first a request in HTTP, then the frames of a websocket.
 
     It reads the heads of frames alone (RFC 6455, section 5.2).
 
@@ -129,7 +129,7 @@ class Metered:
 
 
 class FrameBudget:
-    """Shared by all connections of one server; callable from any thread."""
+    """Memory budget that all connections of one server share. Its methods may be called from any thread."""
 
     def __init__(self, most_bytes: int = BUDGET_BYTES, *, stuck_s: float = STUCK_S) -> None:
         self._most, self._stuck_s = most_bytes, stuck_s

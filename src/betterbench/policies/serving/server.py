@@ -1,4 +1,4 @@
-"""The server of the openpi protocol: metadata first, then one frame in, one frame out, an error as text.
+"""Server of the openpi protocol: metadata first, then a reply for each request, with errors as text frames.
 
 What is served is somebody else's business: a server is given a function that makes a :class:`Session` for each
 connection. Every connection has a thread of its own, so a client that is slow, that breaks off or that sends garbage
@@ -55,7 +55,7 @@ _ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
-    """Answers the requests of one connection, one after the other."""
+    """Session of one connection, whose requests are answered one after the other."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
@@ -68,7 +68,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Serves sessions until it is told to stop; a context manager that starts and stops it."""
+    """Server of policy sessions; a context manager that starts and stops it."""
 
     def __init__(
         self,

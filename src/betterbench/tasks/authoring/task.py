@@ -10,7 +10,7 @@ from betterbench.tasks.condition import Condition, Slot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A base task.
+    """Base task with its training conditions and variations.
 
     Attributes:
         version: Version of its behavior: a changed goal, tolerance or instruction moves it.

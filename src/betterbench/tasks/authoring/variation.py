@@ -8,7 +8,7 @@ from betterbench.tasks.axes import Axis, Expected, Support
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A training condition turned into a test condition.
+    """Variation: a training condition that operations turn into a test condition.
 
     Attributes:
         name: Letter of the axis and running number ("L3").

@@ -16,7 +16,7 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """A condition of a task, and where it comes from.
+    """Condition of a task, with its origin.
 
     Attributes:
         task: The task, with the slots of the condition.

@@ -37,7 +37,7 @@ class Truth(NamedTuple):
 
 
 class GoalTracker:
-    """Follows one episode. Feed it every state from reset on, in order; live and offline use are the same."""
+    """Tracker of the goal in an episode, live or offline alike. Feed it every state from reset on, in order."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode; the dwell is counted by the control rate."""

@@ -116,7 +116,7 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Watches an episode for harm. Feed it the state at reset first, then others in order of time."""
+    """Detector of harm in an episode. Feed it the state at reset first, then others in order of time."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
         """Prepare; where a template is not ``exclusive``, other things may be at its targets."""

@@ -39,7 +39,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """The file: the closing points of the preferred grasps by category of asset."""
+    """File of closing points: those of the preferred grasps, by category of asset."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -47,7 +47,7 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """A slot in which training picked something, in one scene.
+    """Slot of a scene from which demonstrations picked an object.
 
     Attributes:
         middle: Middle of the slot, x and y [m], world frame.

@@ -100,7 +100,7 @@ _ROWS_BETWEEN = 5
 
 
 class Restraint:
-    """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
+    """Tracker of an episode in which objects are to be left alone. Feed it every state from reset on, in order."""
 
     def __init__(
         self,

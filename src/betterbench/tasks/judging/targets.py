@@ -63,7 +63,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Something at a target that was not asked for there, or one more of its kind than was."""
+    """Object at a target that was not asked for there, or beyond the number that was."""
 
     object: str
     target: str
@@ -71,7 +71,7 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """All targets that are watched: those that are asked for, and the others of their kind in the scene."""
+    """Watched targets: those that are asked for, and the others of their kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare; ``placing`` is the relation for which things count that are there besides."""

@@ -1,4 +1,4 @@
-"""Containment: whether an object is in a container that is open at the top."""
+"""Containment: an object in a container that is open at the top."""
 
 import functools
 import math

@@ -59,7 +59,7 @@ def tool_down(yaw: float) -> Quaternion:
 
 
 class Arm:
-    """Moves the tool of one episode, in one manner.
+    """Arm of one episode, which moves its tool in one manner.
 
     Attributes:
         tempo: Factor on all speeds of the tool, besides the manner and the pace of a single way.

@@ -1,4 +1,4 @@
-"""The family's own log of what its arm did: closings, losses, releases and what was pushed. No verdict reads it."""
+"""Log of the family's own events: closings, losses, releases and pushed objects. No verdict reads it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Closing:
 
 @dataclass(slots=True)
 class EventLog:
-    """Follows the states of one episode.
+    """Log of the events in one episode, found from its states.
 
     Attributes:
         closings: All closings.

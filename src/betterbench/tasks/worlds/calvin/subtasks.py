@@ -116,7 +116,7 @@ class UnstackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A light was in one state and is in the other."""
+    """A light changed from one state to the other."""
 
     kind: Literal["switch"]
     light: str
