@@ -179,7 +179,7 @@ class Summary:
         clauses: Trials on which each clause holds.
         steps_share: Largest share of the step limit that the expert used, among trials that it solved; None where it
             solved none, or had to be watched until the limit.
-        notes: What was said about clauses, each once, with a seed on which it was said.
+        notes: Remarks about clauses, each once, with a seed on which it was made.
     """
 
     task: str

@@ -74,7 +74,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None) -> Demonstra
 
     Args:
         trial: A training condition and a seed of demonstrations.
-        so_far: What was measured of the task before, for conditions that begin with something pre-placed.
+        so_far: Earlier measurements of the task, for conditions that begin with pre-placed objects.
     """
     task = get_task(trial.task)
     with measured_so_far(task.id, so_far):

@@ -59,7 +59,7 @@ class Put:
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the asset of the target.
         target_pose: Pose of the middle of the target region at that time, ``T_world_middle``; ``pose`` without target.
-        release: Where it was let go.
+        release: Point of its release.
     """
 
     object: str

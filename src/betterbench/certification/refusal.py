@@ -1,4 +1,4 @@
-"""Check that a certificate covers the trials of a run; the error about one that does not names the remedy."""
+"""Check that a certificate covers the trials of a run, with an error that names the remedy."""
 
 from __future__ import annotations
 

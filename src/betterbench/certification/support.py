@@ -1,4 +1,4 @@
-"""Support: the picks, puts and slides of a training regime, and whether those of an episode lie among them."""
+"""Support: the picks, puts and slides of a training regime, and the check that those of an episode are among them."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class AddressForm:
         example: An address as messages advise it ("gr00t://localhost:5555", "learned:CHECKPOINT").
         target: Whether something follows the scheme and a colon: a name, a file or a server.
         options: The options that its addresses take.
-        transport: How a server is spoken to; None for a policy that is no server.
+        transport: Transport protocol of the server; None for a policy that is not a server.
         port: Port that a server listens on unless the address names another one.
     """
 

@@ -34,8 +34,8 @@ class BatchCollector(Generic[QuestionT, AnswerT]):
 
     Questions that arrive during a call form the next batch, so a busy policy gets large batches and an idle one answers
     at once. Where further questions are expected, a call waits for them, but no longer than the shortest call so far
-    has taken: otherwise several callers of one server send it small batches in turn. If a batch fails, its questions are
-    asked one by one, so that a caller gets the error of its own question only.
+    has taken: otherwise several callers of one server send it small batches in turn. If a batch fails, its questions
+    are asked one by one, so that a caller gets the error of its own question only.
     """
 
     def __init__(

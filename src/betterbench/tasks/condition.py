@@ -50,7 +50,7 @@ class ObjectSpec:
 
     Attributes:
         name: Name in the scene. It carries no meaning: renaming every object changes no verdict.
-        kind: What instructions call it ("red mug").
+        kind: Noun of the object in instructions ("red mug").
         category: Category of its asset ("mug").
         color: Color of its asset, or None to let the generator choose.
         mount: For a drawer, the place of the cabinet that it slides in.

@@ -1,4 +1,4 @@
-"""Outcome labels. They stand below tasks and diagnosis, so that both name them as values and nobody types them.
+"""Outcome labels. They are defined here, below tasks and diagnosis, so that both use them as values and not as strings.
 
 What a label means, how it is found and how reports speak of it stands in its file in ``diagnosis/modes``.
 """

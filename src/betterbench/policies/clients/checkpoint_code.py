@@ -35,8 +35,8 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
 
     Args:
         config: Its configuration, as LeRobot has read it.
-        files: Where the files of its processors are, by name.
-        where: What messages call the checkpoint.
+        files: Paths of its processors' files, by name.
+        where: Name of the checkpoint in messages.
 
     Raises:
         InvalidInputError: If it does, or a file of a processor cannot be read.

@@ -56,7 +56,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     Args:
         kind: The type that a checkpoint names.
         known: The types that the installed LeRobot knows, those of plugins among them.
-        where: What messages call the checkpoint.
+        where: Name of the checkpoint in messages.
 
     Raises:
         InvalidInputError: If it is not a policy, or not known.

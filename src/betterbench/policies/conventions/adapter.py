@@ -65,7 +65,8 @@ class ConstantRule:
     """Constant entry of every request, such as the name of a normalization.
 
     Attributes:
-        value: What is sent; None for an entry without a safe default, which the address has to give (``send.KEY=``).
+        value: Value that is sent; None for an entry without a safe default, which the address has to give
+            (``send.KEY=``).
     """
 
     key: tuple[str, ...]
@@ -89,7 +90,7 @@ class Feedback:
     Attributes:
         state_key: Key of the state.
         answer_key: Key of the answer.
-        size: How many numbers of the row that was played last replace the first ones of the state.
+        size: Number of values of the last played row that replace the first ones of the state.
     """
 
     state_key: tuple[str, ...]

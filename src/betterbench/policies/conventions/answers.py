@@ -90,8 +90,8 @@ class AnswerPart:
     """Columns of an answer that belong together, and their meaning.
 
     Attributes:
-        key: Where they stand in the reply. Parts with the same key follow each other in its columns.
-        size: How many columns; None for what the kind needs.
+        key: Path of their array in the reply. Parts with the same key follow each other in its columns.
+        size: Number of columns; None for the number that the kind needs.
     """
 
     key: tuple[str, ...]

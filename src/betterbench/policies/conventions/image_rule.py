@@ -1,4 +1,4 @@
-"""Images as a policy wants them: turned, mirrored, cropped and resized."""
+"""Image inputs of a policy: turned, mirrored, cropped and resized."""
 
 from __future__ import annotations
 

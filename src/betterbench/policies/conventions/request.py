@@ -36,10 +36,10 @@ class Request:
     """Checked request of a client: an instruction with an observation.
 
     Attributes:
-        step: Control steps since reset, or None where the client does not say.
-        start: How the episode began, or None where the client does not say.
+        step: Control steps since reset, or None where the client does not send it.
+        start: Start of the episode, or None where the client does not send it.
         trial: The trial, where the client names it; only a served expert needs it.
-        observation: What the client sees, or None where it sends neither joints nor state.
+        observation: Observation of the client, or None where it sends neither joints nor state.
         measured: True if the observation holds the joint angles, so that two sides can compare their states.
     """
 

@@ -78,7 +78,7 @@ def follow(
         state: State now.
         waypoints: Poses to pass, the last one to stop at.
         gripper: Gripper command during the motion.
-        pace: How fast.
+        pace: Speed limits of the motion.
         period_s: Control period [s].
         settle: Most control steps to wait for the arm at the end.
 

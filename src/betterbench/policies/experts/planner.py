@@ -74,7 +74,7 @@ class PlacePlan:
         way: Poses of the tool center point to pass.
         release: Pose ``T_world_tcp`` at which the gripper opens.
         retreat: Pose to go to afterward.
-        release_width_m: How far the gripper opens to let go [m].
+        release_width_m: Opening of the gripper at the release [m].
     """
 
     way: tuple[Pose, ...]
@@ -251,7 +251,7 @@ class Planner:
             goal: Pose ``T_world_tcp`` to reach.
             width_m: Distance of the finger pads on the way [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
         """
         self._clearance.load(state)
         return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
@@ -272,7 +272,7 @@ class Planner:
             way: Poses ``T_world_tcp``, the first one where the arm is sent to now.
             width_m: Distance of the finger pads on the way [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
         """
         self._clearance.load(state)
         blocked, joints = self.check_way(
@@ -376,7 +376,7 @@ class Planner:
             way: Poses of the tool center point.
             width: Distance of the finger pads [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
             lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
 

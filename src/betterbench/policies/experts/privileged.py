@@ -142,7 +142,7 @@ class PrivilegedAgent:
             name: Address of the policy.
             scene: The scene the episode runs in.
             rule: Decides.
-            noise: How the decisions are carried out; exactly, if not given.
+            noise: Execution noise of the decisions; none if not given.
             skills: Carry them out; those of the expert, if not given.
         """
         self._name = name

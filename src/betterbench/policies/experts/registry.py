@@ -38,7 +38,7 @@ class ExpertEntry:
 
     Attributes:
         address: Its address.
-        summary: What it does, one sentence.
+        summary: Its behavior in one sentence.
         rule: Makes its rule from the trial and the strength of its rule.
     """
 

@@ -54,10 +54,10 @@ class Skills:
         period_s: Control period [s].
         choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
         trained: Returns where demonstrations let go of things at a target, by relation and region; None if unknown.
-        attempts: How often a failed grasp is tried again.
+        attempts: Number of times that a failed grasp is tried again.
         grasp_offset: Deliberate clumsiness, or None.
         speed: Share of the usual speed.
-        obstacle: Why the last motion could not be planned; empty if all could.
+        obstacle: Reason why the last motion could not be planned; empty if all could.
     """
 
     planner: Planner

@@ -48,8 +48,8 @@ class Family:
     """A family of learners.
 
     Attributes:
-        name: What recipes call it.
-        sees: What it is shown.
+        name: Name in recipes.
+        sees: Input of the learner.
         capacities: Its sizes ``small``, ``base`` and ``large``.
         parts: Parts of its network that recipes may freeze.
         options: Numbers and words of its own that recipes may change, with their defaults.
@@ -95,7 +95,7 @@ def learner(
     What is decorated is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
-        name: What recipes write as their ``family``.
+        name: Name in the field ``family`` of recipes.
         sees: ``objects`` to be shown the state, ``pixels`` to be shown the pictures of the recipe's ``eyes``.
         capacities: Its ``small``, ``base`` and ``large``; those of the family of the same name as ``sees`` if left out.
         parts: Names of modules of its own that recipes may freeze; the head can always be.

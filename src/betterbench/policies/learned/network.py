@@ -135,7 +135,7 @@ class LearnerNetwork(nn.Module):
     :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.
 
     Attributes:
-        recipe: How it is trained; ``recipe.size`` is its capacity.
+        recipe: Recipe of its training; ``recipe.size`` is its capacity.
         options: The options of its family.
         tool_mean, tool_scale: (10,) of the tool in the training data; so are those of actions, (7,), and whatever
             :meth:`keep_scale` was asked for.
@@ -174,8 +174,8 @@ class LearnerNetwork(nn.Module):
         """Return what is gathered of each sample, (B, width).
 
         Args:
-            shown: What is shown.
-            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+            shown: Inputs of the batch.
+            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
@@ -236,7 +236,7 @@ class LearnerNetwork(nn.Module):
         """Return the mean loss of a batch.
 
         Args:
-            shown: What is shown.
+            shown: Inputs of the batch.
             actions: (B, chunk, 7) actions of the demonstrators.
             counted: (B, chunk) bool: False after the end of a demonstration.
         """
@@ -273,9 +273,9 @@ class LearnerNetwork(nn.Module):
         """Return chunks of actions, (B, chunk, 7).
 
         Args:
-            shown: What is shown.
-            noise: What a flow begins with, (B, chunk, 7).
-            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+            shown: Inputs of the batch.
+            noise: (B, chunk, 7) start of a flow.
+            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
@@ -336,7 +336,7 @@ class TokenNetwork(LearnerNetwork):
         """Return tokens of what is seen, (B, n, width), and which of them are there, (B, n) bool.
 
         Args:
-            shown: What is shown.
+            shown: Inputs of the batch.
             words: (U, w, width) tokens of the different instructions.
             told: (U, w) bool, False for padding.
             which: (B,) instruction of each sample.

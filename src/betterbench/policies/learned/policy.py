@@ -33,7 +33,7 @@ class Learner:
     """Loaded network of a learner, which several episodes share.
 
     Attributes:
-        trained: What its checkpoint says.
+        trained: Metadata of its checkpoint.
         fingerprint: SHA-256 of the checkpoint's file; empty while it is being trained.
     """
 
@@ -76,7 +76,7 @@ class Learner:
 
         Args:
             shown: A batch of one sample.
-            seed: What the noise of a flow is drawn with.
+            seed: Seed of a flow's noise.
         """
         noise = None
         if self.trained.recipe.loss == "flow":

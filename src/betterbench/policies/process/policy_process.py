@@ -70,7 +70,7 @@ class PolicyProcess:
     The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
 
     Attributes:
-        info: What the policy says about itself.
+        info: Description that the policy gives of itself.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
         ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.

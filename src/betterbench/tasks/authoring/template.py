@@ -17,7 +17,7 @@ class ObjectGroup:
     """An abstract group of objects of a template, as a scenario has to fill it.
 
     Attributes:
-        description: What the group stands for.
+        description: Meaning of the group.
         allowed_types: Semantic categories it may hold.
         count_range: Least and largest number of objects.
         role: Role that its objects play in a scene.

@@ -22,7 +22,7 @@ class ResolvedCondition:
         task: The task, with the slots of the condition.
         condition: The condition itself.
         variation: The variation that makes it, or None for a condition of training or of a listed regime.
-        changes: What its interventions declare to change; nothing without a variation.
+        changes: Declared changes of its interventions; empty without a variation.
     """
 
     task: Task

@@ -51,7 +51,7 @@ class PickedSlot:
 
     Attributes:
         middle: Middle of the slot, x and y [m], world frame.
-        closings: Where demonstrations close the gripper there, the middle of the slot first: x and y, world frame, and
+        closings: Closing points of the demonstrations there, the middle of the slot first: x and y, world frame, and
             how far the jitter of the slot and the looks of the objects move it [m].
     """
 

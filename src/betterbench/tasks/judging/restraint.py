@@ -115,7 +115,7 @@ class Restraint:
         """Prepare.
 
         Args:
-            expected: What a right policy does.
+            expected: Behavior of a policy that understood the instruction.
             info: The scene.
             asked: Indices of what may be taken where refusing is right.
             rate_hz: Control rate.

@@ -89,7 +89,7 @@ class Targets:
 
         Args:
             state: The state.
-            before: Where every subject was in a state before it.
+            before: Places of all subjects in an earlier state.
             changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
         """
         after = tuple(
@@ -135,8 +135,8 @@ class Targets:
 
         Args:
             state: The state.
-            strictly: Where every subject is, strictly.
-            at_start: Where every subject was at the start, in any posture.
+            strictly: Places of all subjects, by the strict predicate.
+            at_start: Places of all subjects at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):

@@ -16,7 +16,7 @@ class PlaceGoal:
     Attributes:
         pose: Pose ``T_world_object`` to let go at.
         approach: Displacement [m], world frame, from that pose to where the straight approach begins.
-        release_width_m: How far the gripper opens to let go [m]; None for all the way.
+        release_width_m: Opening of the gripper at the release [m]; None for the full opening.
         alike: Neighbors in a list of goals that have the same number are equally good, and the expert takes any of
             them; None for a goal that has its own place in the list.
     """

@@ -1,4 +1,4 @@
-"""Sums and means: totals of a row or a column, averages, differences, and how they were rounded."""
+"""Sums and means: totals of a row or a column, averages, differences, and their rounding."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Combination:
 
     Attributes:
         rounded: True if the parts were rounded before they were printed, so that the result may differ a little.
-        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
     """
 
     kind: str
@@ -175,7 +175,7 @@ class Total:
 
     Attributes:
         rounded_parts: True if the parts were rounded before they were printed.
-        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
     """
 
     row: RowName

@@ -127,7 +127,7 @@ class Routines:
         Args:
             name: The thing.
             shift: Displacement of the tool from the right hold when it closes [m], world frame.
-            avoid: How many of the best holds are passed over.
+            avoid: Number of the best holds that are skipped.
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position

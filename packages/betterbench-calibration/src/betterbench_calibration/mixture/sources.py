@@ -313,9 +313,9 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
     """Return a mixture over files.
 
     Args:
-        form: What its file holds, as JSON or as the value that YAML stands for.
+        form: Content of its file, as JSON or as the value of a YAML document.
         where: Name of the file, for errors.
-        folder: What paths in it are relative to.
+        folder: Folder that paths in it are relative to.
 
     Raises:
         InvalidInputError: If a field is wrong, or a data set cannot be drawn from.
