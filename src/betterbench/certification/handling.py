@@ -55,7 +55,7 @@ class Put:
         relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
         region: Region of the target, where it offers several.
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
-        level: Number of things below, down to the slot; the mount of a drawer does not count.
+        level: Number of objects below, down to the slot; the mount of a drawer does not count.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the asset of the target.
         target_pose: Pose of the middle of the target region at that time, ``T_world_middle``; ``pose`` without target.

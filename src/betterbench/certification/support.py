@@ -40,9 +40,9 @@ class TrainedSupport:
 
     Attributes:
         demonstrated: Points of release and final poses of the regime's demonstrations.
-        relation: Relation in which things are pre-placed.
+        relation: Relation in which objects are pre-placed.
         targets: Relation, kind of target and place of every put.
-        spots: Slot, relation, place and level of every put: where in the world things were let go.
+        spots: Slot, relation, place and level of every put.
     """
 
     demonstrated: Demonstrated

@@ -44,7 +44,7 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class GraspAt:
-    """Decision to grasp at a slot, whatever is or is not there."""
+    """Decision to grasp at a slot, even if it is empty."""
 
     slot: str
 

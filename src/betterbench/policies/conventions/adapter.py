@@ -115,7 +115,7 @@ class Adapter:
         episode_key: Key under which our own servers get the start of the episode, or None.
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that draws them (``--observation calvin_depth``); not for GR00T.
-        feedback: The state that holds what the policy answered, or None; ``POST /act`` alone knows it.
+        feedback: State that holds the policy's own last answer, or None; used by ``POST /act`` only.
         horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
             own client does; None for all.
     """

@@ -113,7 +113,7 @@ class AnswerRule:
         rotation_unit_rad: Rotation of a delta of 1 in a rotation vector or in angles [rad].
         joint_unit_rad: Rotation of a joint step of 1 [rad].
         step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
-            None if one answer is one step, whatever the rate.
+            None if one answer is one step at any rate.
         gripper_threshold: Share above which ``closed_fraction`` closes and ``open_fraction`` opens.
         precision: Type to which the policy's own client rounds an action before it is played.
     """

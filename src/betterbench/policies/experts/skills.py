@@ -47,15 +47,15 @@ KNOB_RELEASE_M = 0.016
 
 @dataclass
 class Skills:
-    """The motor skills of one privileged policy in one scene.
+    """Motor skills of one privileged policy in one scene.
 
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
         choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
-        trained: Returns where demonstrations let go of things at a target, by relation and region; None if unknown.
+        trained: Returns the points of release of demonstrations at a target, by relation and region; None if unknown.
         attempts: Number of times that a failed grasp is tried again.
-        grasp_offset: Deliberate clumsiness, or None.
+        grasp_offset: Deliberate error of the grasp, or None.
         speed: Share of the usual speed.
         obstacle: Reason why the last motion could not be planned; empty if all could.
     """

@@ -41,12 +41,12 @@ class PolicyNeeds:
     """Resources that a policy needs from the run that asks it.
 
     Attributes:
-        state: The privileged state, instead of observations. One is made for each episode, in its scene.
-        trial: The trial that it is made for. One is made for each episode.
+        state: The privileged state, instead of observations. A policy is made for each episode, in its scene.
+        trial: The trial that it is made for. A policy is made for each episode.
         thread: A thread that waits for its answers, while the simulation of other trials goes on. A policy without one
             is built in and answers at once.
-        process: A process of its own, because it is not ours: whatever it does there costs at most its own trial.
-        server: A server that somebody else has started.
+        process: A process of its own, for code of users: a crash there costs at most its own trial.
+        server: A server that the user has started.
     """
 
     state: bool = False

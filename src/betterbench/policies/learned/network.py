@@ -131,14 +131,14 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 class LearnerNetwork(nn.Module):
     """Base network of learners: from the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
 
-    A family makes its modules in :meth:`build` and gathers what is shown into one vector of each sample in
-    :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.
+    A family makes its modules in :meth:`build` and condenses the inputs into one vector per sample in :meth:`summary`.
+    The head that turns the vector into actions, the losses and the answers to questions are the same for all families.
 
     Attributes:
         recipe: Recipe of its training; ``recipe.size`` is its capacity.
         options: The options of its family.
-        tool_mean, tool_scale: (10,) of the tool in the training data; so are those of actions, (7,), and whatever
-            :meth:`keep_scale` was asked for.
+        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Actions, (7,), and the
+            inputs named to :meth:`keep_scale` have the same.
     """
 
     tool_mean: Tensor
@@ -298,10 +298,10 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """A transformer over words, states and what a family sees.
+    """Transformer over tokens of words, of states and of the inputs of a family.
 
-    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states. Modules
-    that :meth:`open_eyes` makes are parts of their own.
+    Such families differ only in the encoder that turns their inputs into tokens. Modules that :meth:`open_eyes` makes
+    are named parts, which a recipe can freeze.
     """
 
     state: nn.ModuleDict

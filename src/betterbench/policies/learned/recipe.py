@@ -1,4 +1,4 @@
-"""Recipes of training: everything that decides which weights a learner ends with, in one file."""
+"""Training recipes: all settings that determine the trained weights of a learner, in one file."""
 
 from __future__ import annotations
 

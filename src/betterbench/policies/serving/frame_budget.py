@@ -1,10 +1,9 @@
 """Memory budget of a server: the bytes of unfinished and unanswered messages of all its clients together.
 
-A websocket library keeps what it has of a message until the message is whole. Each connection is bounded by the
-largest message; many of them together are bounded here. A connection that would exceed the budget waits, which its
-peer notices as a network that takes nothing more, except the one whose message began first: it alone always goes on,
-so that somebody always comes to an end. While others wait, connections that stay within a message for too long are
-dropped.
+A websocket library keeps the received part of a message until the message is complete. The largest message bounds
+each connection; this budget bounds all connections together. A connection that would exceed it waits, and its peer
+sees a network that accepts no more data. The connection whose message began first never waits, so that one message
+always gets finished. While others wait, connections that stay within a message for too long are dropped.
 """
 
 from __future__ import annotations

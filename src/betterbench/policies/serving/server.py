@@ -1,8 +1,8 @@
 """Server of the openpi protocol: metadata first, then a reply for each request, with errors as text frames.
 
-What is served is somebody else's business: a server is given a function that makes a :class:`Session` for each
-connection. Every connection has a thread of its own, so a client that is slow, that breaks off or that sends garbage
-harms nobody else. Facts of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+The server does not know the policies: it is given a function that makes a :class:`Session` for each connection. Every
+connection has a thread of its own, so a client that is slow, breaks off or sends garbage does not affect the others.
+Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ class TrainingDistribution:
         first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
         kind_targets: Kind of object to the places it was brought to, as kind of the target, relation and place.
         sequences: Per training condition the kinds in the order in which they were handled.
-        initial_items: Largest number of movable things on the table at the start of a demonstration.
+        initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
 
     word_slots: dict[str, tuple[str, ...]]

@@ -60,7 +60,7 @@ class Relation:
         tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None where the object is not carried: it slides in its mount.
-        surface: ``surface(regions, region)`` returns the middle of the surface on which things rest there [m], in the
+        surface: ``surface(regions, region)`` returns the middle of the surface on which objects rest there [m], in the
             frame of what has these regions by name; None where nothing is there from the start.
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.

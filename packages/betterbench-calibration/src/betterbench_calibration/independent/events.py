@@ -41,7 +41,7 @@ class EventLog:
         closings: All closings.
         lost: Things that left both fingers while the gripper was told to hold them, with the step.
         released: Things that were in the gripper when it was told to open, with the step.
-        first_touch: Step at which the gripper first touched a thing, by thing.
+        first_touch: Step at which the gripper first touched an object, by object.
     """
 
     first: WorldState

@@ -12,7 +12,7 @@ turn the stated truth into the final one; they read the family's own event log a
    let go and is not where the subgoal wants it, or a thing that was not asked for and was displaced by more than 5 cm.
    If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
-A trial whose goal is met is a success whatever was stated; that is left to who reads the truth.
+A trial whose goal is met is a success regardless of the stated label; readers of the truth have to check that.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Shares of the data sets in the draws of a mixture, from the weights of groups and a rule inside each group.
 
 A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
-and 5 % each) and in Being-H. Open X-Embodiment's mixtures, and GR00T's, mean another thing by the same word: there a
-weight is multiplied by the number of items. That is the rule ``weights-times-items`` inside a group.
+and 5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of
+items instead. That is the rule ``weights-times-items`` inside a group.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ class Lift:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The block that the robot alone held now touches the link of the table, and no longer the robot."""
+    """The block that only the robot held now touches the link of the table, and no longer the robot."""
 
     kind: Literal["place"]
     link: str
