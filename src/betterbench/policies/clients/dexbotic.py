@@ -34,7 +34,7 @@ class Route:
     """Paths of Dexbotic's other endpoints, found from the path that requests go to.
 
     Attributes:
-        form: Whether requests are HTML forms instead of JSON.
+        form: Whether requests are form data instead of JSON.
         capabilities: Path of the server's declaration, empty for a server of forms.
         reset: Path that resets an episode, empty for a server of forms.
     """

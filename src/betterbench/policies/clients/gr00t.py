@@ -43,7 +43,7 @@ logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
 """Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
-(N1.6 and N1.7 with the simulation wrapper), or that map as the whole request, without options (N1.5)."""
+(N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """By modality and name, (1, 1, ...) arrays of one environment at one time step."""
