@@ -1,4 +1,4 @@
-"""Chance: how often guessing the instruction would solve a variation."""
+"""Chance: the success rate of guessing the instruction of a variation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a calibration runs: the expert, and every faulty policy at several strengths, with more or less action noise."""
+"""Policies of a calibration: the expert, and every faulty policy at several strengths and levels of action noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ACTION_NOISE_M = {1.0: 0.0, 0.6: 0.001, 0.3: 0.002}
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPolicy:
-    """One policy of a calibration."""
+    """Policy of a calibration with its number of trials and its seed."""
 
     address: Address
     trials: int

@@ -1,8 +1,8 @@
-"""Measuring the power matrix: every pretender on every variation, each run resumable, nothing simulated twice.
+"""Measurement of the power matrix: every pretender on every variation, in resumable runs, no episode simulated twice.
 
 The expert runs first, as a witness: it writes down which faulty rules decide as it does from the first decision to the
-last. Such a rule would drive the same episode to the same bits, so it takes the expert's outcome, and the cell says how
-many trials it took that way. Every other trial is simulated.
+last. Such a rule would produce exactly the same episode, so its trial takes over the expert's outcome. The cell counts
+these shared trials. Every other trial is simulated.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ _NO_LANGUAGE = BLIND[0]
 
 @dataclass(frozen=True, slots=True)
 class PowerTrials:
-    """How many trials each pretender gets on each variation, with the seeds from 0 on.
+    """Number of trials of each pretender on each variation; their seeds begin at 0.
 
     Attributes:
-        of: Trials by pretender and variation; the expert's are the most that any rule needs.
+        of: Number of trials by pretender and variation; the expert's is the largest that any rule needs.
         chances: Success rate of guessing the instruction, by variation.
     """
 
@@ -54,13 +54,13 @@ class PowerTrials:
 
     @property
     def total(self) -> int:
-        """All trials, those that will be shared included."""
+        """Number of all trials, shared ones included."""
         return sum(n for row in self.of.values() for n in row.values())
 
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What one trial contributes to its cell."""
+    """Outcome of one trial in its cell of the power matrix."""
 
     success: bool
     right: bool

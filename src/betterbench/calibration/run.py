@@ -1,4 +1,4 @@
-"""Running a calibration: one run per policy, each resumable, and what they give together."""
+"""Running a calibration: one resumable run per policy, and their joint result."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks import TrialId
 
 @dataclass(frozen=True, slots=True)
 class CalibrationProgress:
-    """How far a calibration is."""
+    """Progress of a calibration."""
 
     done: int
     planned: int

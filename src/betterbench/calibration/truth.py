@@ -1,4 +1,4 @@
-"""The true label of a trial of a faulty policy, from what the policy decided and from whether the goal was met."""
+"""True label of a faulty policy's trial, from the decisions of the policy and the success of the trial."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def true_label(ground_truth: Mapping[str, str], *, expected: str, success: bool)
     wrong decision names the fault; and where every decision was right, only the manipulation can have failed.
 
     Args:
-        ground_truth: What the policy said of its episode in the journal.
-        expected: What a right policy does: "succeed", "refuse" or "stay_still".
+        ground_truth: Ground truth that the policy wrote to the journal about its episode.
+        expected: Behavior of a policy that understood the instruction: "succeed", "refuse" or "stay_still".
         success: Whether the trial succeeded, by the goal tracker that ran in the episode.
 
     Raises:

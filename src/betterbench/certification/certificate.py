@@ -28,7 +28,7 @@ CLAUSES: Mapping[str, str] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Clause:
-    """Whether one clause holds, with a text about it: why not, what has to be said, or nothing."""
+    """Finding on one clause: whether it holds, and a text with the reason or a remark, or empty."""
 
     passed: bool
     text: str = ""
@@ -37,7 +37,7 @@ class Clause:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrialCertificate:
-    """What the examination of one trial found.
+    """Findings of the examination of one trial.
 
     Attributes:
         condition: Name of the variation or of the training condition.
@@ -50,7 +50,7 @@ class TrialCertificate:
         support_slack_mm: Least distance of a pick or a target to the border of its jitter region [mm]; None where the
             expert touched nothing.
         watched: True where the right answer is to leave things alone, so that every episode lasts until the limit.
-        primitives: What the expert did, one phrase each.
+        primitives: Primitives of the expert's episode, one phrase each.
         expert_s: Wall time of the expert's episode [s].
         total_s: Wall time of the whole examination [s].
     """
@@ -96,7 +96,7 @@ class TrialCertificate:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class CertificateVersions:
-    """What a certificate depends on besides the seeds; the suite's version decides the random streams.
+    """Versions that a certificate depends on besides the seeds; that of the suite determines the random streams.
 
     ``looks`` are the looks of objects and rooms that the trials were examined with.
     """
@@ -179,7 +179,7 @@ class Summary:
         clauses: Trials on which each clause holds.
         steps_share: Largest share of the step limit that the expert used, among trials that it solved; None where it
             solved none, or had to be watched until the limit.
-        notes: What was said about clauses, each once, with a seed on which it was said.
+        notes: Remarks about clauses, each once, with a seed on which it was made.
     """
 
     task: str

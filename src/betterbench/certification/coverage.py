@@ -1,4 +1,4 @@
-"""Coverage: which trials a certificate vouches for, small enough to ship with the suite."""
+"""Coverage: the trials that a certificate covers, in a file small enough to ship with the suite."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FORM: Literal["betterbench coverage"] = "betterbench coverage"
 
 
 class Gap(NamedTuple):
-    """The first trial that a certificate does not vouch for, and why.
+    """First trial that a certificate does not cover, and the reason.
 
     ``refused`` is true if it was examined under the versions in use and fell short: examining it again changes nothing.
     """
@@ -59,7 +59,7 @@ class Seeds:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Which seeds of which conditions ("fast_food/L1") are certified, and under which versions."""
+    """Certified seeds of each condition ("fast_food/L1"), and the versions they were certified under."""
 
     versions: CertificateVersions
     conditions: Mapping[str, Seeds]

@@ -1,4 +1,4 @@
-"""Measuring demonstrations: where the expert lets go of things in the training conditions, and how it leaves them."""
+"""Measurement of demonstrations: the points of release and the final poses of objects in the training conditions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_POSES = 12
 @strict_form
 @dataclass(frozen=True, slots=True)
 class DemonstratedPut:
-    """One put of a demonstration, in the units of the file: see ``Releases`` and ``FinalPoses``."""
+    """Put of a demonstration, in the units of the file; see ``Releases`` and ``FinalPoses``."""
 
     slot: str
     relation: str
@@ -43,7 +43,7 @@ class DemonstratedPut:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """One demonstration: why the expert did not solve it (empty if it did), and what it put where."""
+    """Demonstration of the expert: its puts, and the reason why it was not solved (empty if it was)."""
 
     task: str
     condition: str
@@ -74,7 +74,7 @@ def demonstrate(trial: TrialId, so_far: Demonstrated | None = None) -> Demonstra
 
     Args:
         trial: A training condition and a seed of demonstrations.
-        so_far: What was measured of the task before, for conditions that begin with something pre-placed.
+        so_far: Earlier measurements of the task, for conditions that begin with pre-placed objects.
     """
     task = get_task(trial.task)
     with measured_so_far(task.id, so_far):

@@ -46,7 +46,7 @@ PENETRATION_M = 0.0015
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """Clause (c), and the deepest overlap and the farthest drift of the initial state."""
+    """Finding on clause (c), with the deepest overlap and the farthest drift of the initial state."""
 
     clause: Clause
     penetration_mm: float
@@ -55,7 +55,7 @@ class _Start:
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """Clause (a), and what the training regime says to every primitive of the expert's episode."""
+    """Finding on clause (a), with the finding on every primitive of the expert's episode."""
 
     clause: Clause
     steps: int
@@ -218,7 +218,7 @@ def _reach_clause(reasons: dict[str, str | None], episode: _Episode) -> Clause:
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """An episode of the expert: why it was not solved (empty if it was), control steps, and what was done."""
+    """Watched episode of the expert: why it was not solved (empty if it was), control steps, and primitives."""
 
     problem: str
     steps: int

@@ -1,8 +1,8 @@
-"""Handling: what happens to the objects of an episode, told from its states and not by what a policy says it does.
+"""Handling: the picks, puts and slides of an episode, found from its states and not from the policy's own account.
 
 A **pick** counts with the pose in which the object last stood at rest before the gripper touched it. A **put** counts
 with where it was let go and with the relation that the object then bears to a target. A **slide** is a drawer that was
-moved along its rails. What is **pre-placed** counts with how it stands at its target at the start.
+moved along its rails. A **pre-placed** object counts with its pose at its target at the start.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Pick:
 
 
 class Release(NamedTuple):
-    """Where an object was let go: height of its foot above the table [m], and where the foot was at the target [m].
+    """Point of release of an object: height of its foot above the table, position of the foot at the target [m].
 
-    The latter is in the frame of the target, against the middle of the target region.
+    The position is in the frame of the target, relative to the middle of the target region.
     """
 
     height_m: float
@@ -53,13 +53,13 @@ class Put:
         kind: Kind of the object.
         asset: Identity of its asset.
         relation: Name of the relation to its target, or None where it bears none: it was lost on the way.
-        region: TargetRegion of the target, where it offers several.
+        region: Region of the target, where it offers several.
         slot: Slot that the target, or what carries it, stands in; None if it stands in none.
-        level: Number of things below, down to the slot; the mount of a drawer does not count.
+        level: Number of objects below, down to the slot; the mount of a drawer does not count.
         pose: Pose ``T_world_object`` at rest.
         target_asset: Identity of the asset of the target.
         target_pose: Pose of the middle of the target region at that time, ``T_world_middle``; ``pose`` without target.
-        release: Where it was let go.
+        release: Point of its release.
     """
 
     object: str
@@ -111,7 +111,7 @@ Primitive = Pick | Put | DrawerMove | Preplaced
 
 
 class Handling:
-    """Watches an episode and lists its primitives. Feed it every state from reset on, in order."""
+    """Tracker of the primitives of an episode. Feed it every state from reset on, in order."""
 
     def __init__(self, task: Task, condition: Condition) -> None:
         self._condition = condition

@@ -1,4 +1,4 @@
-"""The journals of certifications: a header with versions, and one synced line per trial, from which one goes on.
+"""Journals of certifications: a header with versions, and one synced line per trial, so that they can be resumed.
 
 The lines of a journal of version 2 are linked, beginning with the header; those of version 1 are read with a warning.
 """
@@ -23,13 +23,13 @@ from betterbench.tasks import TrialId
 JOURNAL_NAME, DEMONSTRATIONS_NAME = "journal.jsonl", "demonstrations.jsonl"
 _MOST_HEADER = 10_000
 CURE = "Restore the file from a copy, or work in a new folder"
-"""What to do about a line that was changed."""
+"""Advice about a line that was changed."""
 
 
 @strict_form
 @dataclass(frozen=True, slots=True)
 class JournalHeader:
-    """The first line of a journal: what it is, and the versions that it was begun under."""
+    """First line of a journal: its kind, and the versions that it was begun under."""
 
     form: str
     package_version: str = ""
@@ -60,7 +60,7 @@ def holds_journal(folder: Path) -> bool:
 
 
 class VersionedJournal(LineJournal):
-    """A journal that goes on only under the versions that it was begun under, open for appending by one process.
+    """Journal that is resumed only under the versions that it was begun under, and written by one process at a time.
 
     Raises:
         RunConflictError: If another process writes to the folder, or it was begun under other versions.
@@ -68,7 +68,7 @@ class VersionedJournal(LineJournal):
     """
 
     form: ClassVar[str]
-    """What the first line says that the journal is."""
+    """Kind of the journal, as named in its first line."""
 
     def __init__(self, path: Path, versions: CertificateVersions, *, renews: bool = False) -> None:
         self._versions = versions

@@ -1,4 +1,4 @@
-"""Whether a certificate covers the trials of a run, and what to do if it does not."""
+"""Check that a certificate covers the trials of a run, with an error that names the remedy."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ Examination = Callable[[TrialId], TrialCertificate]
 
 @dataclass(frozen=True, slots=True)
 class CertificationProgress:
-    """How far a certification is: trials examined, trials planned, and the one just examined (None at the start)."""
+    """Progress of a certification: trials examined, trials planned, and the last one examined (None at the start)."""
 
     done: int
     planned: int

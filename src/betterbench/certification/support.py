@@ -1,4 +1,4 @@
-"""Support: the picks, puts and slides of a training regime, and whether those of an episode lie among them."""
+"""Support: the picks, puts and slides of a training regime, and the check that those of an episode are among them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEFT_M, LEFT_RAD = 0.005, math.radians(5.0)
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """What the regime says to one primitive: what was done, why it is outside the trained (or None), and the slack.
+    """Finding on one primitive: its text, the reason why it is outside the training regime (or None), and the slack.
 
     The slack is the distance to the border of the jitter region [m], negative outside; None where there is none.
     """
@@ -39,10 +39,10 @@ class TrainedSupport:
     """The support of a task's training regime.
 
     Attributes:
-        demonstrated: Where the demonstrations of the regime let go of things and how they leave them.
-        relation: Relation in which things are pre-placed.
+        demonstrated: Points of release and final poses of the regime's demonstrations.
+        relation: Relation in which objects are pre-placed.
         targets: Relation, kind of target and place of every put.
-        spots: Slot, relation, place and level of every put: where in the world things were let go.
+        spots: Slot, relation, place and level of every put.
     """
 
     demonstrated: Demonstrated

@@ -18,7 +18,7 @@ from betterbench.interface.policy import Execution
 Word = TypeVar("Word", bound=str)
 
 Transport = Literal["websocket", "zeromq", "http"]
-"""How a server is spoken to. A websocket and ``POST`` may have a path, ZeroMQ has none."""
+"""Transport protocol of a server. Addresses of websockets and of HTTP may have a path, those of ZeroMQ do not."""
 
 _BROKEN_ESCAPE = re.compile(r"%(?![0-9A-Fa-f]{2})")
 
@@ -59,7 +59,7 @@ EXECUTION = (
     Option("ahead", "the number of steps before its end at which the next chunk is asked for", "whole"),
     Option("ensemble", "the rate at which older chunks lose weight in an average over chunks", "number"),
 )
-"""How chunks are played; see :class:`betterbench.interface.Execution`."""
+"""Options for the execution of action chunks; see :class:`betterbench.interface.Execution`."""
 
 CONNECTION = (
     Option("timeout", "the deadline of one answer [s]", "number"),
@@ -69,7 +69,7 @@ CONNECTION = (
     Option("api_key_env", "the environment variable that holds the key"),
     Option("tls", "whether the connection is encrypted: true or false"),
 )
-"""How a server is reached."""
+"""Options for the connection to a server: timeouts, retries, keys and encryption."""
 
 ADAPTER = (
     Option("preset", "the name of the layout that the policy is asked in"),
@@ -86,7 +86,7 @@ ADAPTER = (
     Option("rotation", "the rotation format of the answers"),
     Option("gripper", "the gripper convention of the answers"),
 )
-"""What the policy is shown and how its answers are read: a preset or a file, and what differs from it."""
+"""Options for the adapter: a preset or a file, and the settings that override it."""
 
 CAMERA = Option("camera.", "the name of our camera whose image the policy gets under KEY")
 CONSTANT = Option("send.", "the constant that each request holds under KEY")
@@ -101,7 +101,7 @@ class AddressForm:
         example: An address as messages advise it ("gr00t://localhost:5555", "learned:CHECKPOINT").
         target: Whether something follows the scheme and a colon: a name, a file or a server.
         options: The options that its addresses take.
-        transport: How a server is spoken to; None for a policy that is no server.
+        transport: Transport protocol of the server; None for a policy that is not a server.
         port: Port that a server listens on unless the address names another one.
     """
 
@@ -202,12 +202,12 @@ class PolicyAddress:
 
     @property
     def names_adapter(self) -> bool:
-        """Whether it says how the policy is spoken to, by a preset or a file."""
+        """Whether the address names an adapter: a preset or a file."""
         return "preset" in self.options or "adapter" in self.options
 
     @property
     def server_name(self) -> str:
-        """What messages call the server."""
+        """Name of the server in messages."""
         return f"policy server {self.scheme}://{self.target}"
 
     def server(self) -> tuple[str, int]:

@@ -1,4 +1,4 @@
-"""Gathering: what several callers ask at the same time is answered in one call."""
+"""Batching of policy calls: questions that several threads ask at the same time are answered in one call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _PAUSE_S = 0.01  # after which a call that waits for company looks again whether
 
 @dataclass
 class _PendingQuestion(Generic[QuestionT, AnswerT]):
-    """One question on its way."""
+    """Pending question of one thread, with its answer or the exception that it raised."""
 
     question: QuestionT
     done: threading.Event = field(default_factory=threading.Event)
@@ -30,12 +30,12 @@ class _PendingQuestion(Generic[QuestionT, AnswerT]):
 
 
 class BatchCollector(Generic[QuestionT, AnswerT]):
-    """Answers the questions of many threads in one thread, all that wait at a moment together.
+    """Collector of the questions of many threads, which one thread answers in batches.
 
-    While one call is under way the next questions gather by themselves, so a busy policy gets large batches and an idle
-    one answers at once. Where further questions are expected, a call waits for them, but no longer than the shortest
-    call so far has taken: otherwise several callers of one server send it small batches in turn. Where a batch fails
-    its questions are asked one by one, so that a caller sees the fault of its own question only.
+    Questions that arrive during a call form the next batch, so a busy policy gets large batches and an idle one answers
+    at once. Where further questions are expected, a call waits for them, but no longer than the shortest call so far
+    has taken: otherwise several callers of one server send it small batches in turn. If a batch fails, its questions
+    are asked one by one, so that a caller gets the error of its own question only.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""PolicyFactory decide what to do next; the skills carry it out. The expert's rule reads the truth and is right."""
+"""Decision rules of privileged policies: a rule decides what to do next, and the skills carry it out."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Draw:
 
 @dataclass(frozen=True, slots=True)
 class GraspAt:
-    """Decision to grasp at a slot, whatever is or is not there."""
+    """Decision to grasp at a slot, even if it is empty."""
 
     slot: str
 
@@ -58,7 +58,7 @@ class Freeze:
 
 @dataclass(frozen=True, slots=True)
 class Wander:
-    """Decision to move about for ever without grasping at anything."""
+    """Decision to move about forever without grasping at anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ Decision = Bring | Draw | GraspAt | Freeze | Wander | Rest
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a rule knows besides the state.
+    """Trial in which a decision rule decides; all that the rule knows besides the state.
 
     Attributes:
         task: The task, with its training regime.
@@ -85,7 +85,7 @@ class Situation:
 
 
 class DecisionRule(Protocol):
-    """Decides step by step."""
+    """Decision rule of a privileged policy, which is asked for one decision after the other."""
 
     def decide(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision.
@@ -158,7 +158,7 @@ def choose(situation: Situation, state: WorldState, index: int) -> str | None:
 
 
 class ExpertRule:
-    """Does what the instruction asks for, in order, and stops when it is done."""
+    """Rule of the expert: it does what the instruction asks for, in order, and stops when that is done."""
 
     def __init__(self, situation: Situation) -> None:
         """Prepare for an episode."""

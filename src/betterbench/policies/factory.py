@@ -1,4 +1,4 @@
-"""From the address of a policy to the instances that a worker asks."""
+"""Policy factory: builds the policy instances of a worker from an address."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def answer_limit_s(address: str, policy_timeout_s: float) -> float:
 
 
 class PolicyFactory:
-    """Makes the policies of one worker. A context manager, which closes an instance that was made and not taken."""
+    """Factory of the policies of one worker; a context manager that closes an instance that was not handed out."""
 
     def __init__(
         self,
@@ -92,7 +92,7 @@ class PolicyFactory:
 
     @property
     def info(self) -> PolicyInfo:
-        """What the policy says about itself; it is made once to ask it, and raises what :func:`check_policy` raises."""
+        """Description that the policy, built once for this, gives of itself; raises what :func:`check_policy` does."""
         if self._info is None:
             self._info = self._kind.describe(self._kind.parse(self.address, world=self._world))
         if self._info is None:
@@ -105,7 +105,7 @@ class PolicyFactory:
 
     @property
     def takes_batches(self) -> bool:
-        """Whether one instance answers the observations of many environments; the policy is made to ask it."""
+        """Whether one instance answers the observations of many environments. The policy is built to find out."""
         return bool(self.info) and self._takes_batches
 
     def check(self, action_space: str | None = None, observation: str | None = None) -> PolicyInfo:

@@ -15,7 +15,7 @@ Role = Literal["item", "distractor", "container", "fixture", "drawer"]
 
 @dataclass(frozen=True, slots=True)
 class TargetRegion:
-    """Where on a target something belongs: in a container, a hole of a rack, a layer of a stack, the mount of a drawer.
+    """Region of a target: a container, a hole of a rack, a layer of a stack, the mount of a drawer.
 
     The ``target`` is a name in the scene; the ``region`` is "" where the target offers one alone.
     """
@@ -46,11 +46,11 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class ObjectSpec:
-    """An object as a condition wants it.
+    """Specification of an object in a condition.
 
     Attributes:
         name: Name in the scene. It carries no meaning: renaming every object changes no verdict.
-        kind: What instructions call it ("red mug").
+        kind: Noun of the object in instructions ("red mug").
         category: Category of its asset ("mug").
         color: Color of its asset, or None to let the generator choose.
         mount: For a drawer, the place of the cabinet that it slides in.
@@ -67,14 +67,14 @@ class ObjectSpec:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One fully specified setting: layout, identities, initial state, instruction, goal and ordered subgoals.
+    """Fully specified setting of a task: layout, identities, initial state, instruction, goal and ordered subgoals.
 
     Attributes:
         name: Name within the task ("train1", "L3").
         layout: Object name to slot name, for every object that starts on the table.
         preplaced: Object name to the place where it already rests.
         opened: Drawer name to the distance by which it is drawn out at the start [m]; drawers not named are shut.
-        expected: What a right policy does.
+        expected: Behavior of a policy that understood the instruction.
         mid_task_look: True if the initial state looks like the middle of a demonstration.
         premise_broken: True if the instruction presupposes something that is deliberately not there.
     """

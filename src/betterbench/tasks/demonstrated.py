@@ -1,4 +1,4 @@
-"""Where the expert's demonstrations let go of things and how they leave them, as measured: the file and its look-up.
+"""Measured points of release and final poses of the expert's demonstrations: the file and its look-up.
 
 ``better certify --demonstrations`` measures it. Scenes draw the poses of pre-placed objects from it, and clause (b) of
 the certificate compares releases with it. It ships with the suite; for the tasks of a user's file it lies beside that
@@ -35,7 +35,7 @@ FORM: Literal["betterbench demonstrations"] = "betterbench demonstrations"
 
 
 class FlatPose(NamedTuple):
-    """How something stands at its target: position against the middle of the target region [mm], heading [degrees].
+    """Planar pose of an object at its target: position from the middle of the target region [mm], heading [degrees].
 
     Both are in the frame of the target.
     """
@@ -48,15 +48,15 @@ class FlatPose(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Releases:
-    """Where demonstrations let go of things at one place.
+    """Points of release of the demonstrations at one target region.
 
     Attributes:
-        slot: Slot of the target, or of what carries it.
+        slot: Slot of the target, or of the object that carries it.
         relation: Relation that the release brings about.
         region: Region of the target, "" where it offers one alone.
-        level: Number of things below, down to the slot.
-        heights_mm: Heights of the foot of what was let go above the table [mm], sorted.
-        points_mm: Where that foot was in the frame of the target, against the middle of the region, x and y [mm].
+        level: Number of objects below, down to the slot.
+        heights_mm: Heights of the released object's foot above the table [mm], sorted.
+        points_mm: Positions of that foot in the frame of the target, from the middle of the region, x and y [mm].
     """
 
     slot: str
@@ -83,11 +83,11 @@ class Releases:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FinalPoses:
-    """How demonstrations leave an object at a target.
+    """Final poses of an object at a target in the demonstrations.
 
     Attributes:
         kind: Kind of the object.
-        asset: Identity of its asset: things of other shapes come to rest elsewhere.
+        asset: Identity of its asset, because objects of other shapes come to rest elsewhere.
         target_kind: Kind of the target.
         target_asset: Identity of its asset.
         relation: Relation between the two.
@@ -107,13 +107,13 @@ class FinalPoses:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Demonstrated:
-    """What the demonstrations of one task show, and the versions it was measured under.
+    """Points of release and final poses of one task's demonstrations, with the versions they were measured under.
 
     Attributes:
         suite: Version of the suite.
         engine: Version of the physics engine.
         version: Version of the task.
-        solved: Number of demonstrations that it comes from.
+        solved: Number of demonstrations that they were measured in.
     """
 
     suite: str

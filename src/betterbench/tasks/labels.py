@@ -1,4 +1,4 @@
-"""Outcome labels. They stand below tasks and diagnosis, so that both name them as values and nobody types them.
+"""Outcome labels. They are defined here, below tasks and diagnosis, so that both use them as values and not as strings.
 
 What a label means, how it is found and how reports speak of it stands in its file in ``diagnosis/modes``.
 """
@@ -12,7 +12,7 @@ from betterbench.errors import InvalidInputError, UnknownNameError
 
 
 class Kind(StrEnum):
-    """What sort of outcome a label is; an unfinished trial is neither a success nor a failure of any kind."""
+    """Kind of outcome that a label stands for; an unfinished trial is neither a success nor a failure."""
 
     NONE = "none"
     REASONING = "reasoning"

@@ -1,4 +1,4 @@
-"""Which looks a run shows: those of training and test, or those that demonstrations never show."""
+"""Looks of the objects and rooms in a run: those of training and test, or held-out ones."""
 
 from __future__ import annotations
 

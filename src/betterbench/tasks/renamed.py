@@ -84,7 +84,7 @@ def present_name(module: str) -> str:
 
 
 class _Renaming(ast.NodeTransformer):
-    """Gives modules in import statements their present names."""
+    """Translation of import statements to the present names of modules."""
 
     def visit_Import(self, node: ast.Import) -> ast.Import:
         for alias in node.names:

@@ -1,11 +1,11 @@
-"""Subgoals: what an instruction asks for, step by step, as relations between the things it names."""
+"""Subgoals: the steps of an instruction, as relations between the objects that it names."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """The way an instruction picks out an object: by what it is, or by where it stands at the start.
+    """Reference of an instruction to an object: by its description, or by its place at the start.
 
     Attributes:
         kind: Kind of object that is meant ("burger", "red mug"), or None.
@@ -24,17 +24,17 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Subgoal:
-    """One step of an instruction.
+    """Step of an instruction: a relation that has to hold between an object and a target.
 
     Attributes:
-        name: Name of the step ("pack_burger"); it serves in records, reports and questions.
+        name: Name of the step ("pack_burger") in records, reports and questions.
         relation: Name of the relation that has to hold ("inside", "on_ring").
-        reference: Which object.
+        reference: Reference to the object.
         target: Scene name of the container or fixture it has to be related to.
         word: The word of the instruction that picks out the object ("red", "top", "burger").
-        count: How many objects of that reference must be there for this step to be done; the second of two equal steps
-            has 2.
-        place: TargetRegion of the target, where it offers several ("left", "hole_2", layer "3").
+        count: Number of objects of that reference that must be there for this step to be done; the second of two equal
+            steps has 2.
+        place: Region of the target, where it offers several ("left", "hole_2", layer "3").
     """
 
     name: str

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """One entry of the table.
+    """Threshold in the table: its value, unit, purpose and effect.
 
     Attributes:
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: What it decides, and where the value comes from.
-        effect: Which labels become more or less frequent with a larger value.
+        reason: Use of the threshold, and source of its value.
+        effect: Labels that become more or less frequent with a larger value.
         listed: Whether runs, stored diagnoses and reports list it.
     """
 
@@ -38,8 +38,8 @@ def threshold(name: str, value: float, unit: str, reason: str, effect: str = "",
         name: Its name in runs, stored diagnoses and reports.
         value: Its value.
         unit: "m", "s", "rad", "m/s", "N"; "1" for a plain number.
-        reason: What it decides, and where the value comes from.
-        effect: Which labels become more or less frequent with a larger value.
+        reason: Use of the threshold, and source of its value.
+        effect: Labels that become more or less frequent with a larger value.
         listed: False for a value that decided before it had an entry. Diagnoses stored then lack it, and listing it
             would make them read as judged by other rules. List it when its value changes.
 
@@ -63,7 +63,7 @@ def threshold_table() -> tuple[Threshold, ...]:
 
 
 class Thresholds:
-    """Thresholds that several files read."""
+    """Thresholds that several modules use."""
 
     # fmt: off
     # The goal tracker: what is at rest, what stands, what is home.

@@ -1,4 +1,4 @@
-"""Tasks, assets and whatever else is registered by name, in a user's own files or in an installed package.
+"""User files and plugins: tasks, assets and other items that a user's file or an installed package registers.
 
 Files are named by ``--task-file`` or by the environment variable ``BETTERBENCH_TASK_FILES``, which worker processes
 inherit. Packages name a module under the entry point group ``betterbench.plugins``. A file found in the folder of a run
@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class TaskFile:
-    """A user's file as it was loaded; workers get the same text, whatever happens to the file meanwhile.
+    """User file as it was loaded. Workers get the same text even if the file changes meanwhile.
 
     The path is absolute, on the machine that loaded it first. ``demonstrations`` is the text of its companion file, if
     there is one.
@@ -88,7 +88,7 @@ class TaskFile:
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """Where the demonstrations of a user's task are measured, and the text of that file (None if there is none)."""
+    """File with the measured demonstrations of a user's task: its path, and its text (None if there is none)."""
 
     path: Path
     text: str | None
@@ -96,7 +96,7 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class _Origin:
-    """Where a registered name comes from: a task file, or the package (name, version) of a plugin."""
+    """Origin of a registered name: a task file, or the package (name, version) of a plugin."""
 
     text: str
     path: str
@@ -104,7 +104,7 @@ class _Origin:
 
 
 class _Loader(importlib.abc.ExecutionLoader):
-    """Executes the text of a task file as a module."""
+    """Import loader that executes the text of a task file as a module."""
 
     def __init__(self, file: TaskFile) -> None:
         self._file = file

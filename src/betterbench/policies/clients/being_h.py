@@ -1,9 +1,9 @@
 """Client of Being-H's inference server: ``being-h://host:port``.
 
-ZeroMQ REQ/REP with the questions of GR00T N1.5 (an endpoint, its data, a token), but written by torch. What the server
-answers is read without unpickling (:mod:`betterbench.policies.protocols.torch_payload`); the server unpickles what we
-send, which is its risk and not ours. ``get_modality_config`` is not asked for: it answers with objects of the server's
-own classes, which is just what must not be unpickled. Facts: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
+ZeroMQ REQ/REP with the requests of GR00T N1.5 (an endpoint, its data, a token), but serialized by torch. Replies are
+read without unpickling (:mod:`betterbench.policies.protocols.torch_payload`); the server itself unpickles requests.
+``get_modality_config`` is not called: its reply holds objects of the server's own classes, which must not be
+unpickled. Source: BeingBeyond/Being-H, ``BeingH/inference/service.py``.
 
 The bridge (:mod:`betterbench.policies.clients.bridges.being_h_bridge`) needs torch on the server's side only.
 """

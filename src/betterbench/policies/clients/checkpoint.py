@@ -1,4 +1,4 @@
-"""A checkpoint of LeRobot: its weights, what is done before and after them, and what it declares to see and answer."""
+"""Checkpoints of LeRobot: weights, pre- and postprocessors, and the features that they declare."""
 
 from __future__ import annotations
 
@@ -38,7 +38,13 @@ NOISE_TYPES = ("smolvla", "pi0", "pi05")
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What a checkpoint declares: (height, width) of images and sizes of state vectors by key, numbers of an action."""
+    """Input and output features that a checkpoint declares.
+
+    Attributes:
+        images: (height, width) of each image [pixel], by key.
+        states: Size of each state vector, by key.
+        action: Number of values in an action.
+    """
 
     images: Mapping[str, tuple[int, int]]
     states: Mapping[str, int]

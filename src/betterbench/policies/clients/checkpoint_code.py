@@ -1,4 +1,4 @@
-"""Code that loading a checkpoint of LeRobot would run: refused, unless whoever made it is trusted.
+"""Check for code that loading a checkpoint of LeRobot would run; it is refused unless the user trusts its author.
 
 LeRobot makes each step of its processors from ``policy_preprocessor.json`` and ``policy_postprocessor.json``. A step
 with a ``registry_name`` is one of LeRobot's own. One with a ``class`` is any name of any module, ``os.system`` for
@@ -35,8 +35,8 @@ def require_no_code(config: object, files: Mapping[str, Path], where: str) -> No
 
     Args:
         config: Its configuration, as LeRobot has read it.
-        files: Where the files of its processors are, by name.
-        where: What messages call the checkpoint.
+        files: Paths of its processors' files, by name.
+        where: Name of the checkpoint in messages.
 
     Raises:
         InvalidInputError: If it does, or a file of a processor cannot be read.

@@ -1,4 +1,4 @@
-"""What all clients share: a connection that is made again, a deadline for each request, and patience with a server."""
+"""Connection that all clients of policy servers share: reconnecting, a deadline per request, and retries."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ Received = TypeVar("Received")
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """How long a server is waited for, and how often it is asked again.
+    """Deadlines and retries of a connection to a policy server.
 
     Attributes:
-        timeout_s: Deadline of one request [s].
+        timeout_s: Deadline of each request [s].
         warmup_s: Deadline until the first reply [s]: many servers compile their model when they are first asked. A
             server that has let it pass is not given it again.
-        retries: How often a request is asked again when the connection breaks or the deadline passes.
-        patience_s: How long a server that cannot be reached is waited for [s].
+        retries: Number of times that a request is repeated after the connection broke or the deadline passed.
+        patience_s: Time for which a server that cannot be reached is tried again [s].
         seed: Seed of the pauses' jitter, so that clients which lost one server do not come back all at once.
     """
 

@@ -31,7 +31,13 @@ _ANSWER, _FORM_ANSWER = "actions", "response"
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """Where requests go, and the paths beside it; ``form`` if they are forms."""
+    """Paths of Dexbotic's other endpoints, found from the path that requests go to.
+
+    Attributes:
+        form: Whether requests are form data instead of JSON.
+        capabilities: Path of the server's declaration, empty for a server of forms.
+        reset: Path that resets an episode, empty for a server of forms.
+    """
 
     form: bool
     capabilities: str

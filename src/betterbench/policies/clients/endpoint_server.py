@@ -1,4 +1,4 @@
-"""A connection to a server of named endpoints over ZeroMQ, as GR00T and Being-H have them; they differ in the codec."""
+"""Connection to a server with named endpoints over ZeroMQ: GR00T and Being-H, which differ in the codec."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.policies.clients.request_client import RequestClient
 from betterbench.policies.conventions.handshake import read_declared
 
 ERROR_REPLY = b"ERROR"
-"""What these servers answer when they cannot even say what went wrong."""
+"""Reply of these servers to a request that failed without an error message."""
 
 
 class EndpointServer:

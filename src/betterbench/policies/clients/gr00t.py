@@ -42,14 +42,14 @@ from betterbench.policies.protocols.wire import decode_gr00t, encode_gr00t
 logger = logging.getLogger(__name__)
 
 RequestLayout = Literal["nested", "flat", "n1.5"]
-"""How an observation is sent: maps by modality (N1.6 and N1.7), one map with names such as ``video.front`` (the same
-with the simulation wrapper), or that map as the data itself, without options (N1.5)."""
+"""Layout of an observation in a request: maps by modality (N1.6 and N1.7), one map with names such as ``video.front``
+(N1.6 and N1.7 with the simulation wrapper), or that map as the data of the request, without options (N1.5)."""
 
 Seen = Mapping[str, Mapping[str, np.ndarray]]
 """By modality and name, (1, 1, ...) arrays of one environment at one time step."""
 
 RAMP_RATE = 6.0
-"""How fast the shared actions of a chunk become free, unless an address says otherwise; that of N1.6's action head."""
+"""Default rate at which the overlapping actions of a new chunk become free to change; that of N1.6's action head."""
 
 FROZEN_TOLERANCE = 0.05
 """Share of the largest action by which a kept action may differ."""
@@ -211,7 +211,7 @@ class Gr00tClient(ServerClient[Gr00tServer]):
 
 
 class Gr00tBatchClient(Gr00tClient):
-    """A GR00T policy that looks at the present only; one client asks for many environments."""
+    """A GR00T policy that needs the present observation only; one client serves many environments."""
 
     def reset(self, start: EpisodeStart) -> None:
         """Begin an episode in one of the environments; there is nothing to forget."""
@@ -223,7 +223,7 @@ class Gr00tBatchClient(Gr00tClient):
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """A GR00T policy that is given several time steps; it sees every control step and plays its chunks itself."""
+    """A GR00T policy that needs several time steps; it gets every control step and plays its chunks itself."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)
@@ -278,12 +278,12 @@ class Gr00tHistoryClient(Gr00tClient):
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
-    """How a new chunk continues the old one.
+    """Overlap of a new action chunk with the one before it.
 
     Attributes:
-        steps: Steps that both have.
-        frozen: Those of them, from the first on, whose actions stay as they are.
-        ramp_rate: How fast the others become free.
+        steps: Number of control steps that both chunks cover.
+        frozen: Number of those steps, from the first on, whose actions are kept from the old chunk.
+        ramp_rate: Rate at which the actions of the other steps become free to change.
     """
 
     steps: int

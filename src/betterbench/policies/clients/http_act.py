@@ -49,7 +49,10 @@ class HttpAnswer:
 
 
 class HttpServer:
-    """Where a server is. Each request has a connection of its own, as those of the clients people know."""
+    """Address of an HTTP server with the headers of its requests.
+
+    Each request opens a connection of its own, as the servers' own clients do.
+    """
 
     def __init__(self, address: PolicyAddress, key: str | None, *, timeout_s: float) -> None:
         """Find out whether somebody listens; raise OSError if not."""
@@ -101,7 +104,7 @@ class HttpServer:
 
 
 class _Source(io.RawIOBase):
-    """What the parser of the standard library reads from: a socket whose every read ends at one deadline."""
+    """Socket with one deadline for all reads, in the form that the HTTP parser of the standard library reads from."""
 
     def __init__(self, connected: socket.socket, end: float) -> None:
         self._socket, self._end = connected, end

@@ -1,14 +1,13 @@
 """Policies of LeRobot in this process: ``lerobot:CHECKPOINT``, a folder or an id on the hub.
 
-The checkpoint says which images, which state and how many numbers of an action it was trained with; from that comes
-an adapter, unless the address gives one. Normalization is done by the checkpoint's own processors.
+The checkpoint declares the images, the state and the size of the action that it was trained with. The adapter is made
+from them, unless the address gives one. Normalization is done by the checkpoint's own processors.
 
-Which types of policies there are, and what each of them needs, is said in
-:mod:`betterbench.policies.clients.lerobot_types`. Policies that answer a chunk from one observation (ACT, pi0, pi0.5,
-SmolVLA) take batches: one instance serves many environments, and every answer depends on its observation alone, the
-noise of the flow policies included. All others (diffusion, VQ-BeT, TD-MPC and whatever has a memory of observations)
-are asked at every step and play their chunks themselves, as LeRobot's own evaluation does; their instances share the
-weights.
+:mod:`betterbench.policies.clients.lerobot_types` lists the types of policies and their requirements. Policies that
+answer a chunk from one observation (ACT, pi0, pi0.5, SmolVLA) take batches: one instance serves many environments, and
+every answer depends on its observation alone, the noise of the flow policies included. All others (diffusion, VQ-BeT,
+TD-MPC and policies with a memory of observations) are asked at every step and play their chunks themselves, as in
+LeRobot's own evaluation; their instances share the weights.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ _STATES: Mapping[str, tuple[StatePart, ...]] = {
 
 _CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder", "front_official")
 _KNOWN_AS = {"image": "front", "agentview": "front", "agentview_image": "front", "image2": "wrist"}
-"""What others call our cameras: LIBERO's names in LeRobot's own data sets."""
+"""Other names of our cameras: those of LIBERO in LeRobot's own data sets."""
 
 _MOST_SHOWN = 12
 """Differences that one message names."""

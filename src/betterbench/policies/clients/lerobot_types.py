@@ -1,4 +1,4 @@
-"""The types of policies that LeRobot has, and what each of them needs beside LeRobot itself.
+"""Policy types of LeRobot, with the extra requirements of each.
 
 Facts: LeRobot's ``pyproject.toml`` and ``src/lerobot/policies/factory.py``, 0.4.4 and 0.6.
 """
@@ -16,7 +16,7 @@ from betterbench.installation import package_command
 
 @dataclass(frozen=True, slots=True)
 class Needs:
-    """What a type needs: the extra of LeRobot that brings it, and modules by which one sees whether it is there."""
+    """Requirements of a policy type: the extra of LeRobot that installs them, and the modules to look for."""
 
     extra: str = ""
     modules: tuple[str, ...] = ()
@@ -47,7 +47,7 @@ POLICY_TYPES: Mapping[str, Needs] = {
 """Types of policies by name; which of them an installed LeRobot has depends on its release."""
 
 REWARD_MODELS = ("reward_classifier", "sarm", "robometer", "topreward")
-"""What LeRobot keeps beside its policies, and what answers no actions."""
+"""Reward models of LeRobot, which stand among its policies but return no actions."""
 
 
 def require_type(kind: str, known: Collection[str], where: str) -> None:
@@ -56,7 +56,7 @@ def require_type(kind: str, known: Collection[str], where: str) -> None:
     Args:
         kind: The type that a checkpoint names.
         known: The types that the installed LeRobot knows, those of plugins among them.
-        where: What messages call the checkpoint.
+        where: Name of the checkpoint in messages.
 
     Raises:
         InvalidInputError: If it is not a policy, or not known.

@@ -1,4 +1,4 @@
-"""Real-time chunking: what is left of a chunk when the next one is asked for, so that the new one continues the old.
+"""Real-time chunking: the unplayed rest of an action chunk, which is sent along so that the next chunk continues it.
 
 A server of a flow model can keep the first rows of what it is sent as the first of its new chunk, and guide the ones
 after them. The rows have to be those of the control steps that begin now. Which entry of a request they stand in

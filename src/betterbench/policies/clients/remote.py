@@ -1,4 +1,4 @@
-"""What policies with an adapter have in common, and those behind a server."""
+"""Base classes of policies with an adapter, and of those behind a server."""
 
 from __future__ import annotations
 
@@ -82,16 +82,16 @@ def check_start(adapter: Adapter, start: EpisodeStart, who: str) -> None:
 
 
 class AdaptedPolicy:
-    """A policy with one adapter from its beginning, which compares itself with a run."""
+    """Policy with a fixed adapter, whose conventions are compared with those of the run."""
 
     adapter: Adapter
     server: Declaration
     offered: Declaration | None = None
-    """What this side declares in the words of the server, where those are other words than ours."""
+    """This side's declaration in the server's vocabulary, where that differs from ours; None where it does not."""
 
     @property
     def _compared(self) -> Declaration:
-        """What a run is compared with."""
+        """Declaration that the conventions of a run are compared with."""
         return self.server
 
     def check(self, *, space: str, observation: ObservationSpec, rate_hz: float) -> None:
@@ -134,7 +134,7 @@ class ServerClient(AdaptedPolicy, Generic[Connection]):
 
     info: PolicyInfo
     feeds_back = False
-    """Whether the client shows a policy its own last answer
+    """Whether the client sends a policy its own last answer
     (:class:`betterbench.policies.conventions.adapter.Feedback`)."""
 
     def __init__(self, address: PolicyAddress, adapter: Adapter, *, seed: int) -> None:

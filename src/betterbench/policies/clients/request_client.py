@@ -1,4 +1,4 @@
-"""A ZeroMQ socket that asks and is answered, and that does not hang when an answer never comes."""
+"""ZeroMQ socket for requests and replies with a deadline, so that a lost reply does not block it."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _SETTLE_S = 0.002
 
 
 class RequestClient:
-    """A socket to one server, which sees a REQ socket: an empty frame, then the question.
+    """Socket to one server, to which it looks like a REQ socket: it sends an empty frame and then the question.
 
-    A REQ socket itself throws away what comes unasked, if it is there in time, and says nothing. This one refuses it.
-    Whoever gets an OSError from it closes it and makes another one; a late answer to the old one then has nobody to go
-    to and cannot be taken for the answer to the next question.
+    A REQ socket silently discards a reply that it did not ask for, if that comes early enough. This client refuses it.
+    After an OSError, close the client and make another one: a late reply to the old client then cannot be taken for the
+    answer to the next question.
     """
 
     def __init__(self, host: str, port: int, *, timeout_s: float) -> None:

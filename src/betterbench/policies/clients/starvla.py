@@ -29,14 +29,14 @@ from betterbench.policies.protocols.websocket import WebSocket
 from betterbench.policies.protocols.wire import decode_openpi, encode_openpi
 
 ExampleLayout = Literal["payload", "flat"]
-"""Where the examples of a request stand: in its payload, or beside its type, as the first servers want them."""
+"""Layout of a request: examples in its payload, or at the top level beside its type, as the first servers expect."""
 
 _IMAGES = "image"
 _MOST_STRAYS = 64
 
 
 class StarVlaClient(ServerClient[WebSocket]):
-    """A policy behind starVLA's websocket; one client asks for many environments."""
+    """A policy behind starVLA's websocket; one client serves many environments."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, adapter_of(address, STARVLA), seed=seed)

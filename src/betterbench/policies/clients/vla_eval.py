@@ -54,7 +54,7 @@ _GRIPPERS = {
     "closed_at_least": ("binary_close_01", "continuous_01"),
 }
 _SIGNED = ("binary_close_positive",)
-"""What a share with the threshold 0 is: a sign."""
+"""Gripper formats of a fraction with threshold 0, which is decided by its sign."""
 _STATES = {
     ("ee_position", "ee_axis_angle", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
     ("ee_position", "ee_axis_angle_short", "gripper_fingers"): "eef_pos3_axisangle3_gripper2",
@@ -291,7 +291,7 @@ def declare_specs(who: str, hello: Mapping[Any, Any], adapter: Adapter) -> tuple
 
 @dataclass(frozen=True, slots=True)
 class _Spec:
-    """One component as it is declared: its format, and formats that are taken in place of it."""
+    """Declared component: its format, and the other formats that are accepted for it."""
 
     format: str | None
     accepts: tuple[str, ...]

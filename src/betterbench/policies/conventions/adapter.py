@@ -1,4 +1,4 @@
-"""Adapters: what a policy is shown and how its answers are read, as data that can be stored, compared and declared."""
+"""Adapters: a policy's inputs and the reading of its answers, as data that can be stored, compared and declared."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CONTROL_RATE_HZ = 20.0
 @strict_form
 @dataclass(frozen=True, slots=True)
 class InstructionRule:
-    """Where the instruction goes.
+    """Placement of the instruction in a request.
 
     Attributes:
         depth: 0 for a string, 1 for a list of one string (batch), 2 for a list of lists (batch, time).
@@ -62,10 +62,11 @@ class InstructionRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ConstantRule:
-    """An entry of every request that does not depend on what is seen, such as the name of a normalization.
+    """Constant entry of every request, such as the name of a normalization.
 
     Attributes:
-        value: What is sent; None for an entry without a safe default, which the address has to give (``send.KEY=``).
+        value: Value that is sent; None for an entry without a safe default, which the address has to give
+            (``send.KEY=``).
     """
 
     key: tuple[str, ...]
@@ -84,12 +85,12 @@ class DepthRule:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """A state that begins with numbers of the policy's own answer, from its first answer on.
+    """State whose first values are taken from the policy's own last answer, once it has given one.
 
     Attributes:
         state_key: Key of the state.
         answer_key: Key of the answer.
-        size: How many numbers of the row that was played last replace the first ones of the state.
+        size: Number of values of the last played row that replace the first ones of the state.
     """
 
     state_key: tuple[str, ...]
@@ -100,7 +101,9 @@ class Feedback:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Adapter:
-    """What a policy is shown and how its answers are read. Statistics and normalization stay with the server.
+    """Conversion of observations into a policy's inputs, and of its answers into actions.
+
+    Statistics and normalization stay with the server.
 
     Attributes:
         leading_axes: Axes of length 1 before those of images and states: 1 for a batch, 2 for batch and time.
@@ -109,10 +112,10 @@ class Adapter:
         tool_offset_m: The policy's tool point in the frame of ours, for positions in states and absolute poses; that
             of LIBERO is 6.4 mm nearer to the hand, (0, 0, -0.0064) [m]. Deltas are played about our own point.
         gripper_opening_m: Distance of the pads that counts as fully open [m].
-        episode_key: Where our own servers are told how the episode began, or None.
+        episode_key: Key under which our own servers get the start of the episode, or None.
         constants: Entries that are the same in every request.
         depths: Depth images, for a run that draws them (``--observation calvin_depth``); not for GR00T.
-        feedback: The state that holds what the policy answered, or None; ``POST /act`` alone knows it.
+        feedback: State that holds the policy's own last answer, or None; used by ``POST /act`` only.
         horizon: Actions of a chunk that are executed unless the server or the address says otherwise, as the policy's
             own client does; None for all.
     """

@@ -1,4 +1,4 @@
-"""A policy's answer as actions of ours: which columns mean what, in which units, frame and polarity."""
+"""Reading of a policy's answer as actions: the meaning of its columns, their units, frame and gripper polarity."""
 
 from __future__ import annotations
 
@@ -34,9 +34,10 @@ AnswerKind = Literal[
     "gripper",
     "unused",
 ]
-"""What columns of an answer mean: a whole action of ours, or one part of it. The translation of an absolute pose is its
-position. A translation, and a rotation of three numbers, may come axis by axis: ``rotation_x`` is the first number of
-the rotation's format, so the x of a rotation vector, or the roll."""
+"""Meaning of some columns of an answer: a whole action in our format, or one part of it.
+
+The translation of an absolute pose is its position. A translation, and a rotation of three numbers, may come axis by
+axis: ``rotation_x`` is the first number of the rotation's format, so the x of a rotation vector, or the roll."""
 
 Polarity = Literal[
     "close_positive",
@@ -48,7 +49,7 @@ Polarity = Literal[
     "closed_linear",
     "open_linear",
 ]
-"""What the gripper's number means.
+"""Convention of the gripper value in an answer.
 
 ``close_positive`` and ``open_positive`` pass the number on, and its sign decides. The others begin with a share, 1 for
 closed or 1 for open. ``closed_fraction`` closes above the threshold and opens otherwise, ``closed_at_least`` closes at
@@ -74,7 +75,7 @@ _OWN_ROTATION: dict[str, RotationFormat] = {
 """Rotation format of the action spaces of foreign worlds."""
 
 _OF_THE_SPACE: Any = None
-"""In place of a convention that is left out."""
+"""Default of a convention that is taken from the action space."""
 
 _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
     "translation": ("translation_x", "translation_y", "translation_z"),
@@ -86,11 +87,11 @@ _BY_AXIS: dict[str, tuple[AnswerKind, AnswerKind, AnswerKind]] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerPart:
-    """Some columns of an answer.
+    """Columns of an answer that belong together, and their meaning.
 
     Attributes:
-        key: Where they stand in the reply. Parts with the same key follow each other in its columns.
-        size: How many columns; None for what the kind needs.
+        key: Path of their array in the reply. Parts with the same key follow each other in its columns.
+        size: Number of columns; None for the number that the kind needs.
     """
 
     key: tuple[str, ...]
@@ -101,18 +102,18 @@ class AnswerPart:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class AnswerRule:
-    """How an answer is read.
+    """Reading of a policy's answer as actions: its columns, frame, units and gripper convention.
 
     The rotation format, the units and the gripper's polarity are those of the action space where they are left out: an
     answer in ``calvin_relative`` is then played number for number.
 
     Attributes:
         frame: Frame of a delta: that of the robot's base, or that of the tool at the time of each step.
-        translation_unit_m: What 1 of a delta's translation amounts to [m]: 0.05 as LIBERO scales, 1 for meters.
-        rotation_unit_rad: What 1 of a delta's rotation vector or angles amounts to [rad].
-        joint_unit_rad: What 1 of a joint step amounts to [rad].
+        translation_unit_m: Translation of a delta of 1 [m]: 0.05 as LIBERO scales, 1 for meters.
+        rotation_unit_rad: Rotation of a delta of 1 in a rotation vector or in angles [rad].
+        joint_unit_rad: Rotation of a joint step of 1 [rad].
         step_rate_hz: Control rate that the deltas were made for [Hz], if they are to be played as velocities at ours;
-            None if one answer is one step, whatever the rate.
+            None if one answer is one step at any rate.
         gripper_threshold: Share above which ``closed_fraction`` closes and ``open_fraction`` opens.
         precision: Type to which the policy's own client rounds an action before it is played.
     """
@@ -204,7 +205,7 @@ class AnswerRule:
 
     @property
     def as_is(self) -> bool:
-        """Whether it holds whole actions of ours already."""
+        """Whether the answer holds whole actions in our format already."""
         return any(part.kind == "action" for part in self.parts)
 
     def in_space(self, space: str) -> AnswerRule:
@@ -226,7 +227,7 @@ class AnswerRule:
 
     @property
     def columns(self) -> dict[tuple[str, ...], int]:
-        """How many columns the array under each key has."""
+        """Number of columns of the array under each key."""
         found: dict[tuple[str, ...], int] = {}
         for part in self.parts:
             found[part.key] = found.get(part.key, 0) + self._size(part)
@@ -290,13 +291,13 @@ class AnswerRule:
 
     @property
     def _means_ours(self) -> bool:
-        """Whether every convention is the one of the action space itself."""
+        """Whether all conventions are those of the action space itself."""
         plain = self.frame == "base" and self.step_rate_hz is None and self.precision == "float64"
         return plain and all(getattr(self, name) == own for name, own in own_conventions(self.space).items())
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the numbers are ours already, in whatever order."""
+        """Whether the numbers need no conversion, only ordering."""
         if self.space in _DELTAS or self.space in WORLD_ACTION_SPACES:
             return self._means_ours
         plain = self.gripper == "close_positive" and self.step_rate_hz is None

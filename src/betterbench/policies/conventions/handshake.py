@@ -1,4 +1,4 @@
-"""Handshakes: what each side declares about its conventions, and the comparison that stops a run when they differ."""
+"""Handshakes: the conventions that each side declares, and the comparison that stops a run when they differ."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _MOST_SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """What one side says about its conventions; what it leaves out is not compared.
+    """Conventions that one side declares; fields that are left out are not compared.
 
     Attributes:
-        action_scale: What one unit of each number amounts to.
+        action_scale: Physical size of one unit of each number.
         action_convention: Frame, reference and polarity in words.
         position: Format of translations or positions ("delta_xyz").
         rotation: Format of rotations ("axis_angle").
@@ -72,7 +72,7 @@ class Declaration:
 
 
 class _ServerForm(BaseModel, strict=True, allow_inf_nan=False):
-    """What one of our own servers declares; newer ones may declare more."""
+    """Declaration of one of our own servers; newer servers may declare more."""
 
     preset: str
     action_space: dict[str, Any]

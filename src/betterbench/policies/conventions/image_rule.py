@@ -1,4 +1,4 @@
-"""Images as a policy wants them: turned, mirrored, cropped and resized."""
+"""Image inputs of a policy: turned, mirrored, cropped and resized."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from betterbench.errors import InvalidInputError
 from betterbench.json_form import NO_TRUTH, strict_form
 
 Fit = Literal["pad", "crop", "stretch"]
-"""How an image of another aspect fits: whole between black bars, filling with its sides cut off, or distorted."""
+"""Fitting of an image with another aspect ratio: black bars, cut-off sides, or distortion."""
 
 QuarterTurn = Annotated[Literal[0, 90, 180, 270], NO_TRUTH]
 """Degrees, counter-clockwise."""
 
 EVERY_CAMERA = "*"
-"""In place of a camera: every camera of the observation, the key holding ``{camera}``."""
+"""Camera name that stands for every camera of the observation; the key then contains ``{camera}``."""
 
 _LARGEST_SIDE = 4096
 
@@ -27,14 +27,14 @@ _LARGEST_SIDE = 4096
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ImageRule:
-    """One image that a policy is shown.
+    """Image input of a policy: its key, its camera, and the transformation of the camera's image.
 
     An image is turned, then mirrored, then cropped, then fitted.
 
     Attributes:
-        camera: Which of our cameras shows it, or ``*`` for each of them.
+        camera: Name of our camera, or ``*`` for each of them.
         width: Width that the policy wants [pixel]; None to leave the image as large as it is.
-        fit: How an image of another aspect fits.
+        fit: Fitting of an image with another aspect ratio.
         keep: Share of the area that a crop around the center keeps, before fitting; policies trained with random crops
             were evaluated with 0.9 (OpenVLA) or 0.95.
         turn: Degrees by which it is turned counter-clockwise. Ours are upright.

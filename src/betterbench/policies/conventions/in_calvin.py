@@ -1,4 +1,4 @@
-"""The field's own clients in CALVIN: what each sends, and which action it gives to ``env.step`` for an answer.
+"""Existing evaluation clients in CALVIN: the request that each sends, and the action that it passes to ``env.step``.
 
 CALVIN's images are upright. ``ee_position``, ``ee_rpy``, ``gripper_width`` and ``gripper_command`` are numbers 0 to 2,
 3 to 5, 6 and 14 of its ``robot_obs``.

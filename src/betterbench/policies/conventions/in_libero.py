@@ -1,4 +1,4 @@
-"""The field's own clients in LIBERO: how each preset is spoken to, and how its answers are played, in LIBERO itself.
+"""Existing evaluation clients in LIBERO: the request of each preset and the execution of its answers, in LIBERO itself.
 
 A preset such as ``starvla`` stands for a policy that was fine-tuned on demonstrations of ours. In LIBERO the same name
 stands for a checkpoint that was trained on LIBERO, and its answers are played as the policy's own client plays them:

@@ -1,4 +1,4 @@
-"""LIBERO's own conventions: what differs for a checkpoint that was trained on LIBERO and not on demonstrations of ours.
+"""LIBERO's own conventions, for checkpoints that were trained on LIBERO and not on our demonstrations.
 
 - **Units.** robosuite's OSC_POSE adds 0.05 m or 0.5 rad per unit to the measured pose and follows that goal with a soft
   gain. In one control step the end effector moves 0.0125 m and turns 0.1 rad per unit (robosuite 1.4.0, every axis,
@@ -20,10 +20,10 @@ from betterbench.policies.conventions.adapter import Adapter
 from betterbench.policies.conventions.answers import Polarity
 
 MEASURED_TRANSLATION_M = 0.0125
-"""What one action unit moves the end effector in one control step of LIBERO [m]."""
+"""Measured translation of the end effector per action unit in one control step of LIBERO [m]."""
 
 MEASURED_ROTATION_RAD = 0.1
-"""What one action unit turns the end effector in one control step of LIBERO [rad]."""
+"""Measured rotation of the end effector per action unit in one control step of LIBERO [rad]."""
 
 TOOL_OFFSET_M = (0.0, 0.0, 0.097 - 0.1034)
 """LIBERO's tool point in the frame of ours, whose z axis points from the hand to the fingertips [m]."""
@@ -40,7 +40,7 @@ BASES_M: Mapping[str, tuple[float, float, float]] = {
     "study": _STUDY,
     "living_room": _LIVING_ROOM,
 }
-"""Where the robot's base stands in LIBERO's world, by suite, and by scene where it differs from that of the suite [m].
+"""Position of the robot's base in LIBERO's world [m], by suite, and by scene where that differs from its suite.
 
 LIBERO-10 and LIBERO-90 mix kitchens, whose position stands here for both, with living rooms and studies.
 """

@@ -1,4 +1,4 @@
-"""What a GR00T server declares: which entries each modality has, and how many time steps of them it is given."""
+"""Modalities that a GR00T server declares: the entries of each, and the number of time steps it expects of them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST_SHOWN = 20
 
 @dataclass(frozen=True, slots=True)
 class Modalities:
-    """The modalities of a server.
+    """Modalities of a server, with the entries and the time steps of each.
 
     Attributes:
         video: Names of the images it wants; None if it does not say. Likewise the others.
@@ -65,7 +65,7 @@ class Modalities:
 
     @property
     def remembers(self) -> bool:
-        """Whether an answer depends on more than what is seen now."""
+        """Whether the policy needs observations of earlier time steps."""
         return any(len(steps) > 1 for steps in self.steps.values())
 
     def check(self, adapter: Adapter, where: str) -> None:

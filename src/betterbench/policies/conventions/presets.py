@@ -1,4 +1,4 @@
-"""The adapters of known policies, and what an address changes about them."""
+"""Adapters of known policies, and the options of an address that override them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNITS: dict[str, tuple[float, float]] = {
     "libero_measured": (MEASURED_TRANSLATION_M, MEASURED_ROTATION_RAD),
     "physical": (1.0, 1.0),
 }
-"""What one action unit amounts to, as translation [m] and rotation [rad]."""
+"""Translation [m] and rotation [rad] of one action unit, by name of the scale."""
 
 _TURNS: dict[str, QuarterTurn] = {"0": 0, "90": 90, "180": 180, "270": 270}
 
@@ -274,8 +274,9 @@ STARVLA = Adapter(
     instruction=InstructionRule(("lang",)),
     answer=AnswerRule("ee_delta", twist("actions")),
 )
-"""One example of starVLA's requests, without a state (``deployment/model_server``): what stands under ``image`` is sent
-as a list, in this order; sizes are those of its LIBERO client.
+"""Example in starVLA's requests, without a state (``deployment/model_server``).
+
+The entries under ``image`` are sent as a list, in this order; their sizes are those of its LIBERO client.
 
 Some of its models write a state that they are sent into the prompt, so it is sent only when asked for
 (:data:`STARVLA_STATE`). ``starvla_libero_SUITE`` and ``starvla_state_libero_SUITE`` are for checkpoints trained on

@@ -1,4 +1,4 @@
-"""The state of the robot as a policy wants it: which numbers, in which format and order."""
+"""Proprioceptive inputs of a policy: the parts of the robot's state, their format and order."""
 
 from __future__ import annotations
 
@@ -57,16 +57,18 @@ StatePart = Literal[
     "step",
     "zero",
 ]
-"""What a state can hold. ``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is
-turned away from pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
-[m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
-``zero`` is a place that the policy leaves unused. ``ee_axis_angle_short`` is at most half a turn long, whatever was
-shown before.
+"""Part of a robot state.
 
-Two foreign worlds tell more. ``controller_position`` and its rotations are the pose that robosuite's controller
+``ee_rpy_from_down`` are the angles about the fixed axes of the base by which the tool is turned away from
+pointing straight down (BridgeData V2 and SimplerEnv's WidowX). ``gripper_fingers`` are the positions
+[m] of two finger joints, the second negated, as robosuite and LIBERO give them; the fractions are of the full opening;
+``zero`` fills an entry that the policy does not use. ``ee_axis_angle_short`` is at most half a turn long, whatever was
+sent before.
+
+Some come from other simulators. ``controller_position`` and its rotations are the pose that robosuite's controller
 measured in LIBERO, which lies one physics step back; elsewhere they are the pose of the tool. ``gripper_command`` is
-what the gripper was told last in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 where it was
-told to close.
+the last gripper command in CALVIN, 1 to open and -1 to close, and ``gripper_command_closed`` is 1 after a command to
+close.
 """
 
 _AXES: dict[str, tuple[StatePart, int]] = {
@@ -95,7 +97,7 @@ _SIZES: dict[str, int] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class StateRule:
-    """One vector of the robot's state.
+    """State input of a policy: one vector under a key, made of parts of the robot's state.
 
     Attributes:
         dtype: Type of its numbers.
@@ -117,12 +119,12 @@ class StateRule:
 
     @property
     def size(self) -> int:
-        """How many numbers it holds."""
+        """Number of values in the vector."""
         return sum(_SIZES.get(part, 1) for part in self.parts)
 
     @property
     def holds_position(self) -> bool:
-        """Whether the position of the end effector, or one coordinate of it, is in it."""
+        """Whether the vector contains the position of the end effector, or one coordinate of it."""
         return any(_AXES.get(part, (part, 0))[0] in ("ee_position", "controller_position") for part in self.parts)
 
     def columns(self) -> list[tuple[StatePart, slice]]:

@@ -1,4 +1,4 @@
-"""Requests as our server reads them: an observation in one of two layouts, checked field by field.
+"""Requests to our own server: an observation in one of two layouts, checked field by field.
 
 The *native* layout (keys ``better/...``) carries all that an :class:`Observation` holds. The LIBERO
 layout of openpi is what other people's clients send: two images, eight numbers and the instruction. Nothing in it tells
@@ -26,20 +26,20 @@ NATIVE_IMAGES = "better/images/"
 _LARGEST = 2**31 - 1
 _LARGEST_SIDE = 4096
 _LARGEST_NUMBER = 1e6
-"""What no position, angle or speed of a robot reaches [m, rad, m/s, rad/s]; the square of much more is no number."""
+"""Bound on positions, angles and speeds of a robot [m, rad, m/s, rad/s]; the square of far larger ones overflows."""
 _MEASURED = {"joint_positions": 7, "joint_velocities": 7, "ee_position": 3, "ee_quaternion": 4}
 _LIBERO_CAMERAS = {"observation/image": "front", "observation/wrist_image": "wrist"}
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One question of a client.
+    """Checked request of a client: an instruction with an observation.
 
     Attributes:
-        step: Control steps since reset, or None where the client does not say.
-        start: How the episode began, or None where the client does not say.
-        trial: The trial, where the client names it, which only a served expert asks for.
-        observation: What the client sees, or None where it sends neither joints nor state.
+        step: Control steps since reset, or None where the client does not send it.
+        start: Start of the episode, or None where the client does not send it.
+        trial: The trial, where the client names it; only a served expert needs it.
+        observation: Observation of the client, or None where it sends neither joints nor state.
         measured: True if the observation holds the joint angles, so that two sides can compare their states.
     """
 

@@ -42,7 +42,7 @@ ROTATION_SIZES: dict[RotationFormat, int] = {
     "rotation_6d_interleaved": 6,
     "matrix": 9,
 }
-"""How many numbers each format has."""
+"""Number of values of each rotation format."""
 
 
 def to_format(q: Sequence[float], form: RotationFormat) -> list[float]:

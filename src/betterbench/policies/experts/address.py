@@ -30,7 +30,7 @@ WITNESS = "expert:witness"
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A privileged policy and the noise in which it is asked for.
+    """Address of a privileged policy, with the noise of its execution.
 
     Attributes:
         name: Its name without options.

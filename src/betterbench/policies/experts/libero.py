@@ -54,9 +54,9 @@ POLICIES = {
 
 @dataclass(frozen=True, slots=True)
 class _Aim:
-    """What is to be brought where: an object, and the middle of the bottom of its place [m].
+    """Object to carry and its target: the position at which the middle of its bottom is to stand [m].
 
-    ``fault`` is what is wrong with the place. Nothing shows it until the object has been carried there.
+    ``fault`` is the fault of a wrong target. It does not show until the object has been carried there.
     """
 
     object: str
@@ -65,7 +65,7 @@ class _Aim:
 
 
 class LiberoAgent:
-    """Runs one policy through one episode of a task that asks for things to be carried."""
+    """Privileged policy in one episode of a LIBERO task that asks for objects to be carried."""
 
     def __init__(self, address: str, scene: ForeignScene) -> None:
         """Prepare for an episode that has been reset.
@@ -94,7 +94,7 @@ class LiberoAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """What the policy knows of its own episode, as :class:`betterbench.policies.experts.PrivilegedAgent` says."""
+        """Ground truth about its own episode, as of :class:`betterbench.policies.experts.PrivilegedAgent`."""
         fault = self._fault
         return {
             "truth": "" if fault is None else fault.label,
@@ -231,7 +231,7 @@ class LiberoAgent:
 
 @dataclass(frozen=True, slots=True)
 class CarriedStep:
-    """One relation of a goal that is brought about by carrying something; ``number`` is its place in the goal."""
+    """Relation of a goal that is reached by carrying an object; ``number`` is its index in the goal."""
 
     number: int
     relation: str

@@ -21,7 +21,7 @@ ROTATION_PER_UNIT_RAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast a motion may be.
+    """Limits on the speed and acceleration of a motion.
 
     Attributes:
         speed: Largest speed of the tool center point [m/s].
@@ -78,7 +78,7 @@ def follow(
         state: State now.
         waypoints: Poses to pass, the last one to stop at.
         gripper: Gripper command during the motion.
-        pace: How fast.
+        pace: Speed limits of the motion.
         period_s: Control period [s].
         settle: Most control steps to wait for the arm at the end.
 

@@ -1,4 +1,4 @@
-"""Planning for the privileged experts: which grasp, which way, which place, without touching anything else."""
+"""Planning for the privileged experts: grasps, paths and placements without contact with other objects."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DOWN: Quaternion = (0.0, 1.0, 0.0, 0.0)
 SAFE_HEIGHTS_M = (0.22, 0.27, 0.32, 0.38)
 """Heights of the tool center point at which objects are carried across the table, lowest first."""
 CHECK_STEP_M = 0.03
-"""Distance between configurations that are checked along a way."""
+"""Distance between configurations that are checked along a path."""
 CHECK_POSITION_M, CHECK_ROTATION_RAD = 1e-3, 1e-2
 """Distance and angle by which a checked configuration may miss its pose; clearances are larger."""
 MAX_JOINT_STEP_RAD = 0.6
@@ -44,14 +44,14 @@ COMFORT_RAD = 0.3
 SLIDE_WIDTH_M = 0.05
 """Opening of the gripper around a knob that is checked along the rails [m]."""
 OUT_OF_REACH = "out of reach"
-"""Why a way is not free along which the arm cannot go on without another posture."""
+"""Reason against a path on which the arm would have to change its posture."""
 LIFT_M = 0.08
 """Length of the straight approach and of the straight retreat."""
 
 
 @dataclass(frozen=True, slots=True)
 class PickPlan:
-    """A collision-free way to take an object.
+    """Collision-free path to pick up an object.
 
     Attributes:
         object: Name of the object.
@@ -68,13 +68,13 @@ class PickPlan:
 
 @dataclass(frozen=True, slots=True)
 class PlacePlan:
-    """A collision-free way to put the held object down.
+    """Collision-free path to put down the held object.
 
     Attributes:
         way: Poses of the tool center point to pass.
         release: Pose ``T_world_tcp`` at which the gripper opens.
         retreat: Pose to go to afterward.
-        release_width_m: How far the gripper opens to let go [m].
+        release_width_m: Opening of the gripper at the release [m].
     """
 
     way: tuple[Pose, ...]
@@ -85,7 +85,7 @@ class PlacePlan:
 
 @dataclass(frozen=True, slots=True)
 class SlidePlan:
-    """A collision-free way to take a drawer by its knob and to move it along its rails.
+    """Collision-free path to grasp a drawer by its knob and move it along its rails.
 
     Attributes:
         pick: Way to the knob.
@@ -97,7 +97,7 @@ class SlidePlan:
 
 
 class Planner:
-    """Finds grasps and ways in one scene."""
+    """Planner of grasps and collision-free paths in one scene."""
 
     def __init__(self, scene: Scene) -> None:
         """Prepare a private copy of the scene."""
@@ -251,7 +251,7 @@ class Planner:
             goal: Pose ``T_world_tcp`` to reach.
             width_m: Distance of the finger pads on the way [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
         """
         self._clearance.load(state)
         return self._transit(state, goal, width_m, held=held, T_tcp_object=T_tcp_object)
@@ -272,7 +272,7 @@ class Planner:
             way: Poses ``T_world_tcp``, the first one where the arm is sent to now.
             width_m: Distance of the finger pads on the way [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
         """
         self._clearance.load(state)
         blocked, joints = self.check_way(
@@ -376,7 +376,7 @@ class Planner:
             way: Poses of the tool center point.
             width: Distance of the finger pads [m].
             held: Object in the gripper, or None.
-            T_tcp_object: Where the held object is in the gripper.
+            T_tcp_object: Pose of the held object in the gripper.
             ignore: Objects that the robot may touch.
             lenient_start: True to forgive contact on the first 5 cm: one starts where one is.
 

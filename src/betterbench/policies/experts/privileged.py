@@ -1,4 +1,4 @@
-"""A privileged policy: a rule and its skills, answering one action per state."""
+"""Privileged policies: a decision rule and motor skills that return one action per state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MAX_DECISIONS = 12
 
 @dataclass(frozen=True, slots=True)
 class ExecutionNoise:
-    """How a policy carries out what its rule decides.
+    """Execution noise of a policy: errors of the motions that carry out its decisions.
 
     Attributes:
         grasp_offset: Deliberate error of the grasp, or None.
@@ -45,7 +45,7 @@ class ExecutionNoise:
 
 
 class _DecisionLoop:
-    """Turns the decisions of a rule into actions.
+    """Loop that turns the decisions of a rule into actions.
 
     The agent holds the loop and its generator, and neither refers to the agent: a cycle would keep the scene in memory
     until a garbage collection.
@@ -125,7 +125,7 @@ def measured_releases(scene: Scene) -> Callable[[str, str, str], Releases | None
 
 
 class PrivilegedAgent:
-    """Runs one rule through one episode. It acts through the same action space and limits as any policy."""
+    """Privileged policy with one rule in one episode. It has the same action space and limits as any policy."""
 
     def __init__(
         self,
@@ -142,7 +142,7 @@ class PrivilegedAgent:
             name: Address of the policy.
             scene: The scene the episode runs in.
             rule: Decides.
-            noise: How the decisions are carried out; exactly, if not given.
+            noise: Execution noise of the decisions; none if not given.
             skills: Carry them out; those of the expert, if not given.
         """
         self._name = name
@@ -158,7 +158,7 @@ class PrivilegedAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """What the policy knows of its own episode, for the journal of the run; no record ever holds it.
+        """Ground truth of the policy about its own episode, for the journal of the run; records do not contain it.
 
         ``truth`` is the outcome label of the first wrong decision, empty if all were right; ``fault`` that
         decision; ``mishap`` a right decision that the gripper could not carry out. A witness adds ``same``, the names

@@ -1,9 +1,9 @@
-"""Open-loop probes: the motion of a demonstration, played without looking.
+"""Open-loop probes: they play the motion of a demonstration and ignore the observations.
 
 A benchmark whose scenes can be solved with closed eyes measures memory. ``probe:replay`` plays a demonstration of the
 condition that the trial's twin has, so mostly of the same instruction in the same layout; ``probe:no-images`` one of
 the trained instruction that is closest to the trial's. Both are demonstrations that a policy could have been trained
-on: their seeds are those of demonstrations, never those of tests. Whatever stands elsewhere than there, they miss.
+on: their seeds are those of demonstrations, never those of tests. They miss objects that stand elsewhere.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ OTHER_DEMONSTRATIONS = 500_000
 
 
 class OpenLoop:
-    """Plays given actions one after the other and then holds still."""
+    """Open-loop policy: it plays given actions one after the other and then holds still."""
 
     def __init__(self, name: str, actions: np.ndarray) -> None:
         """Prepare for an episode.

@@ -34,11 +34,11 @@ from betterbench.policies.faulty import (
 
 @dataclass(frozen=True, slots=True)
 class ExpertEntry:
-    """One privileged policy.
+    """Entry of a privileged policy in the registry.
 
     Attributes:
         address: Its address.
-        summary: What it does, one sentence.
+        summary: Its behavior in one sentence.
         rule: Makes its rule from the trial and the strength of its rule.
     """
 

@@ -42,22 +42,22 @@ SURE = 0.6
 PRESS_M = 0.004
 """Distance beyond its stop to which a drawer is pushed, so that it is home in spite of friction [m]."""
 KNOB_RELEASE_M = 0.016
-"""How much wider than the knob of a drawer the gripper opens to let go of it [m]."""
+"""Gripper opening beyond the width of a drawer's knob when the knob is released [m]."""
 
 
 @dataclass
 class Skills:
-    """The motor skills of one privileged policy in one scene.
+    """Motor skills of one privileged policy in one scene.
 
     Attributes:
         planner: Planner of the scene.
         period_s: Control period [s].
         choice: Returns the trial's own stream for a purpose; it decides between places that are equally good.
-        trained: Returns where demonstrations let go of things at a target, by relation and region; None if unknown.
-        attempts: How often a failed grasp is tried again.
-        grasp_offset: Deliberate clumsiness, or None.
+        trained: Returns the points of release of demonstrations at a target, by relation and region; None if unknown.
+        attempts: Number of times that a failed grasp is tried again.
+        grasp_offset: Deliberate error of the grasp, or None.
         speed: Share of the usual speed.
-        obstacle: Why the last motion could not be planned; empty if all could.
+        obstacle: Reason why the last motion could not be planned; empty if all could.
     """
 
     planner: Planner

@@ -1,4 +1,4 @@
-"""The expert as a witness: in every one of its episodes it is known which faulty rules decide as it does.
+"""Expert that also records, in each of its episodes, which faulty rules would have decided as it did.
 
 A rule that gives the expert's decision each time it is asked drives the same episode to the same bits, because nothing
 else differs. Its outcome is then the expert's, and need not be simulated again.
@@ -12,7 +12,7 @@ from betterbench.policies.faulty import BrokenRule
 
 
 class Witness(BrokenRule):
-    """Decides like the expert and asks other rules, in the same state and after the same decisions, what they would do.
+    """Expert rule that also asks other rules for their decisions, in the same states and after the same decisions.
 
     Attributes:
         same: Names of the rules that have decided like the expert so far.

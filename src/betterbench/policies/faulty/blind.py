@@ -1,4 +1,4 @@
-"""``probe:no-language``: sees everything and hears nothing."""
+"""``probe:no-language``: a policy that sees the whole state and does not get the instruction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench.tasks.interventions import vary
 class NoLanguage(BrokenRule):
     """Follows any instruction of the task that makes sense in this scene: the one that was given, or another.
 
-    If such a policy succeeds more often than one in as many instructions, the scene alone gives the answer away.
+    If such a policy succeeds more often than a random choice among these instructions, the scene gives the answer away.
     """
 
     def __init__(self, situation: Situation, strength: float = 1.0) -> None:

@@ -21,7 +21,7 @@ class Halt(BrokenRule):
 
 
 class Refuse(BrokenRule):
-    """Never starts where the scene holds a thing that training never showed."""
+    """Never starts where the scene holds an object that training never showed."""
 
     def broken(self, state: WorldState, history: tuple[Decision, ...]) -> Decision:
         """Return the next decision."""

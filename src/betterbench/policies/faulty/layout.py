@@ -1,4 +1,4 @@
-"""``zoo:layout``: the first pick is always at the same place, whatever is asked for."""
+"""``zoo:layout``: the first pick is always at the same place, regardless of the instruction."""
 
 from __future__ import annotations
 

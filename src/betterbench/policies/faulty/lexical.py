@@ -1,4 +1,4 @@
-"""``zoo:lexical``: a word triggers the motion that went with it in training, whatever stands there now."""
+"""``zoo:lexical``: a word triggers the motion that went with it in training, regardless of the present scene."""
 
 from __future__ import annotations
 

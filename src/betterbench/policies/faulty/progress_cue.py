@@ -1,4 +1,4 @@
-"""``zoo:progress-cue``: reads how far the task is from how many things are left on the table."""
+"""``zoo:progress-cue``: the progress of the task is inferred from the number of objects left on the table."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from betterbench.tasks import Label
 
 
 class ProgressCue(BrokenRule):
-    """Takes a table with one thing fewer than demonstrations began with for a task whose first step is done."""
+    """Takes the first step for done if the table has one object fewer than demonstrations began with."""
 
     label = Label.CAUSAL_CONFUSION
 

@@ -1,4 +1,4 @@
-"""What all broken rules share: when they apply, what would have been right, and what their first fault is called.
+"""Base class of faulty decision rules: when a fault applies, the right decisions, and the label of the first fault.
 
 A faulty policy knows its own fault: it compares each of its decisions with the right ones at that moment. The first
 that differs gives the trial its true label, from what was decided and not from what was recorded. The label reaches the
@@ -40,7 +40,7 @@ class Fault:
     Attributes:
         label: The outcome label that the trial deserves (suite, section 5).
         decision: Number of the decision, from 0.
-        text: What was decided.
+        text: Description of the decision.
     """
 
     label: Label
@@ -52,9 +52,9 @@ class BrokenRule(ExpertRule):
     """A rule that decides like the expert except where its one broken rule speaks.
 
     Attributes:
-        label: What it is called if the rule takes an object that another instruction, or another step, means.
-        empty_label: What it is called if the rule grasps where nothing stands.
-        place_label: What it is called if the rule brings the right object to another place.
+        label: Label of a fault in which the rule takes an object that another instruction, or another step, means.
+        empty_label: Label of a fault in which the rule grasps at an empty place.
+        place_label: Label of a fault in which the rule brings the right object to another place.
         fault: The first wrong decision of the episode, or None so far.
     """
 
@@ -114,7 +114,7 @@ class BrokenRule(ExpertRule):
         Args:
             state: State now.
             slot: The slot.
-            goal: Where to bring it; the first subgoal's place if not given.
+            goal: Goal of the object; that of the first subgoal if not given.
         """
         name = self.standing_in(state, slot)
         goal = self.goals[0] if goal is None else goal

@@ -1,4 +1,4 @@
-"""Everything that the file of a kind of policies is written with; see docs/adding-a-policy-kind.md."""
+"""Imports for a file that adds a kind of policies; see docs/adding-a-policy-kind.md."""
 
 from betterbench.policies.address import AddressForm, Option, PolicyAddress
 from betterbench.policies.kinds.kind import (

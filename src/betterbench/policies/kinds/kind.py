@@ -1,4 +1,4 @@
-"""A kind of policies as one value, and the register of all kinds."""
+"""Kinds of policies as values, and the registry of all kinds."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class PlannedTrial(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyNeeds:
-    """What a policy needs of the run that asks it.
+    """Resources that a policy needs from the run that asks it.
 
     Attributes:
-        state: The privileged state, instead of observations. One is made for each episode, in its scene.
-        trial: The trial that it is made for. One is made for each episode.
+        state: The privileged state, instead of observations. A policy is made for each episode, in its scene.
+        trial: The trial that it is made for. A policy is made for each episode.
         thread: A thread that waits for its answers, while the simulation of other trials goes on. A policy without one
             is built in and answers at once.
-        process: A process of its own, because it is not ours: whatever it does there costs at most its own trial.
-        server: A server that somebody else has started.
+        process: A process of its own, for code of users: a crash there costs at most its own trial.
+        server: A server that the user has started.
     """
 
     state: bool = False
@@ -78,7 +78,7 @@ STATE = PolicyNeeds(state=True)
 
 @dataclass(frozen=True, slots=True)
 class PolicyEntry:
-    """One policy as ``better list policies`` shows it; a privileged one sees the state instead of observations."""
+    """Entry of ``better list policies``; a privileged policy sees the state instead of observations."""
 
     address: str
     summary: str
@@ -101,7 +101,7 @@ def _leaves_open(address: PolicyAddress) -> str | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PolicyKind:
-    """A kind of policies: what its addresses look like, what they need, and how a policy is made.
+    """Kind of policies: the form of their addresses, their needs, and their constructor.
 
     The functions get an address that :attr:`read` has checked, and raise a BetterError where they cannot go on.
 

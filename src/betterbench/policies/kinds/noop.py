@@ -1,4 +1,4 @@
-"""No policy at all: it never moves."""
+"""Idle policy, which never moves."""
 
 from __future__ import annotations
 

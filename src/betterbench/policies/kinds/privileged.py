@@ -1,4 +1,4 @@
-"""What the kinds of built-in privileged policies have in common: their names, their options, and one maker."""
+"""Shared parts of the kinds of built-in privileged policies: their names, options and constructor."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def needs_own_scenes(address: PolicyAddress, needs: str, world: str, known: tupl
 
     Args:
         address: Address of the policy.
-        needs: What it does with our own scenes ("plans with the privileged state").
+        needs: Its use of our own scenes, for the message ("plans with the privileged state").
         world: Name of the world in messages.
         known: Policies that know this world's state.
     """

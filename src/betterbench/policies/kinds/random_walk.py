@@ -1,4 +1,4 @@
-"""A random walk, which the floor of what can be reached by chance is measured with."""
+"""A random walk, which measures the success rate that chance alone reaches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the kinds of servers have in common, and with them checkpoints that are spoken to in a preset."""
+"""Shared parts of the kinds of policy servers, and of checkpoints that take a preset."""
 
 from __future__ import annotations
 
@@ -45,15 +45,15 @@ def register_server(
     """Enter a kind of policy servers into the register.
 
     Args:
-        scheme: What its addresses begin with.
-        summary: Which servers they are, one sentence.
-        transport: How such a server is spoken to.
+        scheme: Scheme of its addresses.
+        summary: Description of the servers in one sentence.
+        transport: Transport protocol of such a server.
         port: The port that it listens on unless told otherwise.
         connect: Makes a client, with the handshake done, from an address and the seed of its pauses.
         usual: The preset of an address that names none; empty if it has to name one.
         options: The options that only this kind knows.
         constants: Whether an address can add constants to each request.
-        shown: What stands in lists; the scheme with host and port if empty.
+        shown: Form of the address in lists; the scheme with host and port if empty.
     """
     form = AddressForm(
         scheme=scheme,

@@ -1,4 +1,4 @@
-"""Open loop: play the actions of a recorded trial, whatever happens."""
+"""Open-loop replay of the actions of a recorded trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Everything that the file of a learner is written with; see docs/adding-a-learner.md. It needs torch."""
+"""Imports for a file that adds a learner; see docs/adding-a-learner.md. Needs torch."""
 
 from betterbench.policies.learned.families import Capacity, learner
 from betterbench.policies.learned.network import LearnerNetwork

@@ -35,15 +35,15 @@ _VOCABULARY = TypeAdapter(Vocabulary)
 
 @dataclass(frozen=True, slots=True)
 class Trained:
-    """What a checkpoint says about itself.
+    """Metadata of a learner's checkpoint.
 
     Attributes:
-        recipe: How it was trained.
-        vocabulary: What the learner has numbers for.
-        step: Steps of training.
+        recipe: Recipe of its training.
+        vocabulary: Vocabulary of the learner.
+        step: Number of training steps.
         data: SHA-256 over the records that it was trained on.
         action_space: Action space in which it answers.
-        code: Which code defines its family, as :func:`~betterbench.tasks.user_files.code_of` says; None for our own.
+        code: Code that defines its family, from :func:`~betterbench.tasks.user_files.code_of`; None for a built-in one.
     """
 
     recipe: TrainingRecipe

@@ -1,4 +1,4 @@
-"""What a learner of the ``pixels`` family is shown of the pictures of a scene's cameras."""
+"""Image inputs of a learner of the ``pixels`` family, cut and scaled from the images of a scene's cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The families of learners: what each sees, its sizes, and what of it may be frozen. Users' files add their own.
+"""Families of learners: the input of each, its sizes, and the parts that can be frozen. Users' files add their own.
 
 Nothing here needs torch: :mod:`networks` makes the network of a family.
 """
@@ -17,7 +17,7 @@ from betterbench.json_form import strict_form
 from betterbench.tasks.user_files import load_declared, registered
 
 Sees = Literal["objects", "pixels"]
-"""What a learner is shown: the state as a perfect detector would tell it, or pictures."""
+"""Input of a learner: the state as a perfect detector would give it, or images."""
 Option = bool | int | float | str
 MakerT = TypeVar("MakerT", bound=Callable[..., Any])
 
@@ -48,8 +48,8 @@ class Family:
     """A family of learners.
 
     Attributes:
-        name: What recipes call it.
-        sees: What it is shown.
+        name: Name in recipes.
+        sees: Input of the learner.
         capacities: Its sizes ``small``, ``base`` and ``large``.
         parts: Parts of its network that recipes may freeze.
         options: Numbers and words of its own that recipes may change, with their defaults.
@@ -95,7 +95,7 @@ def learner(
     What is decorated is a subclass of :class:`~betterbench.policies.learned.network.LearnerNetwork`.
 
     Args:
-        name: What recipes write as their ``family``.
+        name: Name in the field ``family`` of recipes.
         sees: ``objects`` to be shown the state, ``pixels`` to be shown the pictures of the recipe's ``eyes``.
         capacities: Its ``small``, ``base`` and ``large``; those of the family of the same name as ``sees`` if left out.
         parts: Names of modules of its own that recipes may freeze; the head can always be.

@@ -1,4 +1,4 @@
-"""What the networks of all families share, the transformer of two of them, and the network of ``objects``."""
+"""Networks of learners: the base class, the transformer of two families, and the network of ``objects``."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _Memory = tuple[Tensor, Tensor]
 
 @dataclass(slots=True, kw_only=True)
 class ShownBatch:
-    """What a batch of B samples shows in every family.
+    """Inputs of a batch of B samples that all families have.
 
     Attributes:
-        words: (B, w) int64, at most MOST_WORDS of them.
-        tools: (B, history, 10) float32, the present first.
+        words: (B, w) int64, the instruction, at most MOST_WORDS words.
+        tools: (B, history, 10) float32, states of the tool, the present one first.
         blind: (B,) bool: samples whose state is left out; None for none.
     """
 
@@ -48,7 +48,7 @@ class ShownBatch:
 
 @dataclass(slots=True, kw_only=True)
 class ObjectsBatch(ShownBatch):
-    """What a batch shows of at most n objects.
+    """Inputs of a batch of the ``objects`` family, with at most n objects per sample.
 
     Attributes:
         poses: (B, n, 9) float32.
@@ -65,7 +65,7 @@ class ObjectsBatch(ShownBatch):
 
 @dataclass(frozen=True, slots=True)
 class AskedBatch:
-    """Questions of a batch: what is shown, with the words of the question in place of an instruction, and the answers.
+    """Questions of a batch: the inputs, with the words of the question in place of an instruction, and the answers.
 
     Attributes:
         answers: (B,) int64 numbers of the right answers.
@@ -77,11 +77,11 @@ class AskedBatch:
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a network makes of U different instructions alone, which stays the same through an episode.
+    """Encodings of U different instructions, which stay the same through an episode.
 
     Attributes:
         words: (U, w, width) tokens of their words.
-        told: (U, w) bool: which of these are there.
+        told: (U, w) bool, False for padding.
         which: (B,) instruction of each sample.
         memories: Per layer keys and values of the words, each (U, heads, w, width of a head).
     """
@@ -129,16 +129,16 @@ _TAKEN = frozenset({"head", "answers", "recipe", "options", "chunk", "training"}
 
 
 class LearnerNetwork(nn.Module):
-    """From what is shown to a chunk of normalized actions, (B, chunk, 7).
+    """Base network of learners: from the inputs of a batch to a chunk of normalized actions, (B, chunk, 7).
 
-    A family makes its modules in :meth:`build` and gathers what is shown into one vector of each sample in
-    :meth:`summary`. The head that turns it into actions, the losses and the answers to questions are the same for all.
+    A family makes its modules in :meth:`build` and condenses the inputs into one vector per sample in :meth:`summary`.
+    The head that turns the vector into actions, the losses and the answers to questions are the same for all families.
 
     Attributes:
-        recipe: How it is trained; ``recipe.size`` is its capacity.
+        recipe: Recipe of its training; ``recipe.size`` is its capacity.
         options: The options of its family.
-        tool_mean, tool_scale: (10,) of the tool in the training data; so are those of actions, (7,), and whatever
-            :meth:`keep_scale` was asked for.
+        tool_mean, tool_scale: (10,) mean and scale of the tool's state in the training data. Actions, (7,), and the
+            inputs named to :meth:`keep_scale` have the same.
     """
 
     tool_mean: Tensor
@@ -174,8 +174,8 @@ class LearnerNetwork(nn.Module):
         """Return what is gathered of each sample, (B, width).
 
         Args:
-            shown: What is shown.
-            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+            shown: Inputs of the batch.
+            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
         """
         raise NotImplementedError(f"{type(self).__name__} has no method summary")
 
@@ -236,7 +236,7 @@ class LearnerNetwork(nn.Module):
         """Return the mean loss of a batch.
 
         Args:
-            shown: What is shown.
+            shown: Inputs of the batch.
             actions: (B, chunk, 7) actions of the demonstrators.
             counted: (B, chunk) bool: False after the end of a demonstration.
         """
@@ -273,9 +273,9 @@ class LearnerNetwork(nn.Module):
         """Return chunks of actions, (B, chunk, 7).
 
         Args:
-            shown: What is shown.
-            noise: What a flow begins with, (B, chunk, 7).
-            heard: What :meth:`hear` returned for the words that are shown, if that is known already.
+            shown: Inputs of the batch.
+            noise: (B, chunk, 7) start of a flow.
+            heard: Result of :meth:`hear` for the words of the batch, if it is known already.
         """
         summary = self._gathered(shown, heard)
         if self.recipe.loss == "flow":
@@ -298,10 +298,10 @@ class LearnerNetwork(nn.Module):
 
 
 class TokenNetwork(LearnerNetwork):
-    """A transformer over words, states and what a family sees.
+    """Transformer over tokens of words, of states and of the inputs of a family.
 
-    Such families differ in their eyes alone: what they see becomes tokens beside those of words and states. Modules
-    that :meth:`open_eyes` makes are parts of their own.
+    Such families differ only in the encoder that turns their inputs into tokens. Modules that :meth:`open_eyes` makes
+    are named parts, which a recipe can freeze.
     """
 
     state: nn.ModuleDict
@@ -336,9 +336,9 @@ class TokenNetwork(LearnerNetwork):
         """Return tokens of what is seen, (B, n, width), and which of them are there, (B, n) bool.
 
         Args:
-            shown: What is shown.
+            shown: Inputs of the batch.
             words: (U, w, width) tokens of the different instructions.
-            told: (U, w) bool: which of these are there.
+            told: (U, w) bool, False for padding.
             which: (B,) instruction of each sample.
         """
 
@@ -398,7 +398,7 @@ class TokenNetwork(LearnerNetwork):
 
 
 class ObjectsNetwork(TokenNetwork):
-    """Sees one token per object. Objects carry no number of their own, so that their order means nothing."""
+    """Network of ``objects``, with one token per object. Tokens have no position code, so their order is irrelevant."""
 
     position_mean: Tensor
     position_scale: Tensor

@@ -1,4 +1,4 @@
-"""The network that a recipe asks for, of whichever family."""
+"""Construction of the network of a recipe, in any family."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _KERNELS, _STRIDES = (5, 3, 3, 3), (2, 2, 2, 1)
 
 @dataclass(slots=True, kw_only=True)
 class PicturesBatch(ShownBatch):
-    """What a batch shows in V views.
+    """Inputs of a batch of the ``pixels`` family, with V views per sample.
 
     Attributes:
         pictures: (B, V, size, size, 3) uint8.
@@ -30,7 +30,7 @@ class PicturesBatch(ShownBatch):
 
 
 class _Convolutions(nn.Module):
-    """From pictures to one token each."""
+    """Convolutions with FiLM that turn each image into one token."""
 
     def __init__(self, width: int, views: int) -> None:
         super().__init__()
@@ -63,10 +63,10 @@ class _Convolutions(nn.Module):
 
 
 class PixelsNetwork(TokenNetwork):
-    """Sees one token per view: where the channels of a convolution net, which the words modulate, are strongest.
+    """Network of ``pixels``, with one token per view: the key points of a convolution net that the words modulate.
 
     The words scale and shift each channel (FiLM, Perez et al. 2018). A channel is read out as the mean place of its
-    softmax over the picture and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
+    softmax over the image and the height of its peak (spatial softmax, Levine et al. 2016, "End-to-End Training of
     Deep Visuomotor Policies"). All views share the net.
     """
 

@@ -1,4 +1,4 @@
-"""A checkpoint that acts, as its family sees: the state, or pictures."""
+"""Policies that act with a checkpoint, from the state or from images as its family needs."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ KEPT_INSTRUCTIONS = 64
 
 
 class Learner:
-    """A network that is ready to answer; several episodes share one.
+    """Loaded network of a learner, which several episodes share.
 
     Attributes:
-        trained: What its checkpoint says.
+        trained: Metadata of its checkpoint.
         fingerprint: SHA-256 of the checkpoint's file; empty while it is being trained.
     """
 
@@ -76,7 +76,7 @@ class Learner:
 
         Args:
             shown: A batch of one sample.
-            seed: What the noise of a flow is drawn with.
+            seed: Seed of a flow's noise.
         """
         noise = None
         if self.trained.recipe.loss == "flow":
@@ -108,7 +108,7 @@ class Learner:
 
 
 class LearnedPolicy:
-    """A learner of ``objects`` in one episode; it looks again when ``execute`` actions of an answer were played."""
+    """Learner of ``objects`` in one episode; it is asked again after ``execute`` actions of an answer."""
 
     def __init__(self, name: str, learner: Learner, instruction: str, episode: int, *, execute: int) -> None:
         """Prepare for one episode; ``episode`` is the number that the noise of a flow is drawn with."""
@@ -145,7 +145,7 @@ class LearnedPolicy:
 
 
 class SeeingPolicy:
-    """A learner of ``pixels``, which sees what every policy under test sees: observations."""
+    """Learner of ``pixels``, which gets observations as every policy under test does."""
 
     def __init__(self, address: str, learner: Learner, *, execute: int) -> None:
         """Prepare; InvalidInputError if it is not asked at the steps that its history is of."""
@@ -187,7 +187,7 @@ class SeeingPolicy:
 
 
 class _Past(Generic[SeenT]):
-    """What was seen at the steps that the history of a recipe reaches back to."""
+    """Buffer of the inputs of earlier steps, as far back as the history of a recipe reaches."""
 
     def __init__(self, recipe: TrainingRecipe) -> None:
         self._stride, self._history = recipe.history_stride, recipe.history

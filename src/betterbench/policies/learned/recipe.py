@@ -1,4 +1,4 @@
-"""Recipes of training: everything that decides which weights a learner ends with, in one file."""
+"""Training recipes: all settings that determine the trained weights of a learner, in one file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _WHOLE = (0.0, 0.0, 1.0, 1.0)
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Proprioception:
-    """What the learner is told about its own arm.
+    """Proprioceptive inputs of a learner.
 
     Attributes:
         given: False to leave out the tool's pose and the fingers, and what follows from them.
@@ -50,7 +50,7 @@ class Proprioception:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """What is changed at random in training samples.
+    """Random augmentation of training samples.
 
     The first two are of ``objects``, the last two of ``pixels``.
 
@@ -70,7 +70,7 @@ class Augmentation:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class View:
-    """One picture that a learner of the ``pixels`` family sees.
+    """Image input of a learner of the ``pixels`` family: a camera, or a part of its image.
 
     Attributes:
         camera: Name of the camera.
@@ -92,7 +92,7 @@ class View:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Eyes:
-    """What a learner of the ``pixels`` family sees.
+    """Image inputs of a learner of the ``pixels`` family.
 
     Attributes:
         observation: Observation preset whose cameras the pictures are of; evaluation has to show the same.
@@ -142,34 +142,34 @@ class CoTraining:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainingRecipe:
-    """How a learner is trained.
+    """Recipe for training a learner: its data, network, optimization and validation.
 
     Attributes:
         data: Folders of ``better dataset``, or runs of ``better collect``, ``amplify`` or ``teleop``.
-        family: What the learner sees: ``objects`` sees poses, sizes, categories and colors as a perfect detector would,
-            ``pixels`` sees pictures; or the name of a family of one's own.
-        options: Fields of a family of one's own.
+        family: Input of the learner: ``objects`` gets poses, sizes, categories and colors as a perfect detector would
+            give them, ``pixels`` gets images; or the name of a user's family.
+        options: Options of a user's family.
         tasks: Tasks whose demonstrations are taken; all that the data hold if empty.
-        variations: Take demonstrations of test variations too, as the covered regime holds.
-        demonstrations: Most demonstrations of one condition, the lowest seeds first; all if None.
-        longest_pause: Control steps of a demonstrator's pause that are trained on; None for all.
-        every: Frames from one that is shown in training to the next; the actions of a chunk follow without a gap.
-        eyes: What a learner of ``pixels`` sees.
+        variations: True to use demonstrations of test variations too, such as those of the covered regime.
+        demonstrations: Largest number of demonstrations of one condition, the lowest seeds first; None for all.
+        longest_pause: Number of control steps of a demonstrator's pause that are trained on; None for all.
+        every: Stride between frames that training uses as inputs; the actions of a chunk follow without a gap.
+        eyes: Image inputs of a learner of ``pixels``.
         capacity: ``small``, ``base`` or ``large``, or width, layers and heads.
-        history: States of the tool that the learner sees: the present one and those before it.
+        history: Number of states of the tool that the learner gets: the present one and those before it.
         history_stride: Control steps from one of them to the next; for ``pixels``, which are asked for every
             ``execute`` steps, a multiple of these.
-        chunk: Actions of one answer.
-        execute: Actions of an answer that are executed before the learner looks again.
+        chunk: Number of actions in one answer.
+        execute: Number of actions of an answer that are executed before the learner is asked again.
         loss: ``l1``, or ``flow`` for flow matching.
-        flow_steps: Steps of integration when a flow is drawn from.
+        flow_steps: Number of integration steps when an action chunk is sampled from a flow.
         dropout: Share of activations that is dropped in training.
-        gripper_weight: How much more often a sample at a change of the gripper is drawn than another one.
+        gripper_weight: Sampling weight of a sample at a change of the gripper; that of the others is 1.
         co_training: Questions that are learned beside the actions, or None.
         start: Checkpoint whose weights training begins with, or None.
-        frozen: Parts whose weights stay as they began.
+        frozen: Parts whose weights are not trained.
         learning_rate: Largest rate of AdamW, after ``warmup`` steps; it falls to zero along a cosine.
-        ema: Decay of the mean of weights, which is what is evaluated.
+        ema: Decay of the moving average of the weights, which is what is evaluated.
         clip: Largest norm of the gradient.
         validation: Share of seeds that are held out, chosen as ``better export --validation`` does.
         validate_every: Steps between two validations.
@@ -274,12 +274,12 @@ class TrainingRecipe:
 
     @property
     def sees(self) -> Sees:
-        """What the learner is shown."""
+        """Input of the learner: the state as objects, or images."""
         return learner_family(self.family).sees
 
     @property
     def built_in(self) -> bool:
-        """Whether the family is one of betterbench's own."""
+        """Whether the family is built into betterbench."""
         return learner_family(self.family).make is None
 
     @property
@@ -289,7 +289,7 @@ class TrainingRecipe:
 
     @property
     def shape(self) -> dict[str, object]:
-        """What decides how many weights there are of each kind, but for the vocabulary, by the name of its field."""
+        """Settings that determine the number of weights apart from the vocabulary, by the name of their field."""
         given = self.proprioception.given
         return {
             "family": self.family,

@@ -1,7 +1,7 @@
-"""What a learner of the ``objects`` family is shown: the tool, and of each object what a detector could tell.
+"""Inputs of a learner of the ``objects`` family: the tool, and of each object what a detector could find.
 
-Never shown are an object's name, role and slot, what is held, and anything that a task asks for: they would hand over
-the answer.
+An object's name, role and slot, the held object and the goal of the task are left out: they would give the answer
+away.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ POSE_NUMBERS = 9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Things:
-    """What stays the same in an episode.
+    """Inputs that stay the same through an episode: the instruction, and the looks of its n objects.
 
     Attributes:
         words: (w,) numbers of the instruction's words.

@@ -1,4 +1,4 @@
-"""The words, categories, colors and answers that a learner knows: those of its training data, and one for others."""
+"""Vocabularies of learners: the words, categories, colors and answers of their training data, and one unknown entry."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def words_of(instruction: str) -> list[str]:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """What a learner has numbers for; ``answers`` are those to the questions of a co-training."""
+    """Vocabulary of a learner. ``answers`` are those to the questions of a co-training."""
 
     words: tuple[str, ...]
     categories: tuple[str, ...]

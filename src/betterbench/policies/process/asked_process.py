@@ -1,4 +1,4 @@
-"""The process of a policy that is not ours: it loads the policy and answers one question after the other over a socket.
+"""Main function of a user policy's process: it loads the policy and answers the questions of a run over a socket.
 
 Nothing here imports a simulator, so that the process starts fast and the memory is the policy's.
 """

@@ -1,4 +1,4 @@
-"""A policy that is not ours, in a process of its own: whatever it does to that process costs at most its own trial."""
+"""User policies in processes of their own, so that a crash costs at most the trial of that policy."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from betterbench.policies.process.process_reader import read_answer
 logger = logging.getLogger(__name__)
 
 LOAD_S = 3000.0
-"""How long a policy may take to load [s], unless told otherwise."""
+"""Default time limit for loading a policy [s]."""
 
 CLOSE_S = 5.0
-"""How long a policy may take to close [s]; then its process is ended."""
+"""Time limit for closing a policy [s], after which its process is ended."""
 
 MAX_KILLS = 3
-"""How often a batch is asked for whose process is killed meanwhile."""
+"""Number of times that a batch is tried when the process is killed during it."""
 
 _POLL_S = 0.2
 _LEAVE_S = 0.5
@@ -63,14 +63,14 @@ MARK = "BETTERBENCH_POLICY_PROCESS"
 
 
 class PolicyProcess:
-    """A policy in a process of its own, as the run asks it.
+    """Client side of a policy in a process of its own.
 
-    When it is asked after its process has ended, another one is started, with a policy that is made anew. So is it for
-    the episode after one in which it failed, unless it holds weights: what it did then to its process is nobody else's.
-    The process leads a session, so that no signal to the group of the run reaches it, nor one of its own the run.
+    If it is asked after its process has ended, another process is started with a new policy. The same is done for the
+    episode after a failed one, unless the policy holds weights, so that a failure does not affect later episodes.
+    The process leads a session of its own, so that signals to its group do not reach the run, and the other way round.
 
     Attributes:
-        info: What the policy says about itself.
+        info: Description that the policy gives of itself.
         source: Name and fingerprint of the file that it was loaded from, or empty.
         takes_batches: Whether it answers several observations at once.
         ready_at: Since when it can be asked, by ``time.perf_counter`` [s]; infinite while a process loads the policy.
@@ -257,7 +257,7 @@ def _loaded(address: str, world: str, load_s: float) -> tuple[_Started, Declared
 
 
 class _Started:
-    """A process that loads its policy and then answers."""
+    """Started process that loads its policy and then answers."""
 
     def __init__(self, address: str, world: str) -> None:
         self._address, self._number, self._mark = address, 0, uuid.uuid4().hex
@@ -309,7 +309,7 @@ class _Started:
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for a question: it has not ended, and has said nothing that nobody asked for."""
+        """Whether the process waits for a question: it still runs, and has sent nothing that was not asked for."""
         try:
             said = bool(select.select([self._link], [], [], 0.0)[0])
         except (OSError, ValueError):

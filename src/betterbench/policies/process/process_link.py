@@ -1,7 +1,7 @@
-"""What a run and the process of a policy send each other: frames on a socket, and answers that hold no objects.
+"""Messages between a run and the process of a policy: frames on a socket, and answers without Python objects.
 
-A question of the run is pickled. An answer is JSON and the bytes of arrays, because a policy can write to its socket
-what it likes. The run reads answers in :mod:`betterbench.policies.process.process_reader`; what checks forms is not
+A question of the run is pickled. An answer is JSON and the bytes of arrays, because a policy can write anything to its
+socket. The run reads answers in :mod:`betterbench.policies.process.process_reader`. The checks of forms are not
 imported here, so that the process of a policy starts fast.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from betterbench.interface import Execution, PolicyInfo
 
 LENGTH = struct.Struct(">Q")
-"""What stands before each frame: its length [byte]."""
+"""Header of each frame: its length [byte]."""
 
 MAX_ANSWER_BYTES = 64 << 20
 """Largest answer that is passed on [byte]; a chunk of 1,000 actions of 7 numbers takes 56,000."""
@@ -37,7 +37,7 @@ ArrayForm = tuple[str, tuple[int, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Declared:
-    """What a policy says about itself when it is loaded.
+    """Description that a policy gives of itself when it is loaded.
 
     Attributes:
         batches: Whether it answers several observations at once.
@@ -72,14 +72,14 @@ class Declared:
 
 @dataclass(frozen=True, slots=True)
 class ProcessAnswer:
-    """What a process sends.
+    """Message of a policy's process: an answer, or an error.
 
     Attributes:
-        number: Number of the question, 0 for that it has loaded its policy.
+        number: Number of the question; 0 for the message that the policy is loaded.
         arrays: Types and shapes of the arrays that follow.
         error: Class of the error of betterbench that was raised, empty for another one, or None.
         texts: Texts of the error.
-        declared: What the policy says about itself, once.
+        declared: Description of the policy, in the first message only.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""Reads what the process of a policy sends, and checks every part: a policy can write to its socket what it likes."""
+"""Reading of messages from the process of a policy; every part is checked, as a policy can send anything."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ MAX_BODY_BYTES = 4 * 1024 * 1024
 """Largest body that is read [byte]: empty lists take 20 times as much in memory, and 100 actions some 15 kB."""
 
 ArrayCoding = Literal["map", "text", "png"]
-"""How an array stands in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
-numbers and an image as the base64 of a PNG file (Dexbotic)."""
+"""Encoding of arrays in a body: as a map (OpenVLA), as a text with the JSON of the map (X-VLA), or as a list of
+numbers, with images as the base64 of a PNG file (Dexbotic)."""
 
 
 def encode_body(value: object, *, arrays: ArrayCoding = "map", encoded: bool = False) -> bytes:

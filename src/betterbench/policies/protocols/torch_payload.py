@@ -1,4 +1,4 @@
-"""Payloads that torch has written, read without running what a stranger put into them.
+"""Reading of payloads that torch has written, without running any code in them.
 
 Servers of Being-H write with ``torch.save`` and read with ``torch.load(weights_only=False)``, which runs any code that
 the sender names. Here an answer is read by ``torch.load(weights_only=True)``, which calls nothing but what is on its
@@ -34,7 +34,7 @@ _READING = threading.Lock()
 
 
 class _Kind:
-    """Stands in for numpy.dtype: the text of a type, and its byte order."""
+    """Stand-in for numpy.dtype: the text of a type, and its byte order."""
 
     def __init__(self, text: object = "", *_: object) -> None:
         self.text, self.order = text, "="
@@ -50,7 +50,7 @@ class _Kind:
 
 
 class _Array:
-    """Stands in for numpy.ndarray: what an array is to be made of."""
+    """Stand-in for numpy.ndarray: the data that an array is built from."""
 
     def __init__(self, *_: object) -> None:
         self.state: object = None
@@ -79,7 +79,7 @@ class _Array:
 
 
 class _Scalar:
-    """Stands in for a NumPy number: its type and its bytes."""
+    """Stand-in for a NumPy number: its type and its bytes."""
 
     def __init__(self, kind: object = None, data: object = b"", *_: object) -> None:
         self.kind, self.data = kind, data
@@ -184,7 +184,7 @@ def _survey(data: bytes) -> None:
 
 
 class _Reader:
-    """Copies what was loaded into plain values, counting them: references make a small payload hold very many."""
+    """Conversion of a payload into plain values, which are counted: references let a small payload hold very many."""
 
     def __init__(self, torch: Any) -> None:  # noqa: ANN401 - a module
         self._torch = torch

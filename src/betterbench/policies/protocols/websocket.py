@@ -26,7 +26,7 @@ _TOO_LARGE = 1009
 
 
 class WebSocket:
-    """One connection to a websocket server."""
+    """Connection to a websocket server."""
 
     def __init__(
         self, address: PolicyAddress, *, timeout_s: float, key: str | None = None, max_bytes: int = MAX_FRAME_BYTES

@@ -70,18 +70,18 @@ _UNREADABLE = (
     *(OSError, SyntaxError, struct.error, zlib.error, msgpack.UnpackException),
     *(Image.DecompressionBombError, Image.DecompressionBombWarning),
 )
-"""What the decoders raise about a frame that they cannot read."""
+"""Exceptions of the decoders for a frame that they cannot read."""
 
 OpenpiArrays = Literal["openpi", "nd"]
-"""How arrays are marked in a request of openpi's protocol: as its own client does, or as msgpack-numpy does."""
+"""Encoding of arrays in a request of openpi's protocol: that of its own client, or that of msgpack-numpy."""
 
 ImageCoding = Literal["raw", "png", "jpeg"]
-"""How vla-eval sends uint8 images: as they are, or compressed without or with loss."""
+"""Encoding of uint8 images of vla-eval: raw, or compressed without or with loss."""
 
 
 @dataclass(frozen=True, slots=True)
 class ModalityConfig:
-    """What a GR00T server says about one modality."""
+    """Configuration of one modality of a GR00T server."""
 
     delta_indices: tuple[int, ...]
     modality_keys: tuple[str, ...]

@@ -1,7 +1,7 @@
-"""Who may talk to a server of this machine: pages of the server itself and programs, and no page of another site.
+"""Access check of local servers: programs and the server's own pages may connect, pages of other sites may not.
 
 A browser lets any page that its user visits open a connection to this machine. It names the page's site (``Origin``)
-and the name under which the server was reached (``Host``), which gives away a site that has its own name point here.
+and the name under which the server was reached (``Host``), which reveals a site whose own name points to this machine.
 """
 
 from __future__ import annotations

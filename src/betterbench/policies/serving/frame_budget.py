@@ -1,10 +1,9 @@
-"""How many bytes of unfinished and unanswered messages a server holds for all its clients together.
+"""Memory budget of a server: the bytes of unfinished and unanswered messages of all its clients together.
 
-A websocket library keeps what it has of a message until the message is whole. Each connection is bounded by the
-largest message; many of them together are bounded here. A connection that would exceed the budget waits, which its
-peer notices as a network that takes nothing more, except the one whose message began first: it alone always goes on,
-so that somebody always comes to an end. While others wait, connections that stay within a message for too long are
-dropped.
+A websocket library keeps the received part of a message until the message is complete. The largest message bounds
+each connection; this budget bounds all connections together. A connection that would exceed it waits, and its peer
+sees a network that accepts no more data. The connection whose message began first never waits, so that one message
+always gets finished. While others wait, connections that stay within a message for too long are dropped.
 """
 
 from __future__ import annotations
@@ -18,8 +17,7 @@ from collections import deque
 BUDGET_BYTES = 128 * 1024 * 1024
 """Most bytes that unfinished and unanswered messages of all clients take together, and one message more."""
 STUCK_S = 5.0
-"""How long a connection may have been waited for within one message, or before it said what it wants, while others
-wait [s]."""
+"""Time limit for a connection to finish one message, or the request that opens it, while others wait [s]."""
 
 _POLL_S = 0.05
 _MAX_HEAD = 65_536
@@ -27,7 +25,7 @@ _CONTROL = 8
 
 
 class MessageMeter:
-    """Follows the bytes that come over one connection: first a request in HTTP, then the frames of a websocket.
+    """Meter of the bytes that one connection receives: first a request in HTTP, then the frames of a websocket.
 
     It reads the heads of frames alone (RFC 6455, section 5.2).
 
@@ -50,7 +48,7 @@ class MessageMeter:
 
     @property
     def is_within(self) -> bool:
-        """Whether a message, the head of a frame or the request is under way."""
+        """Whether a message, the head of a frame or the opening request has begun and not ended."""
         return not self.is_greeted or self.unfinished > 0 or bool(self._head) or self._in_frame
 
     def feed(self, data: bytes) -> bool:
@@ -108,11 +106,11 @@ class MessageMeter:
 
 
 class Metered:
-    """One connection as the budget sees it.
+    """State of one connection in the budget.
 
     Attributes:
-        waited_s: How long its peer was waited for within the message under way [s].
-        waits_since: Since when it is waited for [s, monotonic]; None while it is not.
+        waited_s: Time spent waiting for its peer within the current message [s].
+        waits_since: Time at which the current wait began [s, monotonic]; None while there is none.
         is_cut: Whether it was dropped.
     """
 
@@ -130,7 +128,7 @@ class Metered:
 
 
 class FrameBudget:
-    """Shared by all connections of one server; callable from any thread."""
+    """Memory budget that all connections of one server share. Its methods may be called from any thread."""
 
     def __init__(self, most_bytes: int = BUDGET_BYTES, *, stuck_s: float = STUCK_S) -> None:
         self._most, self._stuck_s = most_bytes, stuck_s

@@ -1,4 +1,4 @@
-"""A listening socket that survives a crowd: it takes so many connections at a time and leaves the others in line."""
+"""Listening socket with a limit on open connections; further ones wait in the queue of the system."""
 
 from __future__ import annotations
 

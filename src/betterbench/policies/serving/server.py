@@ -1,8 +1,8 @@
-"""The server of the openpi protocol: metadata first, then one frame in, one frame out, an error as text.
+"""Server of the openpi protocol: metadata first, then a reply for each request, with errors as text frames.
 
-What is served is somebody else's business: a server is given a function that makes a :class:`Session` for each
-connection. Every connection has a thread of its own, so a client that is slow, that breaks off or that sends garbage
-harms nobody else. Facts of the protocol: openpi's ``websocket_policy_server.py`` and its client.
+The server does not know the policies: it is given a function that makes a :class:`Session` for each connection. Every
+connection has a thread of its own, so a client that is slow, breaks off or sends garbage does not affect the others.
+Source of the protocol: openpi's ``websocket_policy_server.py`` and its client.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ a process has 1,024 descriptors on most machines."""
 MAX_REQUEST_BYTES = 64 * 1024 * 1024
 """Largest request; an observation with three cameras of 448 x 448 pixels takes 2 MB."""
 IDLE_S = 3600.0
-"""How long a client may be silent before its connection is closed and what it holds is given back [s]."""
+"""Time limit for a silent client, after which its connection is closed and its resources are freed [s]."""
 IDLE_WHILE_FULL_S = 600.0
-"""How long a client may be silent while all slots are taken and another client waits [s]. Between two questions a
-policy loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
+"""Time limit for a silent client while all slots are taken and another client waits [s]. Between two questions a policy
+loop executes one action chunk or resets a scene, which takes seconds, or minutes where a person does it."""
 
 _AWAY_CODE = 1001
 _ERROR_CODE = 1011
@@ -55,7 +55,7 @@ _ROOM_S, _PAUSE_S = 1.0, 0.02
 
 
 class Session(Protocol):
-    """Answers the requests of one connection, one after the other."""
+    """Session of one connection, whose requests are answered one after the other."""
 
     def answer(self, request: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the reply to a request: ``actions`` (horizon, dim), and whatever else the server wants to say.
@@ -68,7 +68,7 @@ class Session(Protocol):
 
 
 class PolicyServer:
-    """Serves sessions until it is told to stop; a context manager that starts and stops it."""
+    """Server of policy sessions; a context manager that starts and stops it."""
 
     def __init__(
         self,

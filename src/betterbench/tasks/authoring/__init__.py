@@ -39,7 +39,7 @@ from betterbench.tasks.relations.relation import Relation
 from betterbench.tasks.subgoal import Instruction, Reference, Subgoal
 
 SlotLayout = Mapping[ObjectSpec, Slot]
-"""Which object starts in which slot."""
+"""Start slot of each object."""
 
 
 def item(name: str, kind: str = "", category: str = "", color: str | None = None) -> ObjectSpec:
@@ -47,7 +47,7 @@ def item(name: str, kind: str = "", category: str = "", color: str | None = None
 
     Args:
         name: Name in the scene; it carries no meaning.
-        kind: What instructions call it; the name with spaces if not given.
+        kind: Noun of the object in instructions; the name with spaces if not given.
         category: Category of its asset; the kind with underscores if not given.
         color: Color of its asset, or None to let the generator choose.
     """
@@ -129,7 +129,7 @@ def arranged(anchor: ObjectSpec, *steps: tuple[ObjectSpec, str], close: bool = F
     """Return the instruction to put things to sides of an anchor, in any order.
 
     Args:
-        anchor: What the sides are of.
+        anchor: Object whose sides are meant.
         *steps: Which thing goes to which side.
         close: Whether the instruction says "next to": for a plate, at which only what lies close to it counts.
     """
@@ -151,8 +151,8 @@ def condition(
     """Return a training condition; the registry gives it its task and its name.
 
     Args:
-        layout: Which object starts in which slot.
-        instruction: What is asked for.
+        layout: Start slot of each object.
+        instruction: Instruction with its subgoals.
         *mounted: Drawers, which start in their mounts.
         preplaced: Objects of the layout that already rest at a target instead of in their slot.
         opened: Drawers that stand open at the start, with the distance by which they are drawn out [m].

@@ -18,7 +18,7 @@ from betterbench.tasks.subgoal import Instruction
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What an operation declares to change; everything else stays bit-identical between a trial and its twin.
+    """Declared changes of an operation; everything else stays bit-identical between a trial and its twin.
 
     Attributes:
         objects: Names of objects whose presence, identity or start changes.
@@ -39,7 +39,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True, slots=True)
 class Operation:
-    """One operation with its arguments by name; equal arguments make equal operations.
+    """Operation of an intervention with its arguments by name; operations with equal names and arguments are equal.
 
     Carried out, it returns the changed condition and what was declared to change.
     """

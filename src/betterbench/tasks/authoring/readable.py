@@ -1,4 +1,4 @@
-"""Check that names and texts of a task can be written, printed and read wherever they go."""
+"""Checks that the names and texts of a task are valid in file names, on terminals and in documents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registry of tasks: a decorated function gives a task its command, its card and its tests."""
+"""Registry of tasks. A decorated function registers a task, from which its command, card and tests are derived."""
 
 import dataclasses
 import functools

@@ -10,14 +10,14 @@ from betterbench.tasks.condition import Condition, Slot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A base task.
+    """Base task with its training conditions and variations.
 
     Attributes:
         version: Version of its behavior: a changed goal, tolerance or instruction moves it.
         template: The constraint template it fills in.
         training: The training regime; the registry names its conditions train1, train2, ... in this order.
         id: Identifier ("fast_food"); the registry sets it to the name of the decorated function.
-        description: What is to be done; the registry sets it to the first line of that function's docstring.
+        description: Description of the task; the registry sets it to the first line of that function's docstring.
     """
 
     version: int

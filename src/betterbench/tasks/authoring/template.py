@@ -9,7 +9,7 @@ from betterbench.tasks.relations import RELATIONS, Relation
 from betterbench.tasks.thresholds import THRESHOLDS
 
 Order = Literal["free", "named", "built"]
-"""Whether the order of the subgoals is part of the goal: never, where the instruction says so, or by construction."""
+"""Order of the subgoals in the goal: not part of it, as the instruction states it, or forced by construction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,7 @@ class ObjectGroup:
     """An abstract group of objects of a template, as a scenario has to fill it.
 
     Attributes:
-        description: What the group stands for.
+        description: Meaning of the group.
         allowed_types: Semantic categories it may hold.
         count_range: Least and largest number of objects.
         role: Role that its objects play in a scene.
@@ -32,13 +32,13 @@ class ObjectGroup:
 
 @dataclass(frozen=True, kw_only=True)
 class Meta:
-    """What a template is, in words.
+    """Description of a template in words.
 
     Attributes:
         name: Identifier ("loose_packing").
-        challenge: What is hard about it (paper, table of the taxonomy).
-        goal: What has to hold at the end.
-        premise: What has to hold at the start.
+        challenge: Difficulty of the template (paper, table of the taxonomy).
+        goal: Condition that has to hold at the end.
+        premise: Condition that has to hold at the start.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Meta:
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol:
-    """How long an episode takes.
+    """Time limits of an episode.
 
     Attributes:
         dwell_s: Time for which the goal has to hold [s].

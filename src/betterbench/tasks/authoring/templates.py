@@ -76,7 +76,7 @@ CONSTRAINED_POSITIONING = Template(
     exclusive=True,
     order="free",
 )
-"""One thing goes to an exact place on a fixture, in a given orientation."""
+"""One object goes to an exact place on a fixture, in a given orientation."""
 
 CONTAINER_LOADING = Template(
     name="container_loading",

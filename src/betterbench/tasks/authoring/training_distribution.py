@@ -1,4 +1,4 @@
-"""What a task's training regime teaches: which word went with which place, and which step came first.
+"""Regularities of a task's training regime: the places that went with each word, and the steps that came first.
 
 These are the confounds that the variations break. They are computed from the training conditions and never written down
 by hand, so they cannot disagree with them.
@@ -22,7 +22,7 @@ class TrainingDistribution:
         first_kinds: Kinds of the first object of a demonstration, most frequent first, with their counts.
         kind_targets: Kind of object to the places it was brought to, as kind of the target, relation and place.
         sequences: Per training condition the kinds in the order in which they were handled.
-        initial_items: Largest number of movable things on the table at the start of a demonstration.
+        initial_items: Largest number of movable objects on the table at the start of a demonstration.
     """
 
     word_slots: dict[str, tuple[str, ...]]

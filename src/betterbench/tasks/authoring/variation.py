@@ -1,4 +1,4 @@
-"""Variations as data: a training condition, the operations that turn it, and what a failure would mean."""
+"""Variations as data: a training condition, the operations that change it, and the meaning of a failure."""
 
 from dataclasses import dataclass
 
@@ -8,13 +8,13 @@ from betterbench.tasks.axes import Axis, Expected, Support
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """A training condition turned into a test condition.
+    """Variation: a training condition that operations turn into a test condition.
 
     Attributes:
         name: Letter of the axis and running number ("L3").
         interventions: Operations, applied in order.
         title: A few words for tables: what is different.
-        hypothesis: What a success shows.
+        hypothesis: Ability that a success shows.
         base: Name of the training condition it is derived from; the same seed of it is the counterfactual twin.
         support: Whether all poses lie inside the training regime.
     """

@@ -20,7 +20,7 @@ from betterbench.tasks.condition import Condition
 
 @dataclass(frozen=True, slots=True)
 class _Listing:
-    """Where the conditions of a regime are listed.
+    """Location of the listed conditions of a regime.
 
     Attributes:
         package: Package with one module per task.

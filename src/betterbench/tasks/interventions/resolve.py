@@ -1,4 +1,4 @@
-"""The one place where a name becomes a condition."""
+"""Look-up of conditions by name; all other modules get conditions through it."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ NO_CHANGES = Changes()
 
 @dataclass(frozen=True, slots=True)
 class ResolvedCondition:
-    """A condition of a task, and where it comes from.
+    """Condition of a task, with its origin.
 
     Attributes:
         task: The task, with the slots of the condition.
         condition: The condition itself.
         variation: The variation that makes it, or None for a condition of training or of a listed regime.
-        changes: What its interventions declare to change; nothing without a variation.
+        changes: Declared changes of its interventions; empty without a variation.
     """
 
     task: Task

@@ -13,7 +13,7 @@ from betterbench.tasks.thresholds import LEAN_FORCE, PRESS_FORCE, PRESS_TIME, TH
 
 @dataclass(frozen=True, slots=True)
 class GraspAttempt:
-    """One grasp attempt, before it is known what was asked for.
+    """Grasp attempt, described without regard to the instruction.
 
     Attributes:
         release: Row at which the gripper was commanded to open again, or the number of rows.
@@ -153,7 +153,7 @@ def find_closings_in_motion(motion: Motion) -> tuple[tuple[int, int], ...]:
 
 
 class _Closing(NamedTuple):
-    """The rows of closings that only chatter separates, the last of each excluded."""
+    """Closing of the gripper: the rows of its parts, which only chatter separates, the last of each excluded."""
 
     parts: tuple[tuple[int, int], ...]
 
@@ -167,7 +167,7 @@ class _Closing(NamedTuple):
 
 
 class _Travel(NamedTuple):
-    """Rows at which the fingers of a closing gripper have come to rest, and before which the closing is judged."""
+    """Travel of the fingers in a closing: the row at which they come to rest, and the row before which it is judged."""
 
     settled: int
     limit: int

@@ -17,12 +17,12 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class Truth(NamedTuple):
-    """What holds at one control step; a named tuple because one is made at every control step.
+    """Goal state at one control step. A named tuple, because one is built at every control step.
 
     Attributes:
-        relations: Per predicate, in the order of :attr:`GoalTracker.relation_names`: does it hold?
-        subgoals: Per subgoal: is it done (related, released and at rest) now?
-        in_order: False as soon as a subgoal was done before one that comes earlier in an ordered instruction.
+        relations: Whether each predicate holds, in the order of :attr:`GoalTracker.relation_names`.
+        subgoals: Whether each subgoal is done now (related, released and at rest).
+        in_order: False once a subgoal was done before one that comes earlier in an ordered instruction.
         goal: All subgoals done in order, and no harm done to anything else (see ``tasks.harm``).
         forbidden: An interaction happened so far that the condition forbids.
         success: The episode has succeeded.
@@ -37,7 +37,7 @@ class Truth(NamedTuple):
 
 
 class GoalTracker:
-    """Follows one episode. Feed it every state from reset on, in order; live and offline use are the same."""
+    """Tracker of the goal in an episode, live or offline alike. Feed it every state from reset on, in order."""
 
     def __init__(self, condition: Condition, info: SceneInfo, *, template: Template, control_rate_hz: float) -> None:
         """Prepare for an episode; the dwell is counted by the control rate."""
@@ -72,7 +72,7 @@ class GoalTracker:
         self._settling = False
         self._last: tuple[WorldState, Places] | None = None
         self._lasting: Truth | None = None
-        """What holds for as long as nothing moves or touches anew; None where it also depends on time."""
+        """Goal state as long as no object moves and no contact changes; None where it also depends on time."""
 
     @property
     def relation_names(self) -> tuple[str, ...]:
@@ -96,7 +96,7 @@ class GoalTracker:
 
     @property
     def undecided_states(self) -> int:
-        """How many of the next states cannot be the one with which the episode succeeds, whatever they hold."""
+        """Number of next states at which the episode cannot succeed yet, whatever happens."""
         if self._condition.expected is Expected.SUCCEED:
             return max(0, self._dwell_steps - self._held_for)
         return 0 if self._last is None else max(0, self._limit - self._last[0].step - 1)

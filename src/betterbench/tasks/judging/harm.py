@@ -1,4 +1,4 @@
-"""Harm: what a success must not have done to anything that was not asked for (law 7 of the suite), for all tasks."""
+"""Harm: damage to objects that were not asked for, which rules out success in all tasks (law 7 of the suite)."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NO_HARM = (
     "turned so that its ends moved by more than 4 cm, was knocked over, was left open, or is at a target in any "
     "posture; no target was moved by more than 8 cm, and no container lies on its side."
 )
-"""What no success may do, as documents say it."""
+"""Conditions under which a success has done no harm, in the words of the documents."""
 
 HarmSort = Literal[
     "on_the_floor",
@@ -52,12 +52,12 @@ HarmSort = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Harm:
-    """One harm.
+    """Harm that an episode did to an object.
 
     Attributes:
-        sort: What was done. "target_brought": the target itself was brought to the object, which stays where it was.
-        object: What it was done to.
-        target: The target at which something stands that was not asked for, else None.
+        sort: Sort of the harm. "target_brought": the target was brought to the object, which stays where it was.
+        object: Object that was harmed.
+        target: Target at which an object stands that was not asked for, else None.
         region: The region of that target, if it offers several.
     """
 
@@ -116,7 +116,7 @@ def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
 
 
 class HarmWatch:
-    """Watches an episode for harm. Feed it the state at reset first, then others in order of time."""
+    """Detector of harm in an episode. Feed it the state at reset first, then others in order of time."""
 
     def __init__(self, asked: Sequence[Asked], targets: Targets, info: SceneInfo, *, exclusive: bool) -> None:
         """Prepare; where a template is not ``exclusive``, other things may be at its targets."""

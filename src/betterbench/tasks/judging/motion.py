@@ -1,4 +1,4 @@
-"""What the gripper and the objects did so far, as arrays: what grasp attempts are read from, live and from records."""
+"""Motion of the gripper and the objects so far, as arrays; grasp attempts are found in them, live and from records."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _lasting(flags: Bools, least: int) -> Bools:
 
 
 class MotionBuilder:
-    """Collects what a :class:`Motion` holds, state by state."""
+    """Builder of a :class:`Motion` from one state after the other."""
 
     def __init__(self, info: SceneInfo, *, rate_hz: float, picked: tuple[PickedSlot, ...] = ()) -> None:
         self._info, self._rate_hz, self._picked = info, rate_hz, picked

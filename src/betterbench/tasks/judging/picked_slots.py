@@ -1,4 +1,4 @@
-"""Where demonstrations close the gripper in the slots of a task: what a closing on nothing is compared with.
+"""Closing points of the gripper in the slots of a task, to which closings on nothing are compared.
 
 The expert does not close at the middle of every slot: it takes a mug by its handle, cutlery by its grip and a plate by
 its rim, 3 to 8 cm beside the middle. The points come from the grasps that the assets are annotated with, as the expert
@@ -29,7 +29,7 @@ FORM: Literal["betterbench closing points"] = "betterbench closing points"
 
 
 class ClosingPoint(NamedTuple):
-    """Where the preferred grasp of a category closes, in the object's frame: x and y, and how far looks vary [mm]."""
+    """Closing point of a category's preferred grasp in the object's frame, and its spread over the looks [mm]."""
 
     x_mm: float
     y_mm: float
@@ -39,7 +39,7 @@ class ClosingPoint(NamedTuple):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class ClosingPoints:
-    """The file: the closing points of the preferred grasps by category of asset."""
+    """File of closing points: those of the preferred grasps, by category of asset."""
 
     categories: Mapping[str, tuple[ClosingPoint, ...]]
     form: Literal["betterbench closing points"] = FORM
@@ -47,11 +47,11 @@ class ClosingPoints:
 
 @dataclass(frozen=True, slots=True)
 class PickedSlot:
-    """A slot in which training picked something, in one scene.
+    """Slot of a scene from which demonstrations picked an object.
 
     Attributes:
         middle: Middle of the slot, x and y [m], world frame.
-        closings: Where demonstrations close the gripper there, the middle of the slot first: x and y, world frame, and
+        closings: Closing points of the demonstrations there, the middle of the slot first: x and y, world frame, and
             how far the jitter of the slot and the looks of the objects move it [m].
     """
 

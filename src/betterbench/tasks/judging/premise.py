@@ -1,4 +1,4 @@
-"""The premise: what an instruction presupposes must be what the scene shows when an episode begins."""
+"""Premise check: at the start of an episode the scene must show what the instruction presupposes."""
 
 from betterbench.geometry import horizontal_distance
 from betterbench.interface.state import WorldState

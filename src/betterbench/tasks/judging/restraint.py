@@ -1,4 +1,4 @@
-"""Restraint: what must not be attempted where staying still is right, or where what is asked for is absent."""
+"""Restraint: forbidden grasp attempts where the policy should stay still, or where the requested object is absent."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ _ROWS_BETWEEN = 5
 
 
 class Restraint:
-    """Follows one episode in which something is to be left alone. Feed it every state from reset on, in order."""
+    """Tracker of an episode in which objects are to be left alone. Feed it every state from reset on, in order."""
 
     def __init__(
         self,
@@ -115,7 +115,7 @@ class Restraint:
         """Prepare.
 
         Args:
-            expected: What a right policy does.
+            expected: Behavior of a policy that understood the instruction.
             info: The scene.
             asked: Indices of what may be taken where refusing is right.
             rate_hz: Control rate.

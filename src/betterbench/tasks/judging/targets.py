@@ -1,4 +1,4 @@
-"""The targets of a condition: what is asked for there, what is there, and what is there besides."""
+"""Occupancy of a condition's targets: the requested objects, those that are there, and those that do not belong."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Places = tuple[tuple[str | None, ...], ...]
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """A subgoal as it is seen in a scene, by the names of the scene.
+    """Subgoal in a scene, in the names of that scene.
 
     Attributes:
         candidates: Objects that it can mean.
-        count: How many of them must be there.
+        count: Number of them that must be there.
     """
 
     relation: str
@@ -39,7 +39,7 @@ def asked_by(condition: Condition) -> tuple[Asked, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Watch:
-    """One target that is watched: which of the subjects are at which of its regions, all by name."""
+    """Watched target: the relation, the objects whose region is tracked, and the regions of the target, all by name."""
 
     relation: Relation
     target: str
@@ -48,12 +48,12 @@ class Watch:
 
 
 class Due(NamedTuple):
-    """What a subgoal needs: enough of its candidates at a region of a watched target.
+    """Need of a subgoal: a number of its candidates at a region of a watched target.
 
     Attributes:
         watch: Number of the watched target.
-        candidates: Numbers, among the subjects, of the objects that it can mean.
-        least: How many of them must be there.
+        candidates: Indices among the subjects of the objects that the subgoal can mean.
+        least: Number of them that must be there.
     """
 
     watch: int
@@ -63,7 +63,7 @@ class Due(NamedTuple):
 
 
 class Intruder(NamedTuple):
-    """Something at a target that was not asked for there, or one more of its kind than was."""
+    """Object at a target that was not asked for there, or beyond the number that was."""
 
     object: str
     target: str
@@ -71,7 +71,7 @@ class Intruder(NamedTuple):
 
 
 class Targets:
-    """All targets that are watched: those that are asked for, and the others of their kind in the scene."""
+    """Watched targets: those that are asked for, and the others of their kind in the scene."""
 
     def __init__(self, asked: Sequence[Asked], info: SceneInfo, *, placing: str) -> None:
         """Prepare; ``placing`` is the relation for which things count that are there besides."""
@@ -89,7 +89,7 @@ class Targets:
 
         Args:
             state: The state.
-            before: Where every subject was in a state before it.
+            before: Places of all subjects in an earlier state.
             changed: Names of all bodies whose pose or contacts have changed since then, or that were or are held.
         """
         after = tuple(
@@ -135,8 +135,8 @@ class Targets:
 
         Args:
             state: The state.
-            strictly: Where every subject is, strictly.
-            at_start: Where every subject was at the start, in any posture.
+            strictly: Places of all subjects, by the strict predicate.
+            at_start: Places of all subjects at the start, in any posture.
         """
         served = self._served(strictly)
         for w, places in enumerate(self.in_any_posture(state, strictly)):

@@ -1,4 +1,4 @@
-"""Arrangement: on which side of an anchor an object lies or stands."""
+"""Arrangement: the side of an anchor on which an object lies or stands."""
 
 import math
 

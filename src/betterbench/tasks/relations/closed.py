@@ -1,4 +1,4 @@
-"""Articulation: whether a drawer is shut, how far it is open, and what has to be moved before it can be loaded."""
+"""Articulation: closed drawers, the opening of a drawer, and the drawers to move before one can be loaded."""
 
 from betterbench.geometry import distance
 from betterbench.interface.state import WorldState

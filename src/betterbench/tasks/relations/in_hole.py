@@ -1,4 +1,4 @@
-"""Insertion: in which hole of a rack an object stands."""
+"""Insertion: the hole of a rack in which an object stands."""
 
 from betterbench.geometry import Pose, tilt_of
 from betterbench.interface.state import ObjectInfo, WorldState

@@ -1,4 +1,4 @@
-"""Containment: whether an object is in a container that is open at the top."""
+"""Containment: an object in a container that is open at the top."""
 
 import functools
 import math
@@ -20,7 +20,7 @@ MARGIN = threshold(
 )
 
 SPOTS = ((-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 0.0))
-"""Where an object can go, as fractions of the distance that its center may have from the middle of the container."""
+"""Candidate placements in a container, as fractions of the largest offset of an object's center from the middle."""
 FINGER_ROOM_M = 0.072
 """Distance from a wall at which the fingers can open to their full width: half the opening, a finger and a margin."""
 DROPS_M = (RELEASE_GAP_M, 0.015, 0.03, 0.045, 0.06, 0.085, 0.095, 0.115)

@@ -1,4 +1,4 @@
-"""Assembly: which layer of a stack an object is, counted from the base."""
+"""Assembly: the layer that an object is in a stack, counted from the base."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Stacking: whether a plate stands in the middle of another one."""
+"""Stacking: a plate that stands in the middle of another one."""
 
 from betterbench.geometry import tilt_of
 from betterbench.interface.state import WorldState

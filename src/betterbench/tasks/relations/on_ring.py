@@ -1,4 +1,4 @@
-"""Constrained positioning: whether an object stands centered on a marked ring with its handle clear of the spout."""
+"""Constrained positioning: an object centered on a marked ring, with its handle clear of the spout."""
 
 import math
 

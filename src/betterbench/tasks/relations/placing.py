@@ -1,4 +1,4 @@
-"""Where the foot of an object is, and how a gripper lets go of an object that it has set down."""
+"""Placing of objects: the position of their foot, and the release after they are set down."""
 
 from collections.abc import Iterable
 

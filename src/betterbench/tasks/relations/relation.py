@@ -1,4 +1,4 @@
-"""What a relation between an object and a target is, and the registry of all relations."""
+"""Relations between an object and a target, and the registry of all relations."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ class PlaceGoal:
     Attributes:
         pose: Pose ``T_world_object`` to let go at.
         approach: Displacement [m], world frame, from that pose to where the straight approach begins.
-        release_width_m: How far the gripper opens to let go [m]; None for all the way.
+        release_width_m: Opening of the gripper at the release [m]; None for the full opening.
         alike: Neighbors in a list of goals that have the same number are equally good, and the expert takes any of
             them; None for a goal that has its own place in the list.
     """
@@ -44,11 +44,11 @@ Surface = Callable[[Mapping[str, Region], str], Vector]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relation:
-    """Everything that the program has to know of a relation between an object and a target.
+    """Relation between an object and a target, with all that judging, planning and documents need of it.
 
     Attributes:
         name: Identifier ("inside", "beside").
-        words: How documents say it: "{object} is inside {target}"; ``{region}`` where the target offers several.
+        words: Text of documents: "{object} is inside {target}"; ``{region}`` where the target offers several.
         where: ``where(state, object, target)`` returns the name of the target region at which the object is, "" if the
             target offers one alone, or None if the object is at none. Where regions overlap it returns the names of
             all of them, joined by "+"; :func:`is_at` tells them apart.
@@ -60,7 +60,7 @@ class Relation:
         tolerances: Names of the thresholds that ``where`` applies, apart from those of rest and posture.
         goals: ``goals(state, object, target, region)`` returns the poses at which a held object satisfies the relation,
             the best first. None where the object is not carried: it slides in its mount.
-        surface: ``surface(regions, region)`` returns the middle of the surface on which things rest there [m], in the
+        surface: ``surface(regions, region)`` returns the middle of the surface on which objects rest there [m], in the
             frame of what has these regions by name; None where nothing is there from the start.
         roles: Roles of the objects that can stand in this relation.
         counted: True if the target region is decided by what lies there already, as the layer of a stack is.
@@ -86,7 +86,7 @@ class Relation:
 
     @property
     def carried(self) -> bool:
-        """Whether a gripper brings it about by carrying the object; otherwise by moving it along its rail."""
+        """Whether the relation is brought about by carrying the object; otherwise by moving it along its rail."""
         return self.goals is not None
 
     def holds(self, state: WorldState, name: str, target: str, region: str = "") -> bool:

@@ -1,4 +1,4 @@
-"""Release: whether the gripper has let go of an object."""
+"""Release: an object that the gripper has let go of."""
 
 from betterbench.interface.state import WorldState
 

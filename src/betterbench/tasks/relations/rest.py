@@ -1,4 +1,4 @@
-"""Rest: whether an object or the arm has come to a stop, and whether an object stands upright."""
+"""Rest: objects and an arm that have come to a stop, and objects that stand upright."""
 
 from collections import deque
 
@@ -8,11 +8,11 @@ from betterbench.tasks.thresholds import THRESHOLDS
 
 
 class RestWatch:
-    """Tells what is at rest: what has stayed where it is, and as it is, for a short time.
+    """Detector of objects at rest, which have kept their position and posture for a short time.
 
-    Displacement is judged and not speed, because the contacts of a thing that lies still can let it tremble at
-    1 rad/s without ever moving it by a tenth of a millimeter. Feed it every state from reset on, in order. What stands
-    in the state at reset is at rest.
+    Displacement is judged and not speed, because the contacts of an object that lies still can let it tremble at
+    1 rad/s without ever moving it by a tenth of a millimeter. Feed it every state from reset on, in order. At reset all
+    objects count as at rest.
     """
 
     def __init__(self, *, rate_hz: float) -> None:

@@ -1,4 +1,4 @@
-"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and how the field runs them.
+"""LIBERO, LIBERO-PRO and LIBERO-Plus as data: the suites, and the evaluation protocols of existing work.
 
 Sources: openpi ``examples/libero/main.py``; lerobot ``envs/libero.py`` (7427f31); Isaac-GR00T's LIBERO example, whose
 other settings are not documented and are those of openpi here.
@@ -32,19 +32,19 @@ CHANGES: Mapping[str, str] = {
     "lan": "the sentence is said in other words",
     "task": "the sentence asks for another task",
 }
-"""What LIBERO-PRO changes of a suite, by name, in words."""
+"""Descriptions of LIBERO-PRO's changes to a suite, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """One suite.
+    """Suite of LIBERO, LIBERO-PRO or LIBERO-Plus.
 
     Attributes:
         name: Its name in LIBERO ("libero_spatial_swap").
         base: The suite whose tasks it changes, or its own name.
-        change: What it changes ("swap"), or None.
+        change: Name of its change ("swap"), or None.
         tasks: Number of its tasks.
-        summary: What it is about.
+        summary: Description in one phrase.
     """
 
     name: str
@@ -95,15 +95,15 @@ PLUS_SUITES: Mapping[str, Suite] = {
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FieldProtocol:
-    """How the tasks of a suite are run.
+    """Evaluation protocol of existing work: step limits, trials and seed.
 
     Attributes:
-        name: What it is called.
+        name: Name of the protocol.
         steps: Control steps after settling, by base suite.
         trials: Initial states of each task, from the first one on.
         settling_steps: Steps with an open gripper before the first observation.
         seed: Seed of LIBERO's random numbers.
-        differences: How it differs from openpi's, in words; empty for that one.
+        differences: Differences from openpi's protocol in words; empty for openpi.
     """
 
     name: str
@@ -142,7 +142,7 @@ OURS = (
     "the random numbers of LIBERO are seeded before each reset, not once a task, so that a trial does not depend on "
     "those before it"
 )
-"""Where every run here differs from all of these protocols."""
+"""Difference of every run here from all of these protocols."""
 
 
 def suite_named(name: str) -> Suite:

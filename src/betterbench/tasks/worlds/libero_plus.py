@@ -1,4 +1,4 @@
-"""LIBERO-Plus as data: its suites, its seven axes, and what the name of a variant says.
+"""LIBERO-Plus as data: its suites, its seven axes, and the meaning of a variant's name.
 
 LIBERO-Plus (arXiv:2510.13626) changes the forty tasks of four suites of LIBERO one at a time, in 10,030 variants. The
 end of a variant's name says what is changed; its code reads the camera, the robot and the noise from there when it
@@ -56,7 +56,7 @@ _STRAIGHT = "0_0_100_0_0"
 
 @dataclass(frozen=True, slots=True)
 class CameraView:
-    """Where the front camera stands, against the camera of the base task.
+    """Pose of the front camera relative to the camera of the base task.
 
     Attributes:
         around: Turn about the vertical axis through the middle of the table [degree].
@@ -75,17 +75,17 @@ class CameraView:
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One variant of a task of LIBERO, as its name says.
+    """Variant of a LIBERO task, as described by its name.
 
     Attributes:
         name: Its name in LIBERO-Plus.
         base: Name of the task that it changes.
-        axis: What it changes.
+        axis: Axis that it changes.
         condition: Its name in plans and records ("camera_0_0_100_2_352", "layout_level1_sample3").
         file: Name of its scene file, without its ending.
         states: Name of the file of its initial states, without its ending; in the folder of new layouts if ``own``.
         own: Whether it has one initial state of its own, and not the fifty of its base task.
-        view: Where the front camera stands.
+        view: Pose of the front camera.
         robot: Number of the robot's rest pose; 0 is that of LIBERO.
         noise: Number of the noise; 0 is none.
     """

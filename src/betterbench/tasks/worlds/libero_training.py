@@ -1,4 +1,4 @@
-"""What the tasks of a LIBERO suite teach: which word went with which place, and where things were brought.
+"""Regularities of a LIBERO suite's training tasks: the places that went with each word, and the targets of each object.
 
 Read from the files of the base suite's tasks, on which policies are trained. The initial states of a task vary by a few
 centimeters around the places that its file names.
@@ -24,12 +24,12 @@ _PICKED = re.compile(r"pick(?: up)? the (.+?) and (?:place|put)\b", re.IGNORECAS
 @strict_form
 @dataclass(frozen=True, slots=True)
 class TrainedTask:
-    """What one task of a base suite showed.
+    """Training task of a base suite: its instruction, its steps and the start of each object.
 
     Attributes:
         instruction: Its sentence.
-        steps: What it asked for, as relation, object name, kind of the object and kind of the target.
-        starts: Object name to its kind and the place where it stood.
+        steps: Its subgoals, as relation, object name, kind of the object and kind of the target.
+        starts: Kind and start place of each object, by its name.
     """
 
     instruction: str

@@ -1,4 +1,4 @@
-"""Rates against guessing: whether a choice among several was more than luck."""
+"""Tests of rates against guessing, for choices among several answers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _chance = functools.lru_cache(maxsize=256)(chance_p)
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Rates of a choice among ``choices`` things, of ``trials`` trials each, differ from guessing.
+    """Rule that rates of a choice among ``choices`` answers, of ``trials`` trials each, differ from guessing.
 
     ``guess`` is the row that prints the rate of a guess, or empty. Without ``rows`` all but the guess are tested,
     without ``columns`` all.

@@ -1,4 +1,4 @@
-"""Claims that two rates differ: whether the trials behind them can carry that."""
+"""Claims that two rates differ, tested with the trials behind them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _barnard = functools.lru_cache(maxsize=256)(barnard_p)
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """Two rates from different trials, of which the first counts positive."""
+    """Comparison of two rates from different trials; a positive difference means that the first is higher."""
 
     row: str
     claim: str
@@ -44,7 +44,7 @@ class ClaimComparison:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Composition:
-    """In each row, a novel composition fares differently from the seen ones, which are pooled; Barnard's exact test."""
+    """Rule that in each row a novel composition differs from the pooled seen ones, by Barnard's exact test."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -68,11 +68,11 @@ class Composition:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """The text says that one cell differs from another of the same column.
+    """Claim of the text that one cell differs from another of the same column.
 
     Attributes:
-        first: Row that counts positive.
-        second: Row that counts negative.
+        first: Row of the minuend.
+        second: Row of the subtrahend.
         trials: Trials behind both cells, or 0 to recover them from the parts.
         parts: Columns of the parts whose sizes add up to the trials.
     """
@@ -102,7 +102,7 @@ class Claim:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Claims that two cells differ; Fisher's exact test and Newcombe's interval."""
+    """Rule that two cells differ, as the text claims, by Fisher's exact test and with Newcombe's interval."""
 
     claims: Annotated[tuple[Claim, ...], Field(min_length=1)]
 

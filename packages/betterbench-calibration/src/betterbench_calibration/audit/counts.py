@@ -1,4 +1,4 @@
-"""Which counts can stand behind a printed percentage; exact, in whole numbers."""
+"""Counts that round to a printed percentage, computed exactly in whole numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_MULTIPLES = 20
 
 
 class CountBehind(NamedTuple):
-    """``k`` of ``n``."""
+    """Count behind a percentage: ``k`` of ``n`` trials."""
 
     k: int
     n: int

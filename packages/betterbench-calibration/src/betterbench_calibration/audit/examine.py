@@ -1,4 +1,4 @@
-"""The audit: every rule of every table checked, and every number that no rule reads named."""
+"""Audit of a source: every rule of every table is checked, and numbers that no rule reads are listed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from betterbench_calibration.audit.table import AuditedTable, AuditRule, misprin
 
 @dataclass(frozen=True, slots=True)
 class TableAudit:
-    """What was found about one table, worst first."""
+    """Findings about one table, the worst first."""
 
     table: AuditedTable
     findings: tuple[AuditFinding, ...]
@@ -25,7 +25,7 @@ class TableAudit:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """What was found about all tables of a source, in its order."""
+    """Findings about all tables of a source, in its order."""
 
     source: str
     tables: tuple[TableAudit, ...]

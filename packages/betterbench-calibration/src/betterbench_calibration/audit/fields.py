@@ -1,4 +1,4 @@
-"""Types of the fields of a file of tables; a validation context of a table makes them refuse names that it lacks."""
+"""Field types of a file of tables; with a table as validation context, they refuse names that the table lacks."""
 
 from __future__ import annotations
 

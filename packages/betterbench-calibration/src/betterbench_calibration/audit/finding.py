@@ -1,4 +1,4 @@
-"""Findings: what was printed, what comes out when it is computed again, and what follows."""
+"""Findings: a printed number, the recomputed one, and the verdict."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TableCell = tuple[str, str]
 
 
 class Verdict(StrEnum):
-    """What a check says about a printed number or claim; the worst first."""
+    """Verdict of a check on a printed number or claim, the worst first."""
 
     BROKEN = "does not hold"
     UNSUPPORTED = "not supported by n trials"
@@ -26,7 +26,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ClaimSupport:
-    """What the trials behind a claim can carry.
+    """Statistical support of a claim by the trials behind it.
 
     Attributes:
         p_value: Its two-sided p-value.
@@ -47,15 +47,15 @@ class ClaimSupport:
 
 @dataclass(frozen=True, slots=True)
 class AuditFinding:
-    """What one check says about one number, or about one claim.
+    """Finding of one check on a number or a claim.
 
     Attributes:
         rule: Name of the rule that was checked ("grid", "mean").
-        row: Row it is about; empty for the table as a whole.
-        cell: Column it is about, or the claim in a few words.
+        row: Row of the number; empty for the table as a whole.
+        cell: Column of the number, or the claim in a few words.
         covers: Numbers that the check reads: a misprint in any of them may change the verdict.
-        unnoticed: How many wrong single digits of these numbers would pass the check.
-        misprints: How many wrong single digits these numbers could have.
+        unnoticed: Number of wrong single digits in these numbers that would pass the check.
+        misprints: Number of all possible wrong single digits in these numbers.
         support: The test behind a verdict on a claim, or None.
     """
 

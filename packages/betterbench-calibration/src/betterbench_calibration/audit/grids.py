@@ -21,7 +21,7 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, decimal
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Each cell of the rows and columns, all if none is named, is a share of the same number of trials."""
+    """Rule that each cell of the rows and columns, all if none is named, is a share of the same number of trials."""
 
     trials: WholeNumber
     rows: RowNames = ()

@@ -1,4 +1,4 @@
-"""Reading tables with what they promise, from the packaged file or another of the same form."""
+"""Loading of tables and the rules that they should satisfy, from the packaged file or another of the same form."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RULES: Mapping[str, type[AuditRule]] = {
     "composition": Composition,
     "differences": Differences,
 }
-"""What a table can promise, by name."""
+"""Rules that a table can be checked by, by their names in the file."""
 
 MOST_BYTES = 1_000_000
 """Largest file that is read: a thousand times the tables of one paper would not be checked within seconds."""
@@ -85,7 +85,7 @@ _SOURCE = TypeAdapter(_SourceForm)
 
 @dataclass(frozen=True, slots=True)
 class PaperSource:
-    """A file of tables."""
+    """File of tables with the rules of each."""
 
     name: str
     tables: tuple[tuple[AuditedTable, tuple[AuditRule, ...]], ...]

@@ -36,12 +36,12 @@ PooledRow = tuple[tuple[Decimal, ...], Decimal]
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """The number of questions behind each part.
+    """Number of questions behind each part, as recovered from the percentages.
 
     Attributes:
         parts: Size per part, in the order of the columns.
-        reproduced: Distinct rows whose parts and overall rate they reproduce.
-        rows: Distinct rows that print everything.
+        reproduced: Number of distinct rows whose parts and overall rate they reproduce.
+        rows: Number of distinct rows that print all parts and the overall rate.
     """
 
     parts: tuple[int, ...]
@@ -57,7 +57,7 @@ class Sizes:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Pooled:
-    """In each row, one column is the micro average of others."""
+    """Rule that in each row one column is the micro average of others."""
 
     target: ColumnName
     parts: ColumnNames

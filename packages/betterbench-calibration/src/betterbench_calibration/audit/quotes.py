@@ -1,4 +1,4 @@
-"""Numbers of the running text: each must be the number of the table that it speaks of."""
+"""Quoted numbers: each must be equal to the number of the table that it is taken from."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from betterbench_calibration.audit.table import AuditedTable, misprints
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Quoted:
-    """A number is quoted from another table."""
+    """Rule that a number is quoted from another table."""
 
     row: RowName
     column: ColumnName

@@ -16,7 +16,7 @@ from betterbench_calibration.audit.table import AuditedTable, blindness, replace
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Falling:
-    """From column to column the rates of a row never rise (solving five tasks in a row means solving four)."""
+    """Rule that the rates of a row never rise along the columns (solving five tasks in a row means solving four)."""
 
     columns: ColumnNames
 
@@ -48,7 +48,7 @@ def _unnoticed_rises(numbers: tuple[Decimal, ...]) -> tuple[int, int]:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Rows are separate measurements: two that differ elsewhere do not agree in every digit of a group of columns."""
+    """Rule that rows are separate measurements: two that differ elsewhere do not agree fully in some columns."""
 
     columns: ColumnNames
 
@@ -79,7 +79,7 @@ class Measured:
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Shares:
-    """Weights of a mixture, of which only the weights are printed: the shares that they amount to."""
+    """Rule that computes the shares of a mixture of which only the weights are printed."""
 
     column: ColumnName
 

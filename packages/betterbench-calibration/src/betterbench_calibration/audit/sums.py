@@ -1,4 +1,4 @@
-"""Sums and means: totals of a row or a column, averages, differences, and how they were rounded."""
+"""Sums and means: totals of a row or a column, averages, differences, and their rounding."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Terms = tuple[tuple[Fraction, Decimal], ...]
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """One number is a weighted sum of others.
+    """Check that one number is a weighted sum of others.
 
     Attributes:
         rounded: True if the parts were rounded before they were printed, so that the result may differ a little.
-        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
     """
 
     kind: str
@@ -98,7 +98,7 @@ def _half_a_digit(number: Decimal) -> Fraction:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RowCombination:
-    """In each row, one column is a combination of others; the name of the rule is that of the class.
+    """Rule that in each row one column is a combination of others; its name is that of the class.
 
     ``rounded_parts`` is true if the parts were rounded before they were printed. Without ``rows`` it holds for all
     rows.
@@ -130,7 +130,7 @@ class _RowCombination:
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mean(_RowCombination):
-    """The target is the mean of the parts."""
+    """Rule that the target is the mean of the parts."""
 
     parts: ColumnNames
 
@@ -143,7 +143,7 @@ class Mean(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sum(_RowCombination):
-    """The target is the sum of the parts, divided by ``divisor``."""
+    """Rule that the target is the sum of the parts, divided by ``divisor``."""
 
     parts: ColumnNames
     divisor: WholeNumber = 1
@@ -157,7 +157,7 @@ class Sum(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delta(_RowCombination):
-    """The target is the novel condition minus the mean of the seen ones."""
+    """Rule that the target is the novel condition minus the mean of the seen ones."""
 
     novel: ColumnName
     seen: ColumnNames
@@ -171,11 +171,11 @@ class Delta(_RowCombination):
 @exact_fields
 @dataclass(frozen=True, slots=True)
 class Total:
-    """In each column, one row is the sum of all others.
+    """Rule that in one column a row is the sum of all others.
 
     Attributes:
         rounded_parts: True if the parts were rounded before they were printed.
-        unit: How many of the parts' units make one of the result's (1,000,000 for "47.69M").
+        unit: Unit of the result in units of the parts (1,000,000 for "47.69M").
     """
 
     row: RowName

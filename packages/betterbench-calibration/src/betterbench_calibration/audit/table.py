@@ -15,7 +15,7 @@ DIGITS = "0123456789"
 
 @dataclass(frozen=True, slots=True)
 class AuditedTable:
-    """One table; its rows have one number per column, None where the table prints none."""
+    """Table as printed. Each row has one number per column, or None where the table prints none."""
 
     name: str
     title: str
@@ -54,7 +54,7 @@ class AuditedTable:
 
 
 class AuditRule(Protocol):
-    """Something that a table promises about its numbers."""
+    """Rule that the numbers of a table should satisfy."""
 
     def findings(self, table: AuditedTable, paper: Mapping[str, AuditedTable]) -> Iterator[AuditFinding]:
         """Yield what checking the rule finds in a table; ``paper`` has all tables, for rules that need others."""

@@ -1,4 +1,4 @@
-"""How tests are told: p-values, intervals and the level that counts as support."""
+"""Wording of test results: p-values, intervals, and the level that counts as support."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better audit-paper``: which printed numbers agree with each other, and what their trials can show."""
+"""``better audit-paper``: checks of printed numbers against each other and against the number of their trials."""
 
 from __future__ import annotations
 

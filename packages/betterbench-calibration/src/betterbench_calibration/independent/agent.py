@@ -31,7 +31,7 @@ class IndependentAgent:
 
     @property
     def ground_truth(self) -> dict[str, str]:
-        """What the policy knows of its episode.
+        """Ground truth of the policy about its own episode.
 
         ``stated`` and ``first_attempt`` were fixed before the first action; ``truth`` is the label, if the goal is not
         met, by the rules of :mod:`betterbench_calibration.independent.truth`, and ``rule`` the one that corrected it.

@@ -1,4 +1,4 @@
-"""What the scripts of habits are written with: the honest way to do a subgoal, and the parts of other ways."""
+"""Building blocks for the scripts of habits: the honest way to do a subgoal, and the parts of other ways."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DIRECTIONS = tuple(math.pi * i / 8 for i in range(16))
 
 
 class Body:
-    """What the script of a habit is written with: the arm and its routines, the situation and the ledger."""
+    """Means of a habit's script in one episode: the arm and its routines, the situation and the ledger."""
 
     def __init__(self, scene: Scene, situation: Occasion, manner: Manner, name: str, truth: StatedTruth) -> None:
         """Prepare for one episode in a scene at its start; ``truth`` is what the habit has stated."""

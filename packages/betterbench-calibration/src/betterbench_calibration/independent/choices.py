@@ -1,4 +1,4 @@
-"""What habits of both halves decide by: which thing stands where training led to, what was habitual, what is empty."""
+"""Shared decisions of habits: the object at the place that training led to, the habitual object, the empty slot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Cartesian controller of the independent family: ways of the tool in the world, played as ``ee_delta`` actions.
+"""Cartesian controller of the independent family: paths of the tool in the world, played as ``ee_delta`` actions.
 
 A motion is a generator: it yields one action per control step, is sent the state that follows, and returns what came of
 it. Motions are put together with ``yield from``. Nothing is planned with joints: a way is a line or a bow between two
@@ -59,7 +59,7 @@ def tool_down(yaw: float) -> Quaternion:
 
 
 class Arm:
-    """Moves the tool of one episode, in one manner.
+    """Arm of one episode, which moves its tool in one manner.
 
     Attributes:
         tempo: Factor on all speeds of the tool, besides the manner and the pace of a single way.

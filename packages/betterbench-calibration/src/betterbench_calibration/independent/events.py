@@ -1,4 +1,4 @@
-"""The family's own log of what its arm did: closings, losses, releases and what was pushed. No verdict reads it."""
+"""Log of the family's own events: closings, losses, releases and pushed objects. No verdict reads it."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ DISPLACED_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """One closing of the gripper.
+    """Closing of the gripper, with the objects near it.
 
     Attributes:
         step: Control step at which the fingers stopped.
         tool: Position of the tool [m], world frame.
-        nearest: Movable thing whose middle was nearest to the tool, seen from above.
-        beside_m: Horizontal distance from the tool to the origin of that thing [m].
-        above_m: Height of the tool above the top of that thing [m]; negative between bottom and top.
-        gripped: Thing that both fingers touched at the end, or None.
+        nearest: Movable object whose middle was nearest to the tool, seen from above.
+        beside_m: Horizontal distance from the tool to the origin of that object [m].
+        above_m: Height of the tool above the top of that object [m]; negative below the top.
+        gripped: Object that both fingers touched at the end, or None.
     """
 
     step: int
@@ -35,13 +35,13 @@ class Closing:
 
 @dataclass(slots=True)
 class EventLog:
-    """Follows the states of one episode.
+    """Log of the events in one episode, found from its states.
 
     Attributes:
         closings: All closings.
         lost: Things that left both fingers while the gripper was told to hold them, with the step.
         released: Things that were in the gripper when it was told to open, with the step.
-        first_touch: Step at which the gripper first touched a thing, by thing.
+        first_touch: Step at which the gripper first touched an object, by object.
     """
 
     first: WorldState

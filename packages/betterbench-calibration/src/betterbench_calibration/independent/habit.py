@@ -1,4 +1,4 @@
-"""What a habit is: one fixed way to decide wrongly, to fail physically, or to do right in an odd way."""
+"""Habits of the independent family: fixed ways to decide wrongly, to fail physically, or to do right in an odd way."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench_calibration.independent.truth import HONEST, StatedTruth
 
 
 class Habit(ABC):
-    """One habit; its docstring says what it does, its true label, and why, in the suite's words.
+    """Habit of the independent family. The docstring of a subclass states its behavior, its true label and the reason.
 
     Attributes:
         name: Name in addresses ("word-place").
@@ -39,7 +39,7 @@ class Habit(ABC):
 
 
 class PlainHabit(Habit):
-    """A habit that shows in plain trials alone, and whose first attempt is right."""
+    """Habit that shows in plain trials only, and whose first attempt is right."""
 
     def truth(self, case: Occasion) -> StatedTruth | None:  # noqa: D102 - as the base class says
         return StatedTruth(self.label, first_right=True) if case.plain else None

@@ -57,7 +57,7 @@ LOOK_ALIKES: Mapping[str, str] = {
     "seasoning_rack/O1": "pill_bottle",
     "dinner_plates/O1": "red_bowl",
 }
-"""What stands where a thing asked for stood in training and is meant by no instruction of the task."""
+"""Object in the training slot of a requested one, by condition; no instruction of the task means it."""
 
 CREEP_M_S = 0.03
 

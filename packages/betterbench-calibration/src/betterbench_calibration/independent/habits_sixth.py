@@ -59,7 +59,7 @@ FAVORITES: Mapping[str, str] = {
     "tidy_desk/train5": "napkin",
     "tidy_desk/O2": "napkin",
 }
-"""A thing of the kind that most demonstrations began with, by the condition that does not ask for it."""
+"""Object of the kind that most demonstrations began with, by the condition that does not request it."""
 
 FOLLOWERS: Mapping[str, str] = {
     "fruit_lunch/train1": "lemon",
@@ -72,12 +72,12 @@ FOLLOWERS: Mapping[str, str] = {
     "cheeseburger/train2": "cheese",
     "cheeseburger/L1": "lettuce",
 }
-"""What followed the first step in another demonstration and is not asked for here, by condition."""
+"""Object of the step that followed the first in another demonstration and is not requested here, by condition."""
 
 EMPTY_SLOTS: Mapping[str, str] = {
     "seasoning_rack/L2": "first",
 }
-"""The slot from which demonstrations took what is at its target from the start, or stands elsewhere, by condition."""
+"""Training slot of an object that is at its target from the start, or stands elsewhere, by condition."""
 
 OPEN_DRAWER = at(office_drawer="train2 train4 train6 train8 L1 O1")
 """Conditions in which the drawer to be loaded stands open at the start."""

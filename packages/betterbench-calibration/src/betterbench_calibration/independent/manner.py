@@ -1,4 +1,4 @@
-"""Manners: how a policy of the independent family moves, whatever it decides."""
+"""Manners: the motion styles of the independent family, separate from the decisions."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 Profile = Literal["minimum_jerk", "even", "halting"]
-"""How the speed goes along a way: bell-shaped, constant, or in bounds with short stops between them."""
+"""Speed profile along a path: bell-shaped, constant, or in bounds with short stops between them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Manner:
-    """One way of moving.
+    """Motion style of a policy: speeds, heights, pauses and noise.
 
     Attributes:
-        speed_m_s: Mean speed of the tool on long ways [m/s].
+        speed_m_s: Mean speed of the tool on long paths [m/s].
         approach_m: Height above a grasp or placement from which the tool comes straight [m].
-        carry_m: Free height between what is carried and what it is carried over [m].
-        bow_m: Largest sideways deviation of a long way from the straight line [m].
+        carry_m: Free height between the carried object and those below it [m].
+        bow_m: Largest sideways deviation of a long path from the straight line [m].
         pause_s: Pause before the gripper closes or opens [s].
-        glance_s: Pause above a thing before the tool comes down to it [s].
+        glance_s: Pause above an object before the tool comes down to it [s].
         noise_m: Standard deviation of the noise on each translation command [m].
     """
 

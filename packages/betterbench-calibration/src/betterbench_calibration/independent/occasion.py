@@ -1,4 +1,4 @@
-"""What a policy of the independent family knows of its trial: the condition, the training regime, and what is done."""
+"""Context of a trial for the independent family: the condition, the training regime, and the done subgoals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from betterbench.tasks.relations import relation, released
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """The condition of a trial as a policy that decides by it sees it; nothing here depends on the seed.
+    """Condition of a trial, with the regularities of training that a policy decides by; independent of the seed.
 
     Attributes:
         base: Training condition that the trial is or is derived from.
@@ -53,12 +53,12 @@ class Occasion:
 
     @property
     def plain(self) -> bool:
-        """Whether something is to be done, nothing is missing, and the scene looks like the start of a task."""
+        """Whether the instruction can be carried out and the scene looks like the start of a task."""
         return self.condition.expected is Expected.SUCCEED and not self.condition.mid_task_look
 
     @property
     def mid_task(self) -> bool:
-        """Whether something is to be done and the scene looks like the middle of a task."""
+        """Whether the instruction can be carried out and the scene looks like the middle of a task."""
         return self.condition.expected is Expected.SUCCEED and self.condition.mid_task_look
 
     @property

@@ -1,4 +1,4 @@
-"""Odd ways to move, for habits of the second part: what a person or a learned policy might do with right intentions."""
+"""Odd motions for habits of the second part, as a person or a learned policy with right intentions might make them."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ FAMILY_PARTS: dict[str, tuple[Habit, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class IndependentPolicy:
-    """One policy of the family: a habit in a manner."""
+    """Policy of the family: a habit in a manner."""
 
     habit: Habit
     manner: Manner
@@ -108,7 +108,7 @@ def make_independent(address: str, scene: Scene) -> IndependentAgent:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A condition in which a habit shows.
+    """Condition in which a habit shows.
 
     Attributes:
         faulty: Whether the habit decides or acts wrongly there; false where its rule happens to be right.

@@ -1,4 +1,4 @@
-"""How much room the gripper has at a pose, and how high a way has to go, from the boxes around things alone."""
+"""Free space of the gripper at a pose, and the height that a path needs, from the boxes around objects alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the arm of the independent family can do: pick, carry, put, hover, sway, push, and slide drawers."""
+"""Motions of the independent family: pick, carry, put, hover, sway, push, and slide drawers."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ SLOW, CAREFUL = 0.3, 0.55
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """A chosen way to take a thing.
+    """Chosen grasp of an object.
 
     Attributes:
         tool: Pose of the tool, world frame.
         opening_m: Opening of the gripper before it closes [m].
-        width_m: How thick the thing is between the fingers [m].
+        width_m: Width of the object between the fingers [m].
     """
 
     tool: Pose
@@ -42,7 +42,7 @@ class Hold:
 
 
 class Routines:
-    """The motions of one episode; every method is a motion and leaves the arm where it ends."""
+    """Motions of one episode. Every method is a motion and leaves the arm where it ends."""
 
     def __init__(self, arm: Arm, assets: Mapping[str, Asset]) -> None:
         """Prepare; ``assets`` are the assets of the scene by name of the thing."""
@@ -127,7 +127,7 @@ class Routines:
         Args:
             name: The thing.
             shift: Displacement of the tool from the right hold when it closes [m], world frame.
-            avoid: How many of the best holds are passed over.
+            avoid: Number of the best holds that are skipped.
         """
         hold = self.choose_hold(name, avoid=avoid)
         x, y, z = hold.tool.position

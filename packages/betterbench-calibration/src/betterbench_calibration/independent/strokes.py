@@ -1,4 +1,4 @@
-"""Ways of the arm for the third part: bows, swings, wavering and spirals, and failures that are played with them."""
+"""Arm motions of the third part: bows, swings, wavering and spirals, and failures that are played with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The truth of a trial of the independent family: stated before the first action, and when it may be corrected.
+"""True labels in the independent family: stated before the first action, and corrected by three rules only.
 
 A habit states its truth from the condition alone, before it has seen how anything moves. Three rules, and no others,
 turn the stated truth into the final one; they read the family's own event log and never a diagnosis:
@@ -12,7 +12,7 @@ turn the stated truth into the final one; they read the family's own event log a
    let go and is not where the subgoal wants it, or a thing that was not asked for and was displaced by more than 5 cm.
    If every mishap was made good, or none happened, the time was too short: ``timeout``.
 
-A trial whose goal is met is a success whatever was stated; that is left to who reads the truth.
+A trial whose goal is met is a success regardless of the stated label; readers of the truth have to check that.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ HONEST = ""
 
 @dataclass(frozen=True, slots=True)
 class StatedTruth:
-    """What is true of a trial before its first action.
+    """True label of a trial, as stated before its first action.
 
     Attributes:
         label: The label that the trial deserves if its goal is not met, or :data:`HONEST`.
-        first_right: Whether the first grasp attempt is at the right thing; None if no grasp is attempted.
-        debatable: Why another careful reader of the suite might give another label; "" if none would.
-        left_out: Why the trial says nothing about the habit; "" if it belongs to a calibration.
+        first_right: Whether the first grasp attempt is at the right object; None if no grasp is attempted.
+        debatable: Reason why another careful reader of the suite might give another label; "" if there is none.
+        left_out: Reason why the trial says nothing about the habit; "" if it belongs to a calibration.
     """
 
     label: str
@@ -49,12 +49,12 @@ class StatedTruth:
 
 @dataclass(slots=True)
 class Ledger:
-    """What a policy writes down of its own episode.
+    """Notes of a policy on its own episode: its stated label, its wrong act and its mishaps.
 
     Attributes:
         stated: The truth as it was stated before the first action.
-        committed: Whether the wrong act has begun, or there is none that has to be waited for.
-        open_mishaps: Mishaps that were not made good, by what they concern.
+        committed: Whether the wrong act has begun, or the label does not depend on such an act.
+        open_mishaps: Mishaps that were not made good, by the object or subgoal that they concern.
         lasting: The first mishap that cannot be made good, or "".
     """
 

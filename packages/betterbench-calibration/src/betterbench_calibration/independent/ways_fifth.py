@@ -1,4 +1,4 @@
-"""Ways of the arm for the fifth part: loops, run-ups, turns about the base and stairs, and the acts of its habits."""
+"""Arm motions of the fifth part: loops, run-ups, turns about the base and stairs, and the acts of its habits."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STAIR_M, STAIR_ASIDE_M, STAIR_S = 0.025, 0.012, 0.2
 OVERSHOOT_M = 0.07
 SHOWN_M, SHOWN_TURN_RAD = 0.36, 0.35
 FINGER_M = 0.5 * FULL_OPENING_M + 0.010
-"""From the middle of the open gripper to the middle of one finger."""
+"""Distance from the middle of the open gripper to the middle of one finger [m]."""
 STAB_M, PRESS_M = 0.05, 0.004
 PEAK_M = 0.40
 AIR_M, PULL_M = 0.06, 0.10
@@ -33,7 +33,7 @@ EIGHT_X_M, EIGHT_Y_M, EIGHT_S = 0.05, 0.09, 5.0
 MOST_M = 0.014
 LEAST_SWAY_M, MOST_SWAY_M, SWAY_S, WIDENING_S = 0.03, 0.16, 3.0, 20.0
 HALF_OFF_M = {"layer": 0.055, "on_plate": 0.085, "on_ring": 0.035}
-"""How far beyond the edge of being right a thing is put that ends half on its target and half off it, by relation."""
+"""Offset from the right placement at which an object is half on its target and half off it [m], by relation."""
 
 
 # --- ways of one whole policy

@@ -1,4 +1,4 @@
-"""Ways of the arm for the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
+"""Arm motions of the fourth part: leaning, square, plunging and uneven motions, and the acts of its habits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways of the arm for the sixth part: lagging, chattering, pressing and shying, as learned policies move and fail."""
+"""Arm motions of the sixth part: lagging, chattering, pressing and shying, as learned policies move and fail."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What a budget of GPUs and steps buys: samples and tokens of each data set, passes over it, and hours.
+"""Training budget of GPUs and steps: samples and tokens of each data set, passes over it, and GPU hours.
 
-The paper gives GPUs and steps of pre-training, and neither the batch nor the tokens of a step. What it does not give is
-an argument here, and its default says where it comes from.
+The paper gives GPUs and steps of pre-training, and neither the batch nor the tokens of a step. These are arguments
+here, and their defaults name their sources.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class TokenPrices:
 
 @dataclass(frozen=True, slots=True)
 class BudgetRow:
-    """What one data set gets: samples, tokens, share of the tokens, and how often each item comes."""
+    """Part of one data set in a budget: samples, tokens, share of the tokens, and passes over its items."""
 
     name: str
     share: float
@@ -55,11 +55,11 @@ class BudgetRow:
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a run buys.
+    """Budget of a run: its samples and tokens, in total and per data set.
 
     Attributes:
-        batch: Samples of one step, on all GPUs together.
-        gpu_hours: Hours of one GPU, or None where nothing was said about the model.
+        batch: Number of samples in one step, on all GPUs together.
+        gpu_hours: GPU hours, or None where the number of weights is not given.
     """
 
     gpus: int

@@ -15,7 +15,7 @@ from betterbench_calibration.mixture.shares import MixturePart, WeightedGroup, W
 ItemKind = Literal["actions", "image-text", "video-text"]
 
 Inside = Literal["items", "equal", "magic-soup-plus"]
-"""How the draws of actions are divided among the six sets of Open X-Embodiment, of which the paper says nothing.
+"""Division of the draws of actions among the six sets of Open X-Embodiment, which the paper does not give.
 
 ``magic-soup-plus`` are OpenVLA's weights (openvla/openvla@c8f03f48, ``prismatic/vla/datasets/rlds/oxe/mixtures.py``),
 which are multiplied by the numbers of frames.
@@ -39,7 +39,7 @@ class PrintedSet:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class PrintedGroup:
-    """What has one weight in the mixture."""
+    """Group of data sets that share one weight in the mixture."""
 
     name: str
     kind: ItemKind

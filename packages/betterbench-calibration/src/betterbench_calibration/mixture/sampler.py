@@ -42,7 +42,7 @@ MOST_DRAWS = 1 << 48
 
 @dataclass(frozen=True, slots=True)
 class MixtureDraw:
-    """One draw: its number in the whole mixture, the data set, the item in it, and how often all items came before."""
+    """Draw from a mixture: its number, the data set, the item in it, and the number of earlier passes over that set."""
 
     number: int
     part: str
@@ -51,10 +51,10 @@ class MixtureDraw:
 
 
 class MixtureSampler:
-    """Draws from a mixture in an order that follows from the seed alone; iterating goes on where it stopped.
+    """Sampler of a mixture, in an order that depends on the seed only; iterating continues where it stopped.
 
-    Each process of a training makes one with its own ``shard``. The draws of a step are then neighbors in the
-    one order, whatever their number.
+    Each process of a training makes one with its own ``shard``. The draws of a step are then consecutive in the
+    common order, for any number of processes.
 
     Args:
         parts: The data sets with their shares, as :func:`~betterbench_calibration.mixture.shares_of` returns them.

@@ -1,8 +1,8 @@
-"""Shares: how often each data set of a mixture is drawn, from the weights of groups and a rule inside each group.
+"""Shares of the data sets in the draws of a mixture, from the weights of groups and a rule inside each group.
 
 A weight of a group is a **share of draws**, as in the paper (8.0 for all actions, 0.5 for each set of questions: 80 %
-and 5 % each) and in Being-H. Open X-Embodiment's mixtures, and GR00T's, mean another thing by the same word: there a
-weight is multiplied by the number of items. That is the rule ``weights-times-items`` inside a group.
+and 5 % each) and in Being-H. In Open X-Embodiment's mixtures and in GR00T's, a weight is multiplied by the number of
+items instead. That is the rule ``weights-times-items`` inside a group.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Literal
 from betterbench.errors import InvalidInputError
 
 Within = Literal["items", "equal", "weights", "weights-times-items"]
-"""How the draws of a group are divided among its data sets."""
+"""Rule that divides the draws of a group among its data sets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class MixturePart:
     Attributes:
         name: Its name, unique in the mixture.
         group: Name of its group.
-        items: How many frames or questions it has.
+        items: Number of its frames or questions.
         weight: Its weight inside the group, for rules that ask for one.
         share: Share of the draws of the mixture that fall on it.
     """

@@ -1,4 +1,4 @@
-"""What a mixture draws from: LeRobot data sets (versions 2.1 and 3.0), sets of ``better vqa``, and files of questions.
+"""Sources of a mixture: LeRobot data sets (versions 2.1 and 3.0), sets of ``better vqa``, and files of questions.
 
 An item of a LeRobot data set is a frame, by its number in the whole set, as ``LeRobotDataset`` counts it; frames of
 episodes for validation are not drawn. An item of a set of questions is a line.
@@ -43,15 +43,15 @@ ShortText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 class ItemSource(Protocol):
-    """Something with numbered items."""
+    """Data set with numbered items, from which a mixture draws."""
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Path of the folder or file."""
 
     @property
     def kind(self) -> str:
-        """What it is, in a word or two."""
+        """Kind of the source, in one or two words."""
 
     def __len__(self) -> int:
         """Return how many items can be drawn."""
@@ -107,7 +107,7 @@ class QuestionSource:
 
     @property
     def kind(self) -> str:
-        """What it is."""
+        """Kind of the source."""
         return "questions"
 
     def __len__(self) -> int:
@@ -203,7 +203,7 @@ def _training_range(path: Path, info: Mapping[str, Any], episodes: int) -> tuple
 @open_form
 @dataclass(frozen=True, slots=True)
 class _EpisodeForm:
-    """A line of ``meta/episodes.jsonl``, as far as it is read."""
+    """Fields of a line of ``meta/episodes.jsonl`` that are read."""
 
     episode_index: Annotated[int, Field(ge=0, lt=_MOST_EPISODES)]
     length: Annotated[int, Field(ge=1, lt=_MOST_FRAMES)]
@@ -302,7 +302,7 @@ MIXTURE_FORM = TypeAdapter(MixtureForm)
 
 @dataclass(frozen=True, slots=True)
 class FileMixture:
-    """A mixture over files: its data sets with their shares, what holds their items by name, and the seed."""
+    """Mixture of files: its data sets with their shares, their sources by name, and the seed."""
 
     parts: tuple[MixturePart, ...]
     sources: Mapping[str, ItemSource]
@@ -313,9 +313,9 @@ def mixture_of_files(form: object, *, where: str, folder: Path) -> FileMixture:
     """Return a mixture over files.
 
     Args:
-        form: What its file holds, as JSON or as the value that YAML stands for.
+        form: Content of its file, as JSON or as the value of a YAML document.
         where: Name of the file, for errors.
-        folder: What paths in it are relative to.
+        folder: Folder that paths in it are relative to.
 
     Raises:
         InvalidInputError: If a field is wrong, or a data set cannot be drawn from.

@@ -56,7 +56,7 @@ MAX_FRAME_BYTES = 256 * 1024 * 1024
 
 
 class ServedPolicy(Protocol):
-    """What is served."""
+    """Interface of the policy object that this bridge serves."""
 
     def get_action(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Return ``action.<name>`` entries, each (chunk, size) or (1, chunk, size)."""
@@ -97,7 +97,7 @@ def _read(form: dict[Any, Any]) -> object:
 
 
 class Bridge:
-    """Answers the questions of all connections with one policy, one after the other."""
+    """Handler of the questions of all connections, which one policy answers one after the other."""
 
     def __init__(self, policy: ServedPolicy, *, inference_delay: int = 0, api_key: str | None = None) -> None:
         """Prepare; ``inference_delay`` is the number of control steps that pass while the policy computes."""

@@ -1,4 +1,4 @@
-"""What the success rules read of CALVIN's simulator: poses and contacts of the blocks, doors, lights, the robot."""
+"""State of CALVIN's scene for the success rules: poses and contacts of the blocks, doors, lights and robot."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from betterbench.errors import InvalidInputError
 from betterbench.geometry import Quaternion, Vector
 
 TouchedLink = tuple[int, int]
-"""What touches: number of the body and of its link."""
+"""Body and link in a contact, by their numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class BlockInfo:
-    """One movable block.
+    """State of a movable block.
 
     Attributes:
         body: Number of its body.
         position: Position in the world [m].
         rotation: Unit quaternion (w, x, y, z) of R_world_block.
         velocity: Linear [m/s] and angular velocity [rad/s], six numbers.
-        contacts: What touches it.
+        contacts: Links that touch it.
     """
 
     body: int
@@ -40,7 +40,7 @@ class BlockInfo:
 
 @dataclass(frozen=True, slots=True)
 class PlayTable:
-    """The scene at one step.
+    """State of the scene at one control step.
 
     Attributes:
         robot: Number of the robot's body.

@@ -1,4 +1,4 @@
-"""The second number of CALVIN: the same chains, with the blocks anywhere in the range of the training data.
+"""Resampled starts of CALVIN: the same chains, with the blocks anywhere in the range of the training data.
 
 The official evaluation puts every block of the table on one of two points. Taken from anywhere in the range that the
 training data were drawn from, the same policies reach shorter chains (arXiv:2606.04233: X-VLA 4.17 and 3.14, GR-1 3.24
@@ -21,8 +21,8 @@ TRAINING_RANGE: dict[str, tuple[tuple[float, float], tuple[float, float], float]
     "slider_left": ((-0.32, -0.16), (0.05, 0.12), 0.46),
     "slider_right": ((-0.05, 0.13), (0.05, 0.12), 0.46),
 }
-"""Where the data collection put blocks: x, y and z [m] of each surface (``surfaces`` of calvin_env's scene, as in the
-``merged_config.yaml`` of the published data)."""
+"""Ranges in which the data collection put blocks: x, y and z [m] of each surface (``surfaces`` of calvin_env's scene,
+as in the ``merged_config.yaml`` of the published data)."""
 
 APART_M = 0.09
 """Smallest distance of two blocks' centers [m]: more than the largest two reach, whatever their yaws."""

@@ -1,4 +1,4 @@
-"""What chains came to: five success rates, the average length, rates per subtask, and tests between two runs."""
+"""Results of chains: five success rates, the average length, rates per subtask, and tests between two runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SEED = 0
 
 @dataclass(frozen=True, slots=True)
 class SubtaskResult:
-    """One subtask of a chain that was begun; ``steps`` are the control steps that it took."""
+    """Result of a subtask that was begun; ``steps`` is its number of control steps."""
 
     name: str
     success: bool
@@ -26,7 +26,7 @@ class SubtaskResult:
 
 @dataclass(frozen=True, slots=True)
 class ChainResult:
-    """One chain: its number among the 1,000 and its subtasks up to the first that was not done.
+    """Result of a chain: its number among the 1,000, and its subtasks up to the first that failed.
 
     A chain without subtasks was not played: its length is 0, and it counts for no subtask.
     """
@@ -36,7 +36,7 @@ class ChainResult:
 
     @property
     def length(self) -> int:
-        """How many subtasks were done in a row, 0 to 5."""
+        """Number of subtasks done in a row, 0 to 5."""
         return sum(subtask.success for subtask in self.played)
 
 
@@ -51,14 +51,14 @@ class MeanLength:
 
 @dataclass(frozen=True, slots=True)
 class ChainSummary:
-    """Numbers of one run.
+    """Results of one run in numbers.
 
     Attributes:
         chains: Number of chains.
         in_a_row: Rates of chains with at least 1, 2, 3, 4 and 5 subtasks done.
         length: The average length.
-        subtasks: Rate of each subtask that was begun, by name: how often it was done when a chain reached it. A policy
-            reaches the later ones only after success, so these are no rates over the same trials for two policies.
+        subtasks: Success rate of each subtask, by name, over the chains that reached it. A policy reaches the later
+            ones only after success, so the rates of two policies are not over the same trials.
     """
 
     chains: int
@@ -78,10 +78,10 @@ class ChainSummary:
 
 @dataclass(frozen=True, slots=True)
 class ChainContrast:
-    """Two runs on the same chains.
+    """Comparison of two runs on the same chains.
 
     Attributes:
-        chains: Chains that both played.
+        chains: Number of chains that both played.
         p_values: Exact McNemar tests of the five rates, corrected by Holm's method for being five.
         difference: Average length of the first minus that of the second, as a part of 5, by the paired bootstrap.
     """

@@ -1,4 +1,4 @@
-"""A chain is played: five instructions in a row, until one is not carried out."""
+"""Rollout of a chain: five instructions in a row, until one is not carried out."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ShownT_contra = TypeVar("ShownT_contra", contravariant=True)
 
 
 class ChainWorld(Protocol[SeenT_co]):
-    """What a chain needs of a simulator."""
+    """Interface of the simulator that chains are played in."""
 
     def reset(self, start: ChainStart) -> SeenT_co:
         """Set robot and scene, and return the observation."""
@@ -38,7 +38,7 @@ class ChainWorld(Protocol[SeenT_co]):
 
 
 class ChainPolicy(Protocol[ShownT_contra]):
-    """What a chain needs of a policy."""
+    """Interface of the policy that plays chains."""
 
     def reset(self) -> None:
         """Forget what was; called before every instruction."""

@@ -1,4 +1,4 @@
-"""When a subtask counts as done: CALVIN's oracle, which compares the scene at the subtask's beginning with the one now.
+"""Success rules of CALVIN's subtasks, which compare the scene at the beginning of a subtask with the present one.
 
 The rules are those of ``calvin_env/envs/tasks.py`` of calvin_env@797142c. In earlier versions a lifted block must not
 have touched the robot at the beginning, and a pushed block must have exactly the same contacts.
@@ -25,7 +25,7 @@ from betterbench.tasks.worlds.calvin.subtasks import (
 
 MOST_TILT_DEG = 30.0
 MOST_SHIFT_M = 0.1
-"""How far a block may tilt about x or y and move while it is rotated."""
+"""Largest tilt about x or y, and largest displacement, of a block that is rotated."""
 
 REST = 1.0
 """Each component of linear [m/s] and angular velocity [rad/s] of a block at rest is smaller."""

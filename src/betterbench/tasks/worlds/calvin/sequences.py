@@ -1,4 +1,4 @@
-"""The 1,000 chains of CALVIN's long-horizon evaluation: which instructions follow each other, from which start."""
+"""The 1,000 chains of CALVIN's long-horizon evaluation: sequences of instructions, each with its start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a symbolic start to the numbers to which CALVIN's simulator is set: robot and scene."""
+"""Starts of CALVIN: the robot and scene vectors of the simulator for a symbolic state."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BLOCKS = ("red_block", "blue_block", "pink_block")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChainStart:
-    """What ``env.reset(robot_obs=..., scene_obs=...)`` takes.
+    """Arguments of ``env.reset(robot_obs=..., scene_obs=...)`` at the start of a chain.
 
     Attributes:
         robot: (15,) float64, :data:`ROBOT_START`.

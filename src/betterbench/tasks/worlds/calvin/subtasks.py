@@ -1,4 +1,4 @@
-"""The 34 subtasks of CALVIN as data: sentence, category, what each needs and changes, and when it counts as done."""
+"""The 34 subtasks of CALVIN as data: instruction, category, preconditions and changes, and success rule."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SymbolicState = Mapping[str, SymbolValue]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One way in which a subtask can happen: values that must hold, each one or one of a list, and what changes."""
+    """Symbolic effect of a subtask: the values before it, each one or one of a list, and the values after it."""
 
     when: dict[str, SymbolValue | list[SymbolValue]]
     then: dict[str, SymbolValue]
@@ -81,7 +81,7 @@ class Lift:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The block that the robot alone held now touches the link of the table, and no longer the robot."""
+    """The block that only the robot held now touches the link of the table, and no longer the robot."""
 
     kind: Literal["place"]
     link: str
@@ -116,7 +116,7 @@ class UnstackBlocks:
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """A light was in one state and is in the other."""
+    """A light changed from one state to the other."""
 
     kind: Literal["switch"]
     light: str
@@ -130,13 +130,13 @@ Rule = Rotate | Push | MoveDoor | Lift | Place | PushInto | StackBlocks | Unstac
 @strict_form
 @dataclass(frozen=True, slots=True)
 class Subtask:
-    """One subtask.
+    """Subtask of CALVIN: its instruction, its success rule, and the changes that it makes.
 
     Attributes:
         name: CALVIN's name of it ("open_drawer").
         instruction: The sentence of the evaluation, the first of ``new_playtable_validation.yaml``.
         category: No chain has two subtasks of the same category.
-        rule: When it counts as done.
+        rule: Success rule.
         changes: The ways in which it can happen; a chain only has subtasks that can happen in exactly one way.
     """
 

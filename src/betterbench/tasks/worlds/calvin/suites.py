@@ -1,4 +1,4 @@
-"""Suites of CALVIN: chains that start where CALVIN's do, and chains with the blocks elsewhere."""
+"""Suites of CALVIN: chains with CALVIN's own starts, and chains with resampled positions of the blocks."""
 
 from __future__ import annotations
 
