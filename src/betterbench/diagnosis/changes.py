@@ -14,9 +14,9 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
-"""What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
-other "evidence" of the same rule. Or the "record" is another one, because the run went on. A trial is "new" or "gone"
-where only one of the two diagnoses has it."""
+"""Kind of change of a trial between two diagnoses. If the record is the same: another "label", another "rule" for
+the same label, or other "evidence" of the same rule. If the run went on, the "record" itself has changed. A trial
+is "new" or "gone" if only one of the two diagnoses has it."""
 
 _SAME_TIME = 1e-6
 """Times closer than this are the same [s]; a control step is 0.05 s."""
@@ -72,7 +72,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """What a diagnosis judges otherwise than a stored one of the same run."""
+    """Differences between a diagnosis and a stored one of the same run: thresholds, trials and metrics."""
 
     version_before: str
     version_now: str
@@ -82,7 +82,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis is of another version or of other thresholds."""
+        """Whether the stored diagnosis was made by another version or with other thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property

@@ -1,4 +1,4 @@
-"""What decides in place of the instruction, where a policy does not use it: a place, a thing, a color, nearness."""
+"""Cues by which a policy chooses where it ignores the instruction: slot, kind, color or nearness of an object."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _BY_PLACE = "its place"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """What decides in place of the instruction, as far as the trials separate it.
+    """Cues that may decide the first target of a policy instead of the instruction, as far as the trials separate them.
 
     Attributes:
-        names: What may decide, each by itself; empty if it is none of what is looked for.
+        names: Cues that may decide, each by itself; empty if none of the known cues explains the first attempts.
     """
 
     names: tuple[str, ...]
 
     @property
     def may_be_place(self) -> bool:
-        """Whether it may be the place of a thing."""
+        """Whether the slot of an object may decide."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:

@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import registered
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """What a failure mode may look at.
+    """Input of a failure mode's detector: a record with its analysis.
 
     Attributes:
         record: The record of the trial, with its outcome.
@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode ended at its step limit with a subgoal that was never done, or a goal just reached."""
+        """Whether the episode ended at its step limit, with a subgoal never done or with a goal just reached."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])

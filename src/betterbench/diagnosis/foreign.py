@@ -55,7 +55,7 @@ NOTE = (
     "not judged. Each suite of LIBERO-PRO has initial states of its own: a trial and its twin share the task and the "
     "number of the state, while the robot and the things stand a little differently."
 )
-"""What is said beside every diagnosis of a run in LIBERO."""
+"""Note of every diagnosis of a run in LIBERO."""
 
 
 PLUS_NOTE = (
@@ -63,7 +63,7 @@ PLUS_NOTE = (
     "share one twin: the interval of a gap draws each twin with all of its variants, and its p-value exchanges a twin "
     "with its variants. Give both runs more initial states (--trials) for more twins."
 )
-"""What is said beside every diagnosis of a run in LIBERO-Plus."""
+"""Note of every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
@@ -73,7 +73,7 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class ForeignRun:
-    """What a diagnosis has to know of a run in LIBERO.
+    """Training distribution and instructions of a run in LIBERO, which its diagnosis needs.
 
     Attributes:
         trained: What the base suite teaches.

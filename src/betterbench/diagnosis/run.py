@@ -212,7 +212,7 @@ class _PlannedForm:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlanForm:
-    """What the diagnosis reads of a plan."""
+    """Fields of a stored plan that the diagnosis reads."""
 
     policy: str
     trials: list[_PlannedForm]
@@ -225,7 +225,7 @@ _PLAN = TypeAdapter(_PlanForm)
 @open_form
 @dataclass(frozen=True, slots=True)
 class _WorldTaskForm:
-    """What the diagnosis reads of a task of LIBERO."""
+    """Fields of a stored LIBERO task that the diagnosis reads."""
 
     instruction: str
 
@@ -233,7 +233,7 @@ class _WorldTaskForm:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _WorldForm:
-    """What the diagnosis reads of the world of a run."""
+    """Fields of a run's stored world settings that the diagnosis reads."""
 
     regime: tuple[TrainedTask, ...]
     tasks: dict[str, _WorldTaskForm]

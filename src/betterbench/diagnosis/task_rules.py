@@ -24,7 +24,7 @@ _DECIMALS = 9
 
 @dataclass(frozen=True, slots=True)
 class TaskRules:
-    """What the second pass found out about a policy in one task.
+    """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
         rules: All rules, the cheapest first; at equal cost word, then habit, then place.

@@ -14,12 +14,12 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """What is known of a run that gives a variation no more trials once its verdict stands.
+    """Stopping rule and decisions of a run that gives a variation no more trials once its verdict is certain.
 
     Attributes:
-        rule: When a variation is decided.
+        rule: Rule by which a variation is decided.
         first_seeds: Seeds of the first round, which every variation gets whatever comes out.
-        decisions: What is decided after the last complete round.
+        decisions: Decisions after the last complete round.
     """
 
     rule: StoppingRule
@@ -83,8 +83,8 @@ def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[T
     """Return what a run until decided has decided.
 
     Args:
-        rule: When a variation is decided.
-        plan: What the run may run at most.
+        rule: Rule by which a variation is decided.
+        plan: Trials that the run may run at most.
         outcome: Whether a trial succeeded, or None if it has no record.
 
     Raises:

@@ -14,7 +14,7 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Why a label was given, so that a person can look at the film and disagree.
+    """Reason for a label, with its time span, so that a person can check it in the film and disagree.
 
     Attributes:
         start_s: Beginning of the span that shows it [s].
@@ -53,7 +53,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class TrialDiagnosis:
-    """What one record proves.
+    """Diagnosis of one trial.
 
     Attributes:
         variation: Name of the variation, or None on a training condition.
@@ -111,7 +111,7 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """What sort of failure the label is."""
+        """Kind of failure of the label."""
         return self.label.kind
 
     @property
@@ -184,7 +184,7 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """What all records of a run prove.
+    """Diagnosis of a run: its trials, metrics and findings.
 
     Attributes:
         trials: One entry per planned trial that counts, finished or not, in plan order.

@@ -1,7 +1,7 @@
-"""What a policy went for without closing its gripper on it: objects that it stayed over, and objects that it pushed.
+"""Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the empty gripper, open or
-shut, shows it: it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
+A grasp shows which target a policy has chosen. After the last grasp, the path of the empty gripper shows it: the
+gripper stays over one object, returns to it again and again, or moves to and fro between objects and settles on none.
 """
 
 from __future__ import annotations
@@ -336,7 +336,7 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """How far the gripper is from an object as seen from above: beside its box, then from its middle [m].
+    """Distances of the gripper from an object: from above, to its box (``beside``) and its middle (``center``) [m].
 
     Attributes:
         above: Height over its top [m].
@@ -350,7 +350,7 @@ class _Gap(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the gripper is over it or a little beside it; wide things are taken far from their middle."""
+        """Whether the gripper is over the object or just beside it; wide objects are grasped far from their middle."""
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 

@@ -33,16 +33,16 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """How the object of an attempt stands to the instruction at that moment."""
+    """Relation of an attempt's object to the instruction, at the moment of the attempt."""
 
     ASKED = "asked"
-    """It is what the instruction asks for now."""
+    """The instruction asks for it now."""
     LATER = "later"
     """It is asked for, but an earlier step of an ordered instruction is open."""
     REPEATED = "repeated"
     """The step that it could serve is done."""
     OTHER = "other"
-    """Another instruction of the task means it, or it is where things are to go."""
+    """Another instruction of the task means it, or it is the target where objects are to be placed."""
     FOREIGN = "foreign"
     """No instruction of the task means it."""
     EMPTY = "empty"
@@ -50,7 +50,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """How a policy shows what it goes for."""
+    """Behavior by which a policy shows its target: a grasp, a push, hovering, or an attempt to close the gripper."""
 
     GRASP = "grasp"
     """The gripper closes."""

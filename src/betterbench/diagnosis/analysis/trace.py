@@ -1,4 +1,4 @@
-"""What the detectors read from a record: its columns by object, with contacts and relations as arrays."""
+"""Record as arrays, for the detectors of failure modes: columns by object, contacts and relations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """When an object was at one place of a target, asked for or not.
+    """Rows in which an object was in one relation to a target, whether the instruction asks for that or not.
 
     Attributes:
         place: TargetRegion of the target, "" if it offers just one.

@@ -39,9 +39,9 @@ FAMILIES: dict[str, str] = {
     "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
     "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
 }
-"""What a diagnosis is measured on, with what is said of it: faulty policies, and parts of the independent family.
+"""Sets of policies on which a diagnosis is measured, described: faulty policies, parts of the independent family.
 
-The last one is what the diagnosis is claimed to be worth: it was written last, and used once.
+The accuracy that is claimed for the diagnosis is the one on the last set, which was written last and used once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
@@ -80,18 +80,18 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis found the truth."""
+        """Whether the diagnosis gave the true label."""
         return self.truth is self.label
 
     @property
     def crossed(self) -> bool:
-        """Whether reasoning was called execution, or the other way round."""
+        """Whether a failure of reasoning was labeled as one of execution, or the other way round."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
 @dataclass(frozen=True, slots=True)
 class LabelScore:
-    """How well one label is found.
+    """Recall and precision of one label.
 
     Attributes:
         recall: Of the trials that deserve it, those that were given it.
@@ -105,7 +105,7 @@ class LabelScore:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What a diagnosis is worth, measured.
+    """Measured accuracy of a diagnosis on policies with known faults.
 
     Attributes:
         policies: Per policy its right trials and all its trials.

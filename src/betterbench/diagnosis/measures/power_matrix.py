@@ -36,7 +36,7 @@ STOPPING_AT_NEWS = "zoo:halt"
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
 """The pretenders that lack something to see or hear. The last two move without looking."""
 FLOOR = ("random", "noop")
-"""What needs no demonstration at all."""
+"""Pretenders that need no demonstrations."""
 
 
 Key = tuple[str, str]
@@ -101,12 +101,12 @@ class BlindCell:
 
     @property
     def above(self) -> bool:
-        """Whether it succeeds more often than is to be expected."""
+        """Whether the pretender succeeds more often than expected."""
         return self.rate.k > self.chance * self.rate.n
 
     @property
     def flagged(self) -> bool:
-        """Whether that stands after the correction, at the 5 % level."""
+        """Whether the excess is significant at the 5 % level after the correction."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property

@@ -1,4 +1,4 @@
-"""Where a policy stands among the pretenders: reference lines, the nearest pretender, and what each score proves."""
+"""Comparison of a policy with the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """What one pretender would score on the trials of a run.
+    """Expected success rates of one pretender on the trials of a run.
 
     Attributes:
         scores: By scope ("overall", "axis:temporal_extrapolation"), its success rate, a variation weighted by how many
@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How far a pretender and a policy do alike.
+    """Agreement between the outcomes of a pretender and those of a policy.
 
     Attributes:
         agreement: Share of the run's trials that would have ended alike, success for success and failure for failure.
@@ -47,7 +47,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """What a success rate on one variation proves.
+    """Margin of a policy's success rate on one variation above the variation's shortcut ceiling.
 
     Attributes:
         rate: The policy's success rate.

@@ -28,7 +28,7 @@ _CONTROLS = 0.14
 """Room below the images for the controls of a player, which hide what is there while a film stands still."""
 
 _HOLD_S = 1.0
-"""How long the film stays on the start image with the whole path, and on the last state [s of the film]."""
+"""Time for which the film stays on the start image with the whole path, and on the last state [s of the film]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class FilmLook:
-    """How a film is drawn.
+    """Camera, size, speed and quality of a film.
 
     Attributes:
         size: Side of each image [px, even].

@@ -1,4 +1,4 @@
-"""What cameras show of recorded states, with the image: computed by drawing the stored scene again.
+"""Images of recorded states with the objects that they show, made by rendering the stored scene again.
 
 This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks can be another.
 """

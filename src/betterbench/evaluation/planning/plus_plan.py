@@ -30,7 +30,7 @@ TRIALS = 1
 
 @dataclass(frozen=True, slots=True)
 class VariantChoice:
-    """Which variants of a suite are run.
+    """Selection of the variants of a LIBERO-Plus suite that are run.
 
     Attributes:
         axes: Axes to run; all if none is named.

@@ -48,7 +48,7 @@ class Convention:
 
     @property
     def differs(self) -> bool:
-        """Whether both sides say something, and not the same."""
+        """Whether both sides declare a value, and the values differ."""
         return bool(self.ours and self.theirs) and self.ours != self.theirs
 
 
@@ -104,7 +104,7 @@ class PreflightCheck:
 
     @property
     def clipped(self) -> int:
-        """How many actions of the first answer a run would clip, because a number is out of range."""
+        """Number of actions of the first answer that a run would clip because a value is out of range."""
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:

@@ -33,7 +33,7 @@ MAX_REQUESTS = 100
 """Requests of one proof, at most: a demonstration in chunks of five, or the way to the first object step by step."""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""How far a demonstration has to move along an axis for a factor [m, rad]."""
+"""Least range of a demonstration along an axis for which a factor is computed [m, rad]."""
 
 FOLLOWS = 0.7
 """Agreement from which on a policy is taken to follow the demonstration: the cosine between its steps and those of the
@@ -50,7 +50,7 @@ _IDLE_STEPS = 40
 
 @dataclass(frozen=True, slots=True)
 class AxisProof:
-    """What the answers say about one axis.
+    """Comparison of a policy's answers with the demonstration along one axis.
 
     Attributes:
         name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
@@ -93,7 +93,7 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy does what the demonstration does, in whatever units or direction."""
+        """Whether the policy moves as the demonstration does along each axis, up to sign and scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -112,7 +112,7 @@ class ReplayProof:
 
     @property
     def verdict(self) -> str:
-        """What the proof says, and what to try if conventions are wrong."""
+        """Result of the proof in words, with a suggestion if conventions are wrong."""
         if not self.follows:
             return "nothing is proven: the policy does not follow the demonstration"
         if self.is_proven:
@@ -228,7 +228,7 @@ def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """What is commanded and measured at a control step of the demonstration."""
+    """Commanded and measured state at a control step of the demonstration."""
 
     commanded: ControllerState
     state: WorldState
