@@ -1,4 +1,4 @@
-"""What the command line prints: tables or one JSON document on standard output, messages on standard error."""
+"""Output of the command line: tables or one JSON document on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""What stands for a character that the terminal does not know; a question mark stands for all others."""
+"""Replacement of each character that the terminal may not know; all others become a question mark."""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:

@@ -38,7 +38,7 @@ LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 
 @dataclass(slots=True)
 class Telling:
-    """How much the program says about itself, as the command line asks for it."""
+    """Log level and tracebacks, as the command line asks for them."""
 
     traceback: bool = False
 

@@ -1,4 +1,4 @@
-"""How far long work is: one line on a terminal, which no width breaks, and now and then a line where there is none."""
+"""Progress of long work: one line on a terminal, at any width, and elsewhere a line from time to time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ECHO = 3
 """Columns that stay free at the end: the terminal writes ^C there, which must not begin a new line."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""When lines say how far the work is where no bar is drawn: after this time, and then every so often [s]."""
+"""Time of the first line of progress where no bar is drawn, and interval of the further ones [s]."""
 
 
 class _Widths(NamedTuple):

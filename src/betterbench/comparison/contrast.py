@@ -151,7 +151,7 @@ def rate_of(counted: Counted) -> Rate:
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """How often something happened on two sides.
+    """Counts of one outcome on two sides.
 
     Attributes:
         first: Trials of one side.
@@ -168,7 +168,7 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """What each pair shows on the two sides."""
+        """Outcomes of each pair: of the first side and of the second."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property

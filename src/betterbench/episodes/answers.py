@@ -14,7 +14,7 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """What an episode shows its policy; a named tuple because one is made at every control step, like its reply.
+    """Input that an episode gives its policy; a named tuple because one is made at every control step, like its reply.
 
     Attributes:
         seen: The start of the episode, which asks for no actions; an observation; or the privileged state.
@@ -26,7 +26,7 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a policy answered.
+    """Answer of a policy, with the time that it took.
 
     Attributes:
         actions: The answer as an array of any shape and type; empty for the start of an episode.

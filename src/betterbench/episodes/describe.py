@@ -15,7 +15,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """What a run knows of a trial beside its scene; None where it is a training condition or no image is rendered."""
+    """Facts of a trial beside its scene; fields are None on a training condition or without images."""
 
     policy: str
     variation: str | None = None

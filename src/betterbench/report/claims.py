@@ -1,4 +1,4 @@
-"""Whether a conclusion about a policy passes its own test, and what would decide it where it does not."""
+"""Statistical tests of the conclusions about a policy, and the trials that would decide one that does not pass."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ MOST_VARIATIONS = 3
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """What a conclusion rests on.
+    """Grounds of a conclusion: its test, and the run that would decide it.
 
     Attributes:
         supported: Whether the test is passed at the usual level; also True where the conclusion only counts.
-        test: What was tested, in words.
-        p_value: Of that test, None where there is none.
-        deciding: What would decide it, a sentence; empty where nothing is open.
+        test: Tested statement, in words.
+        p_value: The p-value of that test, or None without a test.
+        deciding: Sentence with the trials that would decide it; empty where nothing is open.
         command: The command that runs it, where one is known.
     """
 

@@ -92,14 +92,14 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """What the top of the page says about one policy.
+    """Conclusion about one policy at the top of the page, with its numbers.
 
     Attributes:
         conclusion: One sentence that names what is wrong, or that nothing is.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
         effect: The instruction effect, over pairs of trials that differ in the instruction alone.
-        effect_sentence: What the instruction effect shows.
+        effect_sentence: Meaning of the instruction effect, a sentence.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
         breakdown: How most trials ended where the policy itself failed to run.

@@ -1,4 +1,4 @@
-"""How pages are made and written: one way to fill templates, to put data into a page and to write a file."""
+"""Templates and files of HTML pages: filling a template, embedding data in a page and writing a file."""
 
 from __future__ import annotations
 

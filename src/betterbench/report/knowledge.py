@@ -1,4 +1,4 @@
-"""What a model knows of what a policy does, as the page shows it."""
+"""View of a model's knowledge beside a policy's behavior, for the report page."""
 
 from __future__ import annotations
 

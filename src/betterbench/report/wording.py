@@ -11,7 +11,7 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
-"""What stands where a run has no such number."""
+"""Text in place of a number that a run does not have."""
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 

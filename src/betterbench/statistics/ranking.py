@@ -1,4 +1,4 @@
-"""How well a score ranks: the area under its curve of hits against false alarms."""
+"""Ranking quality of a score: the area under its ROC curve of hits against false alarms."""
 
 from __future__ import annotations
 

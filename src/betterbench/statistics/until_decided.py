@@ -35,7 +35,7 @@ TWIN_SHARE = 0.5
 
 
 class Verdict(StrEnum):
-    """What the pairs of a question show."""
+    """Verdict on a question, from its pairs."""
 
     DROP = "drop"
     """The condition is solved less often than its twin."""
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     NOT_LEARNED = "not_learned"
     """Likewise, but its twin is failed in most pairs, so that there was little to lose."""
     OPEN = "open"
-    """Neither is shown."""
+    """None of these is shown yet."""
 
     @property
     def words(self) -> str:
@@ -54,7 +54,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """When a question is decided.
+    """Rule by which a question is decided.
 
     Attributes:
         level: Bound of the expected share of wrong verdicts among those of "drop", and among those of "no drop".
@@ -76,7 +76,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Whether a condition is solved less often than its twin; both by their names."""
+    """Question whether a condition is solved less often than its twin; both by their names."""
 
     condition: str
     twin: str
@@ -84,7 +84,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What is known about a question.
+    """State of a question: its verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds in which it was open.
@@ -104,7 +104,7 @@ class Answer:
 
     @property
     def decided(self) -> bool:
-        """Whether it gets no more trials."""
+        """Whether the question gets no more trials."""
         return self.verdict is not Verdict.OPEN
 
 
@@ -142,7 +142,7 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
         questions: The questions, each about another condition. Several may share a twin, whose trials serve them all.
         seeds: Seeds in the order in which they are run; a question gets at most so many pairs.
         outcome: What is known of the trials.
-        rule: When a question is decided.
+        rule: Rule by which a question is decided.
     """
     answers = [Answer(q) for q in questions]
     done = 0

@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 _LONGEST_NAME = 200
 _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
-"""How the first line of a file of answers begins."""
+"""Beginning of the first line of a file of answers."""
 MOST_AT_ONCE = 256
 """Most requests at the same time."""
 
@@ -51,12 +51,12 @@ _LINES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelAnswer:
-    """What a model said to a question.
+    """Answer of a model to a question.
 
     Attributes:
         id: Identifier of the question.
-        text: What it said; empty if the request was refused.
-        error: Why it said nothing, or None.
+        text: Text of the answer; empty if the request was refused.
+        error: Reason for a missing answer, or None.
         seal: Digest of its line; None in a file of somebody's own program, or of an earlier version.
     """
 
@@ -113,10 +113,10 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How many questions of one part of a set were answered right, and how many answers could be read at all.
+    """Score on one part of a set: right answers, readable answers, and the shares reached without the image.
 
     Attributes:
-        chance: Expected share of right answers of somebody who guesses without the image.
+        chance: Expected share of right answers when guessing without the image.
         blind: Share that the blind classifier gets.
     """
 

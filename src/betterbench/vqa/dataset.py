@@ -103,17 +103,17 @@ class Photo(Protocol):
 
     @property
     def view(self) -> FrameView:
-        """What it shows."""
+        """Objects that the image shows, with the camera."""
 
 
 class PhotoSource(Protocol):
-    """Where images of records come from: drawn now, or materialized before."""
+    """Source of images of records, which are drawn now or were materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, and what it shows."""
+        """Return the image of a camera at a row of a record, with the objects that it shows."""
 
     def stop(self) -> None:
-        """Let whatever draws in any thread end soon with an error."""
+        """Let all threads that draw end soon with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -127,10 +127,10 @@ def require_size(size: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SetOptions:
-    """What set is asked for.
+    """Options of a set of questions.
 
     Attributes:
-        questions: About how many questions; 0 for as many as can be balanced.
+        questions: Approximate number of questions; 0 for as many as can be balanced.
         frames: Frames per trial, one from each equal part of it; 0 for all.
         seed: Seed of the choice of frames, questions and phrasings.
         size: Side of the images [pixel].

@@ -49,17 +49,17 @@ from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
 
 TIMES_ASKED = 2
-"""How often each question is asked, each time in other words."""
+"""Number of times that each question is asked, each time in other words."""
 MOST_OPTIONS = 6
-"""Largest number of boxes or things among which the right one has to be found."""
+"""Largest number of boxes or objects among which the right one has to be found."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
 """Time after a release after which the gripper has left what it put down, and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""What a question about a decisive moment probes: which object is asked for now (among boxes), where the named object
-is, what is at the gripper, whether a thing is there at all, and what is done already."""
+"""Roles of questions about a decisive moment: the object that is asked for now (among boxes), the place of the named
+object, the object at the gripper, the presence of an object, and the steps that are done already."""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -83,7 +83,7 @@ a shortcut what was asked for and where that is, of a wrong step what is due and
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """What set is asked for; cameras in the order in which they are tried until one shows what a question needs."""
+    """Options of a set; cameras in the order in which they are tried until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256

@@ -150,7 +150,7 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """What came of letting a model describe images.
+    """Result of a model's description of images: numbers of texts kept and dropped.
 
     Attributes:
         kept: Number of texts that the state proves.
@@ -164,7 +164,7 @@ class Described:
 
     @property
     def sentence(self) -> str:
-        """What it comes to, in one sentence."""
+        """Summary of the result in one sentence."""
         reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(self.dropped.items()))
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
@@ -275,7 +275,7 @@ def _about(
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """What was kept of what a model said about one image."""
+    """Stored texts of a model about one image, and the number of dropped ones by reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]

@@ -29,16 +29,16 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """What a model knew and what the policy did, of one trial."""
+    """Combination of a model's knowledge and the policy's behavior in one trial."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
     DOES_NOT_KNOW = "does_not_know"
-    """It does not know, and does not do it."""
+    """The model does not know, and the policy does not act rightly."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No question that would tell was asked and answered: what it needs was not seen well enough, the set is of other
-    trials, or the model was not asked all of it yet."""
+    """No question that would tell was asked and answered: its objects were not seen well enough, the set is of other
+    trials, or the model has not been asked all questions yet."""
 
 
 @open_form
@@ -98,13 +98,13 @@ class LabelKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What a model knows of what a policy did.
+    """Knowledge of a model about the decisive moments of a policy's trials.
 
     Attributes:
         model: Name of the model that answered.
         policy: Name of the policy.
         labels: One entry per label that occurs, in the order of labels.
-        roles: Per role, how many questions were answered right, of those that have an answer.
+        roles: Per role, the share of questions answered right, of those that have an answer.
         asked: Questions that the set asks about moments of the run.
         answered: Those of them that have an answer.
     """
@@ -128,7 +128,7 @@ class Knowledge:
 
     @property
     def sentence(self) -> str:
-        """What it comes to, in one sentence."""
+        """Summary of the failed trials, in words."""
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:

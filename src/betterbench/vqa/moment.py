@@ -41,7 +41,7 @@ class Moment:
 
     @property
     def source(self) -> FrameSource:
-        """Where it comes from."""
+        """Frame of the record that the moment is taken from."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)

@@ -1,6 +1,6 @@
-"""Where is the object that the instruction names? Questions about one trial, for whoever is to point at it.
+"""Questions about one trial that ask for the position of the object that the instruction names.
 
-The frame is that in which the decision began that the diagnosis names, as in
+The frame is the one in which the decision began that the diagnosis names, as in
 :mod:`betterbench.vqa.decisive`. A box and a point are asked for, each in two wordings. Unlike the questions of a set,
 these are not balanced: they are all about one object.
 """

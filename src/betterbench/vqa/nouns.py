@@ -1,4 +1,4 @@
-"""How things are called in sentences: articles, plurals, and which names could mean the same thing in an image."""
+"""Nouns of objects in sentences: articles, plurals, and names that could mean the same object in an image."""
 
 from __future__ import annotations
 

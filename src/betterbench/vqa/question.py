@@ -17,7 +17,7 @@ from betterbench.tasks import TrialId
 
 
 class QuestionType(StrEnum):
-    """What a question is about; sets are balanced and scored by type."""
+    """Topic of a question; sets are balanced and scored by type."""
 
     GROUNDING = "grounding"
     COUNTING = "counting"
@@ -30,7 +30,7 @@ class QuestionType(StrEnum):
 
 
 class Form(StrEnum):
-    """What an answer looks like."""
+    """Form of an answer."""
 
     YES_NO = "yes_no"
     """"Yes" or "No"."""
@@ -45,7 +45,7 @@ class Form(StrEnum):
 
 
 class Difficulty(StrEnum):
-    """How hard a question is; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
+    """Difficulty of a question; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
 
     EASY = "easy"
     MEDIUM = "medium"
@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Which frame a question is about: camera and row of the record of a trial, and the time of the row [s]."""
+    """Frame that a question is about: camera and row of the record of a trial, and the time of the row [s]."""
 
     task: str
     condition: str
@@ -205,7 +205,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """What a generator says about a question; the frame adds the rest. See :class:`Candidate`."""
+    """Part of a question that its generator provides; the frame adds the rest. See :class:`Candidate`."""
 
     form: Form
     family: str

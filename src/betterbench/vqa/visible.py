@@ -1,4 +1,4 @@
-"""What can fairly be asked about: an object that is large enough in the image and not mostly hidden."""
+"""Visibility limits of a fair question: its object is large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ pixels: less than half a patch carries no shape."""
 MIN_PIXELS = 60
 """Least number of visible pixels, somewhat more than those of a disc of 8 pixels across."""
 MIN_FRACTION = 0.35
-"""Least visible fraction: of a thing that shows less than about a third people guess from the rest of the scene."""
+"""Least visible fraction: below about a third, people guess an object from the rest of the scene."""
 HIDDEN_PX = 3
-"""Number of pixels up to which nothing of an object is seen: single pixels between other things are no sight of it."""
+"""Number of pixels up to which an object counts as hidden: single pixels between other objects do not show it."""
 
 
 def clear(seen: SeenObject | None) -> bool:

@@ -1,4 +1,4 @@
-"""What the command line says about a set of demonstrations."""
+"""Output of the command line about a set of demonstrations: progress, variety and acceptance."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """What is asked about.
+    """Frames, cameras and types of the questions of a set.
 
     Attributes:
         questions: About how many questions; 0 for as many as can be balanced.

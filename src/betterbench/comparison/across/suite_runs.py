@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import CHAIN_SUITES, Chain, ChainResult, Su
 from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
 
 OURS = "better60"
-"""What stands for the suite of a run in our own scenes."""
+"""Name of the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
 """Task and seed: the number of an initial state, which twins and policies share.

@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""How many replicas are replaced before the run stops as if the policy's server could not be reached."""
+"""Number of replicas that are replaced before the run stops as if the policy's server could not be reached."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0

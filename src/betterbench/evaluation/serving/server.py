@@ -40,7 +40,7 @@ KEPT_INSTANCES = 1
 """Instances of a policy that wait for a next client after theirs has left; further ones are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server notices that an episode begins; the protocol has no message for that."""
+"""Signs by which a server notices the start of an episode; the protocol has no message for it."""
 
 
 def open_server(

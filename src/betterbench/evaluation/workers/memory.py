@@ -14,7 +14,7 @@ _SHARE = 0.5
 """Share of the free memory that further environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""What an environment is taken to need at least: its scene, its record and its connection."""
+"""Least memory that an environment is assumed to need: its scene, its record and its connection [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")

@@ -50,7 +50,7 @@ MAX_ENVS = 256
 _DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
-"""How long the threads of the policies may take to end [s]."""
+"""Longest time that the threads of the policies may take to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
@@ -180,7 +180,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """What the next call of :meth:`finished` raises, as soon as it is known: there may be no trial left for it."""
+        """Error that the next call of :meth:`finished` raises, known early: there may be no trial left for it."""
         return self._stop
 
     def _open_trials(self) -> int:

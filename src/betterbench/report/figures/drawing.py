@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""What lies over a family's color, so that a gray print and a color-blind reader can tell them apart."""
+"""Pattern (SVG) over the color of each family, so that families differ in a gray print and to a color-blind reader."""
 
 
 @dataclass(frozen=True, slots=True)

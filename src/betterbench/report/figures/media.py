@@ -1,4 +1,4 @@
-"""What a report shows besides numbers: films, start images with paths, thumbnails, and commands that replay a trial."""
+"""Media of a report: films, start images with paths, thumbnails, and commands that replay a trial."""
 
 from __future__ import annotations
 

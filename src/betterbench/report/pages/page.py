@@ -48,7 +48,7 @@ class ReportSetting:
 
     @property
     def mixed(self) -> bool:
-        """Whether the policies differ in it."""
+        """Whether the policies differ in this setting."""
         return len(self.values) > 1
 
 
@@ -76,7 +76,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """What the page says about a run in progress or stopped: a sentence, and how many trials a condition lacks."""
+    """Remark on a run that is in progress or stopped: a sentence, and the number of missing trials per condition."""
 
     text: str
     left: tuple[tuple[str, int], ...]

@@ -49,7 +49,7 @@ class _Shown(Protocol):
 
 
 class _Content(Protocol):
-    """What is drawn, as :class:`betterbench.evaluation.preflight.view.PreflightView` describes it."""
+    """Content of the sheet, which :class:`betterbench.evaluation.preflight.view.PreflightView` provides."""
 
     @property
     def title(self) -> str: ...

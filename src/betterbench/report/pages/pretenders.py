@@ -50,7 +50,7 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """What the score on one variation proves, in words."""
+    """Row of the table of margins: success rate on one variation, shortcut ceiling and difference, in words."""
 
     variation: str
     rate: str

@@ -1,4 +1,4 @@
-"""How far a report can be trusted: what is certified of its scenes, and what its diagnosis has been measured at."""
+"""Evidence for trusting a report: certification of its scenes, and measured accuracy of its diagnosis."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ABROAD = {
     "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
     "calibrate measures our own scenes alone.",
 }
-"""What is known of a run in LIBERO."""
+"""Statements about scenes and calibration for a run in LIBERO."""
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:

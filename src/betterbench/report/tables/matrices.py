@@ -27,7 +27,7 @@ PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
         ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
     ),
 }
-"""What the paper saw on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
+"""Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
 
 SHOWN = 4
 """Conditions that the note of an empty cell names."""
@@ -86,7 +86,7 @@ class Cell:
 
     @property
     def empty(self) -> bool:
-        """Whether the run says nothing about it."""
+        """Whether the run has no trial for the cell."""
         return self.success.n == 0
 
 

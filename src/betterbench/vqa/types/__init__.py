@@ -27,7 +27,7 @@ GENERATORS: dict[QuestionType, QuestionMaker] = {
     QuestionType.EXECUTION: execution,
     QuestionType.PREMISE: premise,
 }
-"""What makes the questions of each type."""
+"""Generator of the questions of each type."""
 
 
 def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(QuestionType)) -> Iterator[Candidate]:
