@@ -129,7 +129,7 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """One group before it is judged: what is counted, and among which trials."""
+    """One group before it is judged: a measure and its trials."""
 
     measure: str
     scope: str

@@ -1,4 +1,4 @@
-"""Matching: which trials of several runs can be compared, and what is left out."""
+"""Matching of several runs: the trials that can be compared, and those that are left out."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: What it is called: the name that its policy declared, with the name of its folder where two are alike.
+        name: Its name: the one that its policy declared, with the name of its folder where two are alike.
         unfinished: Keys of planned trials that neither ended nor broke down yet.
         conventions: Versions and conventions by name, of its plan and of its records.
     """

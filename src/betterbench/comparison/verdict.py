@@ -1,4 +1,4 @@
-"""The verdict of a comparison in sentences, with what cannot be concluded said as plainly as what can."""
+"""Verdict of a comparison in sentences, which also name the conclusions that the trials do not allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes: what a diagnosis judges otherwise than the one that the run keeps, trial by trial, and why."""
+"""Differences between a diagnosis and the one that the run keeps, trial by trial, with reasons."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class TrialChange:
     Attributes:
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
-        reasons: Why, as far as the two judgments show it; sentences without a full stop.
+        reasons: Reasons for the change, as far as the two judgments show them; sentences without a full stop.
     """
 
     key: str

@@ -1,4 +1,4 @@
-"""Failure modes: what a file of ``modes`` registers, and what it may look at."""
+"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial that its detector gets."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ Finder = Callable[[TrialView], Evidence | None]
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """One outcome label: how it is found, and how tables and reports speak of it.
+    """One outcome label, with its detector and its texts for tables and reports.
 
     An instance registers itself with the function that it decorates, the finder of the mode.
 
     Attributes:
         short: Name of one or two words for a segment of a bar.
-        definition: What the record has to show, one sentence (suite, section 5).
-        conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
+        definition: Condition that the record has to fulfill, one sentence (suite, section 5).
+        conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
         sharper: Returns the same sentence about given trials of this mode where they show more, or an empty text.
         finding: Beginning of the sentence that counts such trials; empty if none is said.
         detail: Returns what the trials of one such sentence have in common, to go on with it.

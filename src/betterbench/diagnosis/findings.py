@@ -1,4 +1,4 @@
-"""Findings: what several trials of a policy prove together, in sentences, and what the run cannot show."""
+"""Findings that need several trials of a policy, in sentences, and notes on the limits of the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trials in LIBERO: its records in the terms that the detectors read, and what its suites cannot show.
+"""Trials in LIBERO: its records in the terms that the detectors read, and the limits of its suites.
 
 A task of LIBERO has no conditions of its own. What was asked is read from the goal of its file, what training showed
 from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and where things stood from the
@@ -76,7 +76,7 @@ class ForeignRun:
     """Training distribution and instructions of a run in LIBERO, which its diagnosis needs.
 
     Attributes:
-        trained: What the base suite teaches.
+        trained: Training distribution of the base suite.
         instructions: Instruction of a trial's task by "TASK/CONDITION".
     """
 

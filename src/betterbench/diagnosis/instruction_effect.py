@@ -2,8 +2,8 @@
 
 Trials of one seed begin with the same scene wherever their conditions hold the same objects at the same places: the
 streams of chance do not depend on the condition. So every run holds pairs of trials that differ in the instruction
-alone. If their instructions ask for different things first, a policy that uses the instruction goes for different
-things, rightly or wrongly; one that does not goes for the same thing in both, whatever it likes about it.
+alone. If their instructions ask for different objects first, a policy that uses the instruction goes for different
+objects, rightly or wrongly; a policy that ignores it goes for the same object in both.
 """
 
 from __future__ import annotations

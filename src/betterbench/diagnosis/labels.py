@@ -1,4 +1,4 @@
-"""Labels: which of all pieces of evidence decides a trial (suite, section 5)."""
+"""Label of a trial, chosen from all pieces of evidence (suite, section 5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rulings: what the second pass over all trials of a policy says about one of them."""
+"""Rulings of the second pass over all trials of a policy on each of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run: every planned trial diagnosed, the second pass over all of them, and what they prove together."""
+"""Diagnosis of a run: every planned trial by itself, the second pass over all trials, and findings about the policy."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class _Trials:
 
     Attributes:
         plan: Every trial that counts, in plan order.
-        readings: What its record says, by trial.
-        missing: Why a trial has no record, by trial, or None where that is not known.
+        readings: Reading of the record, by trial.
+        missing: Reason for a missing record, by trial, or None where that is not known.
         pending: Trials that a run in progress has not reached; they count nowhere.
-        until_decided: What is decided, or None for a run of which everything is run.
+        until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
     plan: list[TrialId] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""The diagnosis that a run keeps: ``RUN/diagnosis.json``, so that a later version can say what it judges otherwise."""
+"""Stored diagnosis of a run, ``RUN/diagnosis.json``, with which a later version compares its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rules of a policy in one task: fitted, held against confusion, and what that says about each trial.
+"""Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
 
 A rule is upheld if it costs less than confusion, which is a likelihood ratio with a price for the choice of the rule. A
 favorite place also needs a pair of trials that shows it whatever is asked for (:func:`has_pair`).
@@ -52,7 +52,7 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: What each kind of rule costs before the task is looked at [nats]; nothing if not given.
+        prior_costs: Cost of each kind of rule before the task is looked at [nats]; zero if not given.
         known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
             own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
             None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
@@ -184,7 +184,7 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """The rules of a task as they bear on its trials.
+    """Rules of a task, applied to its trials.
 
     Attributes:
         attempts: All first attempts.

@@ -1,4 +1,4 @@
-"""One trial: from its record to what the record alone proves, and to what the second pass needs to know about it."""
+"""First pass over one trial: the diagnosis of its record alone, and the input of the second pass."""
 
 from __future__ import annotations
 

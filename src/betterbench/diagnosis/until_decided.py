@@ -1,4 +1,4 @@
-"""A run until decided: which variations drop, and which of its trials no outcome has chosen."""
+"""Runs until decided: their verdicts, and the trials whose choice did not depend on outcomes."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Turns whatever a policy raises into a :class:`PolicyError`: the trial ends, the run goes on.
+    """Turns every exception of a policy into a :class:`PolicyError`: the trial ends, the run goes on.
 
     Two errors pass unchanged, because they concern the whole run: a server that cannot be reached, and one that
     declares other conventions than before. A context manager without state: one instance serves all.

@@ -1,4 +1,4 @@
-"""Chunks: when a policy is asked, and which action of its answers is played at a control step."""
+"""Action chunks: times at which a policy is asked, and the action of its answers that is executed at a control step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Observations of a scene: what a policy is allowed to see."""
+"""Observations of a scene, as a policy gets them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verdict on a policy in plain sentences, computed from the diagnosis; the first thing a reader sees."""
+"""Verdict on a policy in plain sentences at the top of the report, computed from the diagnosis."""
 
 from __future__ import annotations
 
@@ -102,8 +102,8 @@ class Headline:
         effect_sentence: Meaning of the instruction effect, a sentence.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
-        breakdown: How most trials ended where the policy itself failed to run.
-        claim: The test that the conclusion rests on, and what would decide where it is not passed.
+        breakdown: Outcome of most trials if the policy itself failed to run.
+        claim: Test that the conclusion rests on, and the trials that would decide it if it is not passed.
     """
 
     policy: str

@@ -1,4 +1,4 @@
-"""One view per task: how every policy did on it, what the trials prove, and its films."""
+"""View of each task: results of every policy, findings and films."""
 
 from __future__ import annotations
 

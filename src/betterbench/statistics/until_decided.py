@@ -141,7 +141,7 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
     Args:
         questions: The questions, each about another condition. Several may share a twin, whose trials serve them all.
         seeds: Seeds in the order in which they are run; a question gets at most so many pairs.
-        outcome: What is known of the trials.
+        outcome: Known outcomes of the trials.
         rule: Rule by which a question is decided.
     """
     answers = [Answer(q) for q in questions]

@@ -1,4 +1,4 @@
-"""Runs as their outcomes in one suite of one world. Every planned trial counts; what did not end well is a failure."""
+"""Outcomes of runs in one suite of one world. Every planned trial counts; one that did not succeed is a failure."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class SuiteRun:
     """One policy in one suite.
 
     Attributes:
-        policy: What the policy is called; runs of the same name are one policy.
+        policy: Name of the policy; runs of the same name are one policy.
         base: The suite that this one changes, or its own name.
-        change: What it changes ("swap", "resampled"), or None.
+        change: Its change ("swap", "resampled"), or None.
         protocol: The protocol of the field by which it was run; empty for our own suite.
         versions: Versions of what the world is made of; numbers under different ones are not compared.
         successes: Whether each planned trial succeeded.
@@ -70,8 +70,8 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: What the policy of each run is called; runs of the same name are rows of one policy. The declared name of
-            the policy if not given.
+        names: Name of each run's policy; runs of the same name are rows of one policy. The declared name of the policy
+            if not given.
 
     Raises:
         InvalidInputError: If there is not one name for each run, or a policy has two runs in the same suite.

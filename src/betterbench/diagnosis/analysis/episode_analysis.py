@@ -1,4 +1,4 @@
-"""An episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the instruction at that time."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ _MEANS_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or what stands for one, seen against the instruction.
+    """One grasp attempt, or a push, stay or closing that counts as one, compared with the instruction.
 
     Attributes:
         attempt: The attempt as it is reported.
@@ -104,8 +104,8 @@ class EpisodeAnalysis:
     Attributes:
         meant: Per subgoal the indices of the objects that it can mean.
         steps: All grasp attempts, in time.
-        harm: What was done to things that were not asked for, in time.
-        others: What was gone for without closing the gripper, in time.
+        harm: Harm to objects that were not asked for, in time.
+        others: Approaches without closing the gripper, in time.
         on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
         state: Returns the state at a row; None where only what was recorded of places is known.
@@ -507,9 +507,9 @@ def analyze_episode(
 
     Args:
         trace: The episode.
-        condition: What was asked for.
-        trained: What training showed.
-        harm: What was done to things that were not asked for.
+        condition: Condition of the trial.
+        trained: Training distribution of the task.
+        harm: Harm to objects that were not asked for.
         state: Returns the state at a row; without it, places count strictly alone.
     """
     info = trace.info

@@ -1,4 +1,4 @@
-"""The confusion matrix of the diagnosis, and what it is worth per label."""
+"""Confusion matrix of the diagnosis, with recall and precision per label."""
 
 from __future__ import annotations
 
@@ -61,10 +61,10 @@ class Judged:
     Attributes:
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
-        fault: What was decided wrongly, in the policy's own words.
+        fault: The policy's wrong decision, as the policy states it.
         grasped: Whether the record holds a grasp attempt, so that a grasp shows what was decided.
         honest: Whether the policy has no fault.
-        debatable: Why a careful reader of the suite might give another label; "" if none would.
+        debatable: Reason for which a careful reader of the suite might give another label; "" if there is none.
     """
 
     policy: str

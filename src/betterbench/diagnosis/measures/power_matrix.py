@@ -1,7 +1,7 @@
-"""The power matrix: what every faulty rule, blind probe and replayed demonstration reaches on every variation.
+"""Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
-A success rate proves only what the pretenders do not reach. The matrix is measured once (``better calibrate --power``)
-and ships with the package; everything here reads it, and nothing here starts a simulator.
+A success rate proves an ability only as far as it exceeds the rates of the pretenders. The matrix is measured once
+(``better calibrate --power``) and ships with the package. This module reads it and never starts a simulator.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ class Standing:
         expert: Agreement with the expert, or None without a matrix.
         margins: One per variation that the run and the matrix share.
         covered: Trials of the run that the matrix covers, of all its trials of variations.
-        notice: What is missing and how to get it, one sentence; empty if nothing is.
+        notice: Missing data and the way to get it, one sentence; empty if nothing is missing.
     """
 
     scores: dict[str, float]

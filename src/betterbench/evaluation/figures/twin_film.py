@@ -33,12 +33,12 @@ _HOLD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin film: a trial of a run, what stands above it, and how it ended.
+    """One side of a twin film: a trial of a run, its heading and its outcome.
 
     Attributes:
-        heading: What it is ("this trial, fast_food/T1/3").
+        heading: Title of the side ("this trial, fast_food/T1/3").
         ended: Its outcome ("Semantic feature collapse").
-        right: Whether that is no failure, and is written in blue.
+        right: Whether the outcome is a success, which is written in blue.
     """
 
     task: str

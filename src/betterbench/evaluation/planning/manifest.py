@@ -1,4 +1,4 @@
-"""The manifest of a run: what is known when it starts, besides its plan.
+"""Manifest of a run: its context at the start, besides its plan.
 
 It goes to ``context`` of ``run.json``. Another machine may resume a run, so none of it is compared then, except
 what the policy declares: another checkpoint behind the same address would put two policies into one run.

@@ -1,4 +1,4 @@
-"""Repeating a run: its plan is read from ``run.json``, and whatever would change the results is named."""
+"""Repeating a run: its plan is read from ``run.json``, and all differences that would change the results are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trust in a policy that a file names: what evaluating it would do on this machine, and the yes that this needs."""
+"""Trust in a policy that a file names: risks of evaluating it on this machine, and the consent that this needs."""
 
 from __future__ import annotations
 

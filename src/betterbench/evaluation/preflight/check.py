@@ -67,7 +67,7 @@ class PreflightCheck:
 
     Attributes:
         trial: The trial whose start the policy was shown.
-        conventions: What both sides declare.
+        conventions: Conventions as both sides declare them.
         adapter: Its adapter, or None for a policy that gets our observation as it is.
         shown: The images as the policy gets them.
         state: The numbers it gets, by key.
@@ -75,7 +75,7 @@ class PreflightCheck:
         actions: (horizon, dim) its first answer, in the action space of ``info``.
         first_s: Time of the first request [s].
         latencies_s: Times of the requests after it [s].
-        proof: What a replayed demonstration shows, or None if none was replayed.
+        proof: Result of a replayed demonstration, or None if none was replayed.
     """
 
     policy: str

@@ -56,7 +56,7 @@ class AxisProof:
         name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
         unit: "m" or "rad".
         range: Distance between the extremes of the demonstration's path.
-        factor: How many times as far the answers lead as the demonstration, or None where it hardly moves.
+        factor: Slope of the answers' path over the demonstration's, 1 if equal; None where that one hardly moves.
         agreement: Cosine between the steps of both, -1 to 1; None where one of them does not move.
         apart: Largest distance of the two paths.
     """
@@ -168,11 +168,11 @@ def prove_by_replay(
 
     Args:
         client: The policy at the beginning of an episode.
-        info: What it says about itself.
+        info: Its description, as it declares it.
         trial: The trial of the demonstration.
         space: The policy's action space.
         spec: The images it is shown.
-        quality: How they are rendered.
+        quality: Render quality of the images.
 
     Raises:
         BetterError: If the policy fails, or gives a bad answer.

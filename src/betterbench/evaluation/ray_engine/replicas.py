@@ -38,7 +38,7 @@ class Replicas:
     """The replicas of a run.
 
     Attributes:
-        addresses: Where workers ask each of them.
+        addresses: Addresses at which workers ask the replicas.
         environment: Variables that a worker needs in its environment to ask them.
     """
 

@@ -1,4 +1,4 @@
-"""The connection to a Ray cluster, and what its errors mean in one line."""
+"""Connection to a Ray cluster, with its errors in one line."""
 
 from __future__ import annotations
 

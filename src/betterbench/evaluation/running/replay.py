@@ -36,7 +36,7 @@ class ReplayCheck:
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
         verdict_agrees: Whether the goal tracker gives the same truth again, and the outcome follows from it.
-        notes: What may explain a difference.
+        notes: Possible reasons for a difference.
         differing: Fields that do not follow from the actions and the trial, by name, with both values where they are
             single ones.
         fields: Number of fields compared.

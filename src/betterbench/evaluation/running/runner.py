@@ -98,7 +98,7 @@ def evaluate(
         envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
             chooses the number from what the policy and the simulation take, within the memory that is free.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
-        cluster: Where the actors are placed.
+        cluster: Cluster on which the actors are placed.
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
         allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.

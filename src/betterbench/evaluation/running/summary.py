@@ -1,4 +1,4 @@
-"""The counts of a run, and how its policy answered."""
+"""Counts of a run, and answer times of its policy."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A host: the process that serves a policy to all workers of a run over openpi.
 
-The policy itself is in yet another process, so that what it does to that one costs no trial but its own.
+The policy itself runs in yet another process, so that a crash there costs only the trial that it was answering.
 """
 
 from __future__ import annotations

@@ -70,8 +70,8 @@ def open_server(
         layout: Preset in which an expert reads requests and answers; None for ours, and openpi's LIBERO layout.
         api_key: Key that clients have to show, or None.
         made: The policy, if it has been made already; the server closes it.
-        deadline: How long an answer may take, for the workers of a run, whose records hold the text of an error; None
-            for all other clients.
+        deadline: Deadline of an answer for the workers of a run, whose records hold the text of an error; None for all
+            other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or

@@ -114,8 +114,8 @@ class EnvironmentCount:
 
         Args:
             environment: The number of the environment that had asked.
-            asked_at: When it had asked, and ``now``, on one clock [s].
-            now: When the answer came [s].
+            asked_at: Time of the question [s], on the clock of ``now``.
+            now: Time of the answer [s].
             took_s: Time from question to answer [s].
             clean: Whether it came without a retry or another connection.
         """

@@ -1,4 +1,4 @@
-"""Memory of this machine or container that is free, and what this process uses with its children."""
+"""Free memory of this machine or container, and memory used by this process with its children."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = No
 
     Args:
         envs: Environments that are open.
-        used_before: What this process used before it opened the first one [byte].
+        used_before: Memory that this process used before it opened the first one [byte].
         sharing: Workers of this machine, which open theirs at the same time.
         free: Free memory [byte]; asked of the system if not given.
-        used: What this process uses now [byte]; likewise.
+        used: Memory that this process uses now [byte]; likewise.
     """
     free = free_bytes() if free is None else free
     if free is None:

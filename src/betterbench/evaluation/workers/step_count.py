@@ -39,7 +39,7 @@ class StepCount:
     """Control steps of all workers of a run.
 
     Attributes:
-        steps: How many have been reported.
+        steps: Number of reported steps.
     """
 
     def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:

@@ -94,7 +94,7 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """One environment, and what its trial waits for."""
+    """One environment, and the answer that its trial waits for."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None

@@ -1,4 +1,4 @@
-"""The charts of a report: what the runs show at a glance, each with counts and intervals."""
+"""Charts of a report, each with counts and intervals."""
 
 from __future__ import annotations
 

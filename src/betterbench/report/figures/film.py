@@ -72,7 +72,7 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial that is worth a film, and the moments to render [s], strictly increasing, each with its caption.
+    """A trial to be shown as a film, with the times to render [s], strictly increasing, and their captions.
 
     ``twin`` is None if the run has no record of it; ``evidence_s`` is the span that shows the evidence [s].
     """

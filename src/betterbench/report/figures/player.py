@@ -51,8 +51,8 @@ class PlayedTrial:
     """A trial to play.
 
     Attributes:
-        heading: Which trial it is ("fast_food/T1/3").
-        ended: How it ended.
+        heading: Name of the trial ("fast_food/T1/3").
+        ended: Its outcome, in words.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

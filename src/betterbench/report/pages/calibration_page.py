@@ -1,4 +1,4 @@
-"""The page of a calibration: the confusion matrix as image and table, every mistake, and what is solved blind."""
+"""Page of a calibration: the confusion matrix as image and table, every mistake, and results of blind policies."""
 
 from __future__ import annotations
 

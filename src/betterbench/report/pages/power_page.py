@@ -1,4 +1,4 @@
-"""The page of the power matrix: what each pretender reaches, and what can be solved blind."""
+"""Page of the power matrix: success rates of each pretender, and variations that can be solved blind."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RAW_LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of a page: a heading, what it says, its columns and its rows."""
+    """A table of a page: its heading, its meaning, its columns and its rows."""
 
     title: str
     caption: str

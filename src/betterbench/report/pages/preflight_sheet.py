@@ -1,4 +1,4 @@
-"""The preflight sheet: one PNG with what a policy was shown and what its first answer does."""
+"""Preflight sheet: one PNG with the inputs of a policy and the effect of its first answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells of the diagnostic matrices: which one a condition belongs to, from where its objects are at the start."""
+"""Cell of a condition in the diagnostic matrices, from the states of its objects at the start."""
 
 from __future__ import annotations
 

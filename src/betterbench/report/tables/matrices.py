@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: what happens when a target or its neighbor is there, done, or absent."""
+"""The paper's two diagnostic matrices: outcomes by state of a target and its neighbor (there, done or absent)."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ class MatrixSource:
     """One condition behind a cell ("fruit_lunch/T1").
 
     Attributes:
-        labels: How its trials ended, the most frequent first.
-        needless: How many of its successes took a needless step.
+        labels: Labels of its trials with their counts, the most frequent first.
+        needless: Number of its successes that took a needless step.
     """
 
     id: str
@@ -69,10 +69,10 @@ class Cell:
     Attributes:
         sources: The conditions behind it; none if the run has none.
         success: Success rate over all their trials; no trials if there are none.
-        labels: How the trials ended, the most frequent first.
-        needless: How many of the successes took a needless step, as an air grasp at an emptied slot.
-        note: Why the cell is empty; an empty text if it is not.
-        paper: What the paper saw, for reference.
+        labels: Labels of the trials with their counts, the most frequent first.
+        needless: Number of the successes that took a needless step, such as an air grasp at an emptied slot.
+        note: Reason for an empty cell; an empty text if it is not empty.
+        paper: Outcome in the paper, for reference.
     """
 
     row: State
@@ -95,8 +95,8 @@ class Matrix:
     """One of the paper's diagnostic matrices, filled from a run.
 
     Attributes:
-        caption: What rows and columns are.
-        axes: What the rows and what the columns tell the state of.
+        caption: Meaning of rows and columns.
+        axes: Objects whose states the rows and the columns stand for.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
 
