@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was tried: what was found, and the cure if it does not work."""
+    """Result of one check: the finding, and the cure if it failed."""
 
     name: str
     works: bool

@@ -30,7 +30,7 @@ NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 
 
 class Terminal(Console):
-    """Prints texts without what steers a terminal, because names and messages may come from a stranger's file.
+    """Prints texts without control characters, because names and messages may come from an untrusted file.
 
     Commands in them begin as this installation starts them.
     """

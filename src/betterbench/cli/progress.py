@@ -129,8 +129,8 @@ class WorkProgress(Progress):
     """A progress bar of one line, or lines for a log.
 
     Args:
-        console: Where the bar is drawn, if that is a terminal.
-        timed: Whether time taken or left are shown; if not, the time taken stands where a note is still missing.
+        console: Console on which the bar is drawn, if that is a terminal.
+        timed: Whether the elapsed or the remaining time is shown; if not, the elapsed time replaces a missing note.
         stays: Whether the bar stays when the work has ended.
         log: Takes the lines where there is no terminal; None for no such lines.
     """

@@ -1,4 +1,4 @@
-"""YAML files that a person writes, read into plain values without what a stranger's file could do with aliases."""
+"""YAML files that a person writes, read into plain values; aliases are refused, as they could expand without bound."""
 
 from __future__ import annotations
 

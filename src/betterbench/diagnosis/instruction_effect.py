@@ -1,4 +1,4 @@
-"""The instruction effect: how often the first target changes where nothing but the instruction does (suite, section 4).
+"""Instruction effect: share of trial pairs in which the first target changes with the instruction (suite, section 4).
 
 Trials of one seed begin with the same scene wherever their conditions hold the same objects at the same places: the
 streams of chance do not depend on the condition. So every run holds pairs of trials that differ in the instruction

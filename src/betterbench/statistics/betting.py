@@ -47,7 +47,7 @@ def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: 
     """Return an interval that holds the mean with the confidence level, whenever and for whatever reason one stopped.
 
     Args:
-        values: What was seen, each within the span; their order does not matter.
+        values: Observed values, each within the span; their order does not matter.
         span: Smallest and largest value that can occur. Without values, the interval is the span.
         confidence: Two-sided confidence level.
     """

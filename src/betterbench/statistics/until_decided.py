@@ -1,8 +1,8 @@
-"""Trials until a verdict: which of many variations drop against their twins, with as few trials as it takes.
+"""Trials until a verdict: tests whether variations drop against their twins, with as few trials as possible.
 
 A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
 open questions get the same seeds, round by round; after every round those whose verdict stands get no more. What is run
-is a function of the outcomes alone, so whoever replays the rounds finds what has been run and what comes next.
+is a function of the outcomes alone, so replaying the rounds gives the trials that have been run and the next ones.
 
 The drop of a question is the rate of the twin minus that of the condition. Two null hypotheses are tested on the pairs
 by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of

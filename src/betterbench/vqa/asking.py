@@ -1,4 +1,4 @@
-"""Asking a model a set of questions, and scoring what it answers by type."""
+"""Asking a model a set of questions, and scoring its answers by type."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class ModelAnswer:
         id: Identifier of the question.
         text: Text of the answer; empty if the request was refused.
         error: Reason for a missing answer, or None.
-        seal: Digest of its line; None in a file of somebody's own program, or of an earlier version.
+        seal: Digest of its line; None in a file of another program, or of an earlier version.
     """
 
     id: str
@@ -69,7 +69,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """The first line of a file of answers: who answered which set, and what its numbers mean."""
+    """First line of a file of answers: the model, the hash of its set, and the unit of the numbers."""
 
     model: str
     set_sha256: str

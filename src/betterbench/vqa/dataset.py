@@ -1,9 +1,9 @@
-"""A set of questions on disk: made from the records of a run, resumable, the same bytes whatever interrupts it.
+"""Set of questions on disk: made from the records of a run, resumable, with the same bytes after any interruption.
 
-``candidates/`` holds what could be asked about each trial while the set is made. Once all trials are there, questions
-are chosen over all of them, written, and whatever is not needed is removed. ``summary.json`` comes last. It and
-``set.json`` carry seals, and it holds the hashes of the questions and of the images, which are compared when they are
-read.
+While the set is made, ``candidates/`` holds the possible questions about each trial. Once all trials are there,
+questions are chosen over all of them and written, and files that are not needed any more are removed. ``summary.json``
+comes last. It and ``set.json`` carry seals. It also holds the hashes of the questions and of the images, which are
+compared when they are read.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ _ANEW = "Delete it and give the same command again"
 
 
 class Photo(Protocol):
-    """An image (JPEG) and what it shows."""
+    """An image (JPEG) with the objects that it shows."""
 
     @property
     def jpeg(self) -> bytes:
@@ -159,7 +159,7 @@ class QuestionSet:
 
     Attributes:
         purpose: "test" if its records are of evaluation seeds, which nothing may be trained on, else "training".
-        baselines: What can be answered without the images, by type.
+        baselines: Numbers of questions that are answered right without the images, by type.
         sha256: Hash of ``questions.jsonl``.
         records: SHA-256 of the record of each trial that was looked at, by its name; empty for older sets.
         images: SHA-256 of each image by its place; empty for older sets.
@@ -228,7 +228,7 @@ def make_set(
     Args:
         run: The run.
         out: Folder of the set.
-        options: What set.
+        options: Options of the set.
         open_photos: Opens a source of images; each worker has its own.
         workers: Number of trials that are looked at at the same time; the set does not depend on it.
         on_progress: Called with the number of trials done and planned.

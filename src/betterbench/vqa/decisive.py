@@ -1,9 +1,9 @@
-"""Questions about the very moments at which the trials of a run were decided.
+"""Questions about the moments at which the trials of a run were decided.
 
-Of each trial that failed, it is the first wrong decision that the diagnosis names; of each that succeeded, the first
-attempt. What the robot should go for, and where that is, what is done already and what is there at all are asked about
-the frame in which that decision began; what is at the gripper is asked about the frame of the attempt. Each question
-is asked twice, in other words and with its options in another order: who guesses is seldom right twice.
+In a failed trial, this moment is the first wrong decision that the diagnosis names; in a successful one, it is the
+first attempt. Questions about the right target, its place, finished steps and the presence of objects are about the
+frame in which that decision began. The question about the object at the gripper is about the frame of the attempt. Each
+question is asked twice, in other words and with its options in another order, because a guess is seldom right twice.
 """
 
 from __future__ import annotations

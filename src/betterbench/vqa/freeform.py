@@ -1,8 +1,8 @@
-"""Descriptions and questions that a model writes itself, each kept only if the state proves what it claims.
+"""Descriptions and questions that a model writes itself, each kept only if the state proves its claims.
 
 The model is shown an image and the names of what could be in it, and answers with texts and with the claims on which
 each text rests, in a small language. A text is kept if every claim is decided by the state and true, and if the text
-names nothing and says no word of place or state that its claims do not cover. What cannot be checked is dropped.
+names nothing and says no word of place or state that its claims do not cover. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations

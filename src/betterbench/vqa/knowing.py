@@ -1,4 +1,4 @@
-"""Does it know what it fails to do? A model's answers about decisive moments beside the policy's deeds."""
+"""Comparison of a model's answers about decisive moments with the policy's actions: knowledge beside behavior."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class KnowledgeStanding(StrEnum):
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """One trial.
+    """Knowledge of a model in one trial, beside the outcome of the policy.
 
     Attributes:
-        roles: Per role that was asked and answered whether every question of it was answered right.
-        deciding: The roles that tell for this label whether the decision was known better.
-        chance: Probability that somebody who sees no image answers all deciding questions right: by guessing, or by the
-            words alone, whichever is more.
+        roles: Per role that was asked and answered, whether all of its questions were answered right.
+        deciding: The roles that, for this label, tell whether the model knew the right decision.
+        chance: Probability of answering all deciding questions right without an image: by guessing or by the words
+            alone, whichever is larger.
     """
 
     key: str
@@ -83,7 +83,7 @@ class LabelKnowledge:
 
     @property
     def knows(self) -> Rate:
-        """Share of the trials that were asked about in which the decision was known."""
+        """Share of trials in which the model knew the decision, of those that it was asked about."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]

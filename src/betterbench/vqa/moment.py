@@ -1,4 +1,4 @@
-"""One frame with all that questions about it may use: the state, what the camera shows, and the episode around it."""
+"""One frame with all data that questions about it may use: the state, the view of the camera and the episode."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """The object that a trial's instruction names, and the questions where it is.
+    """The object that a trial's instruction names, and the questions about its position.
 
     Attributes:
         name: Its name in the scene.

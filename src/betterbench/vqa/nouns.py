@@ -33,7 +33,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words of a name that say how a thing looks or where it is, and not what it is."""
+"""Words of a name that describe the look or the place of an object, and not its kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())
@@ -53,7 +53,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for things that one could take for each other, or of which one may be part of the other."""
+"""Words for objects that could be mistaken for each other, or of which one may be part of the other."""
 
 
 def indefinite(kind: str) -> str:

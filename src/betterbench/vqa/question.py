@@ -76,12 +76,12 @@ class Candidate:
     """A question before it is chosen, worded and given its options.
 
     Attributes:
-        family: What is asked, across all objects; phrasings belong to families.
-        group: What the text gives away besides the family. Within a family and group, answers are balanced.
-        bucket: What is balanced: the answer itself, or the cell of the image in which a box or point lies.
+        family: Kind of question, across all objects; phrasings belong to families.
+        group: Information in the text besides the family. Within a family and group, answers are balanced.
+        bucket: Value that is balanced: the answer itself, or the cell of the image in which a box or point lies.
         answer: The right answer.
-        words: What phrasings are filled with.
-        objects: Names in the scene of what the question is about.
+        words: Words that fill the phrasings.
+        objects: Names, in the scene, of the objects that the question is about.
         tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
         box: The true box, of a grounded question.
         runs: The visible pixels of the object, of a question for a point; see
@@ -148,10 +148,10 @@ class Question:
         image: Path of the image, relative to the folder of the set.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        group: What a reader of the text alone knows: answers are balanced among the questions of a group.
-        chance: Share of right answers of somebody who knows the text and guesses; None for boxes and points, which the
-            constant answer of the set stands for.
-        role: Of a question about a decisive moment, what it probes ("asked", "where", "under", "exists", "done").
+        group: Information in the text alone: answers are balanced among the questions of a group.
+        chance: Share of right answers when guessing from the text; None for boxes and points, where the constant answer
+            of the set is the reference.
+        role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
     """
 
     id: str

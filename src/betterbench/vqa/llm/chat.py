@@ -31,7 +31,7 @@ class RefusedError(ModelError):
 
 
 class Chat(Protocol):
-    """Something that answers messages with a text."""
+    """Model that answers messages with a text."""
 
     @property
     def name(self) -> str:
@@ -66,7 +66,7 @@ class ChatEndpoint:
             model: Name of the model at that address.
             key_variable: Environment variable that holds the key, if it is set.
             timeout_s: Time within which an answer has to begin, and to go on [s].
-            tries: How often a request is sent that fails for a passing reason.
+            tries: Number of times that a request is sent if it fails for a passing reason.
             sleep: Waits between tries [s]; tests do not.
 
         Raises:
@@ -145,7 +145,7 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Answers with what a function says of the messages: for tests and for models in one's own process."""
+    """Answers with the result of a function of the messages, for tests and for models in the caller's process."""
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer

@@ -1,4 +1,4 @@
-"""Containment: whether something is in a container, a hole or on a ring, what is in it, and where something is."""
+"""Containment: objects in a container, in a hole or on a ring, and the container of an object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Execution tracking: what the robot is doing, what has been done, what comes next."""
+"""Execution tracking: the current activity of the robot, the finished steps and the next step."""
 
 from __future__ import annotations
 

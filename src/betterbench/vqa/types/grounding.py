@@ -1,4 +1,4 @@
-"""Grounding: the box of an object, a point on it, and what is in a box."""
+"""Grounding: the box of an object, a point on it, and the object in a box."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:
-    """Tell whether no other object's middle lies in a box, so that what is in it is one thing."""
+    """Tell whether no other object's middle lies in a box, so that the box holds one object."""
     left, top, right, bottom = box
     others = (s.centroid for other, s in moment.view.objects.items() if other != name)
     return not any(left <= x < right and top <= y < bottom for x, y in others)

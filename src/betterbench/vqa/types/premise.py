@@ -1,4 +1,4 @@
-"""Premise: whether something is there at all, whether what stands in its place is it, whether a task can be done."""
+"""Premise: presence of an object, identity of the object in its place, and feasibility of a task."""
 
 from __future__ import annotations
 

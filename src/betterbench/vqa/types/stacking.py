@@ -1,4 +1,4 @@
-"""Stacking: what lies on what, which of two is higher, and the order of a stack from below."""
+"""Stacking: objects on one another, the higher of two objects, and the order of a stack from below."""
 
 from __future__ import annotations
 
