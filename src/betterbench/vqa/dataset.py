@@ -2,7 +2,7 @@
 
 While the set is made, ``candidates/`` holds the possible questions about each trial. Once all trials are there,
 questions are chosen over all of them and written, and files that are not needed any more are removed. ``summary.json``
-comes last. It and ``set.json`` carry seals. It also holds the hashes of the questions and of the images, which are
+comes last. It and ``set.json`` carry seals. ``summary.json`` also holds the hashes of questions and images, which are
 compared when they are read.
 """
 
