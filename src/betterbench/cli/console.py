@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LONGEST_MESSAGE = 20_000
-"""Most characters of one message or cell; what is longer comes from outside."""
+"""Most characters of one message or cell; longer texts come from outside."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """A cell that is a number; a column of them is set flush right."""

@@ -141,11 +141,11 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with whether it shows what is counted."""
+"""Trials, each with whether it has the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
-    """Return how often trials show what is counted."""
+    """Return the rate of the counted outcome."""
     return Rate(sum(happened for _, happened in counted), len(counted))
 
 

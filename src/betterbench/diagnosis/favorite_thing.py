@@ -50,7 +50,7 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the thing that a policy goes for in a suite wherever it stands, or None if that is not proven.
+    """Return the kind of object that a policy goes for in every scene of a suite that holds one, or None if not proven.
 
     It has to be asked for other things in :data:`LEAST_PAIRS` trials where
     one stands, :data:`LEAST_ASKED` kinds in all, and to go for it more often than a policy that picks one of two things
@@ -70,6 +70,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Tell whether a thing of a kind stands in the scene of a trial that asks for something of another kind."""
+    """Tell whether an object of a kind stands in the scene of a trial that asks for another kind."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

@@ -85,7 +85,7 @@ class ForeignRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> ForeignRun:
-        """Return it from what the plan of a run stores."""
+        """Return it from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
@@ -176,7 +176,7 @@ def _with_regions(thing: ObjectInfo) -> ObjectInfo:
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return what was asked for, or None if a part of it is brought about by moving a joint."""
+    """Return the subgoals of a goal, or None if a part of it requires moving a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -245,7 +245,7 @@ def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[Picke
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
-    """Return when which thing was in or on a target of the instruction."""
+    """Return the rows in which each object was in or on a target of the instruction."""
     info = record.metadata.scene
     found = []
     for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):

@@ -80,7 +80,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     for finding in findings:
         (label, evidence), status = finding, _status(finding, ruling)
         if status == "rejected" or (status == "open" and evidence.start_s in known):
-            continue  # what is not proven gives way to whatever else is known of the same attempt
+            continue  # an unproven label gives way to any other finding about the same attempt
         if status == "open":
             possible = undecided[evidence.start_s]
             label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(possible))

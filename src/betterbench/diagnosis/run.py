@@ -359,7 +359,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the thing that a policy goes for wherever it stands, of each suite in which no rule explains that."""
+    """Return the favorite kind of object of a policy, for each suite in which no rule explains its attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
@@ -370,7 +370,7 @@ def _favorites(
 
 
 def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that goes for one thing wherever it stands."""
+    """Return the diagnosis of a trial of a policy with a favorite kind of object."""
     if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
         return trial
     if reading.choice.thing != favorite.kind:
@@ -379,7 +379,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Return a wrong first attempt that no rule explains as one that does not depend on what is asked."""
+    """Return a wrong first attempt that no rule explains as one that does not depend on the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

@@ -30,7 +30,7 @@ class TaskRules:
         rules: All rules, the cheapest first; at equal cost word, then habit, then place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and could be told apart.
-        rulings: Per trial key, what holds for it.
+        rulings: Ruling by trial key.
         undecided: Number of wrong trials in which no rule can be told from another, or proven, for lack of trials.
     """
 
@@ -91,7 +91,7 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 
 
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
-    """Return what a rule costs before its likelihood is looked at [nats].
+    """Return the prior cost of a rule, apart from its likelihood [nats].
 
     The slots of a place rule are fitted to the trials, so each of them costs the choice among all places. The other
     rules come from training and have nothing to choose.
@@ -122,8 +122,8 @@ def _proven(
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     """Tell whether the policy went to a slot although asked elsewhere, and was asked for different slots, in one scene.
 
-    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not; or
-    where the same slots are stocked with other things, so that it is not one of the things that the policy likes.
+    A favorite place shows only in trials with one scene and different instructions; or in trials with other objects in
+    the same slots, which exclude a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -144,7 +144,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """Return the choices with the slot that each may favor: the most frequent one where the same slots are stocked.
 
-    ``paired`` leaves it out where no pair of trials shows that the slot is favored whatever is asked.
+    With ``paired``, it is left out if no pair of trials shows that the slot is favored regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):

@@ -72,7 +72,7 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """The slots in which something stood at the start, whatever it was."""
+        """The slots in which any object stood at the start."""
         return frozenset(slot for slot, _ in self.layout)
 
 
@@ -231,7 +231,7 @@ def _distance_at_start(trace: Trace, item: int) -> float:
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield where the things of each step stand that is not due yet at the start, where an order is asked for."""
+    """Yield the slots of the objects of each later step, if the instruction asks for an order."""
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

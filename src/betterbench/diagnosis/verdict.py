@@ -158,7 +158,7 @@ class Metric:
         k: Count of the numerator, or None where the number is no single rate.
         n: Count of the denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.
-        p_value: Of the paired test, where there is one.
+        p_value: The p-value of the paired test, if there is one.
         method: Method of the interval ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
     """
 
@@ -190,9 +190,9 @@ class RunDiagnosis:
         trials: One entry per planned trial that counts, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
         notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that a run in progress has not reached; they are in no number. Empty for a run that no
-            process writes to any more: what it has not finished is then among the trials, as unfinished.
-        until_decided: Verdict on each variation of a run until decided, or None. What such a run has spared is nowhere.
+        waiting: Planned trials that a run in progress has not reached; no number counts them. Empty for a run that no
+            process writes to any more: its missing trials are among ``trials``, as unfinished.
+        until_decided: Verdict on each variation of a run until decided, or None. Spared trials are left out.
         address: Address by which commands name the policy; that of ``policy`` if not given.
     """
 

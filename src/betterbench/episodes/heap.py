@@ -21,7 +21,7 @@ class _Heap:
         self._thaws = False
 
     def enter(self) -> None:
-        """Freeze what exists, unless the caller has done so or somebody is inside already."""
+        """Freeze existing objects, unless the caller has done so or another caller is inside already."""
         with self._lock:
             self._users += 1
             if self._users > 1:

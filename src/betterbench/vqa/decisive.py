@@ -77,8 +77,8 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""The roles whose questions tell whether the decision behind a label was known better: of a look-alike what it is, of
-a shortcut what was asked for and where that is, of a wrong step what is due and what is done."""
+"""Roles by label whose questions tell whether the model knew the right decision: for a look-alike its identity, for a
+shortcut the requested object and its place, for a wrong step the due and the finished steps."""
 
 
 @dataclass(frozen=True, slots=True)

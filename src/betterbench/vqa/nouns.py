@@ -11,7 +11,7 @@ _PORTIONS = {
     "tape": ("roll of tape", "rolls of tape"),
     "mouse": ("computer mouse", "computer mice"),
 }
-"""Names that are no countable nouns, or have another meaning, with one and several of what they stand for."""
+"""Names that are not countable nouns, or have another meaning, with their singular and plural in sentences."""
 
 _LOOKS = frozenset(
     [

@@ -103,7 +103,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group: what a reader of the text alone knows."""
+        """Family and group: the information in the text alone."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:

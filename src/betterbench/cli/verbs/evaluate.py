@@ -67,7 +67,7 @@ USUAL_TRIALS = 20
 """Trials per variation unless asked for otherwise."""
 
 MANY_TRIALS = 200
-"""A plan of more trials is not what one begins with."""
+"""Number of trials above which a smaller command is suggested first."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
 """Task and trials of the smaller command that is suggested: the task with the shortest trials, if it is planned."""

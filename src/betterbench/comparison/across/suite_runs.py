@@ -34,7 +34,7 @@ class SuiteRun:
         base: The suite that this one changes, or its own name.
         change: Its change ("swap", "resampled"), or None.
         protocol: The protocol of the field by which it was run; empty for our own suite.
-        versions: Versions of what the world is made of; numbers under different ones are not compared.
+        versions: Versions of the world's packages; numbers under different ones are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
         unfinished: Planned trials that have not ended yet.

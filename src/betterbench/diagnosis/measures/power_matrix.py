@@ -86,7 +86,7 @@ class BlindCell:
     """One pretender that sees or hears less than it should, on one variation on which something has to be done.
 
     Attributes:
-        chance: Rate that is to be expected of it: guessing the instruction, or what jitter leaves to a replay.
+        chance: Expected rate: that of guessing the instruction, or that of a replay despite jittered poses.
         p_value: Two-sided exact binomial test against that rate.
         p_adjusted: The same, Holm-corrected over all cells.
     """
@@ -128,7 +128,7 @@ class PowerMatrix:
     """The measured matrix.
 
     Attributes:
-        cells: Per pretender and variation what it reached; the expert is among the pretenders as the reference.
+        cells: Result per pretender and variation; the expert is among the pretenders as the reference.
         chances: Per variation the success rate of guessing its instruction among those that make sense in its scene.
         versions: Package, suite, engine and task versions, and per task a digest of its conditions.
     """
@@ -201,9 +201,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Return every cell of what cannot see, hear or aim, tested against what is to be expected of it.
+        """Return every cell of the pretenders that cannot see, hear or aim, tested against the expected rate.
 
-        Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
+        Variations in which doing nothing is right are left out, because doing nothing then proves no ability.
         """
         found = []
         for name in (*BLIND, *FLOOR):

@@ -30,14 +30,14 @@ _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 
 
 class CameraPhoto(NamedTuple):
-    """One image (JPEG) and what it shows."""
+    """One image (JPEG) with the objects that it shows."""
 
     jpeg: bytes
     view: FrameView
 
 
 class ViewRenderer:
-    """Draws recorded states of one run with what they show. A context manager, which ends the drawing process."""
+    """Renders recorded states of one run with the visible objects. A context manager, which ends its process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the process; ``size`` is the side of the images [pixel]."""
@@ -70,7 +70,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Draw a row from every camera that was asked for so far: whoever asks for one asks for the others next."""
+        """Draw a row from every camera that was requested so far, because the others are usually requested next."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
