@@ -83,7 +83,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return what names a source: a run itself, or for a submission a run with its address and name alone."""
+    """Return the run that names a source: the run itself, or for a submission a run with its address and name alone."""
     if isinstance(source, RunFolder):
         return source
     return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})

@@ -274,7 +274,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield what a submission holds, in sentences for a person."""
+    """Yield the content of a submission, in sentences for a person."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"

@@ -51,7 +51,7 @@ class Grounds:
 
 
 DESCRIBED = Grounds(True)
-"""The claim of a conclusion that only counts what was seen."""
+"""Grounds of a conclusion that only counts outcomes."""
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:

@@ -46,7 +46,7 @@ LONGEST_REASON = 300
 """Most characters of the reason of a breakdown on the first screen."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules that send the gripper to a slot, whatever stands there."""
+"""Labels of rules that send the gripper to a slot, regardless of the object in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class Headline:
     """Conclusion about one policy at the top of the page, with its numbers.
 
     Attributes:
-        conclusion: One sentence that names what is wrong, or that nothing is.
+        conclusion: One sentence that names the main fault, or states that there is none.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
         effect: The instruction effect, over pairs of trials that differ in the instruction alone.
@@ -206,7 +206,7 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
-    A policy that goes where a rule sends it takes what stands there, look-alikes included. Where such a rule is proven
+    A policy that follows a rule to a slot takes any object there, look-alikes included. Where such a rule is proven
     and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named,
     unless the look explains all that the rule does, and more.
     """
@@ -232,7 +232,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Tell whether a rule is followed only to things that look like the target, and elsewhere often is not."""
+    """Tell whether a rule is followed only to objects that look like the target, and often broken elsewhere."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)

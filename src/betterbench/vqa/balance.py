@@ -4,7 +4,7 @@ Questions are in one group if their texts give the same information: the same fa
 group every answer that is kept comes equally often, so that no rule over the text does better than guessing among them.
 A group with a single answer is left out: it could be answered blind. Boxes and points are balanced over the cells of
 the image in which they lie. Types have equally many questions, and so have the kinds of question of a type, as far as
-there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of what they ask
+there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of their text
 and of their frame, never of their answer.
 """
 
@@ -95,7 +95,7 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return how many questions of each family of a type may be taken, by what they are about.
+    """Return the number of questions of each family of a type that may be taken, by subject.
 
     No subject may have more questions than all others of its type together.
     """

@@ -157,7 +157,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return what the classifier answers for each class."""
+    """Return the answer of the classifier for each class."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)

@@ -83,7 +83,7 @@ CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Most questions of a set, and most frames of a trial that are asked about."""
 SET_NAME = "set.json"
-"""File of a folder that says what set of questions it holds."""
+"""File of a folder with the description of its set of questions."""
 SIZES_PX = 32, 4096
 """Least and largest side of the images [pixel]."""
 
@@ -187,7 +187,7 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether what it asks about a trial of this name is about this record; True if it does not say."""
+        """Tell whether its questions about a trial of this name are about this record; True if it stores no hashes."""
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
@@ -290,7 +290,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of the plan of a run: what makes it the run that it is."""
+    """Return a hash of the plan of a run, which identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
@@ -373,7 +373,7 @@ def _survey(
     workers: int,
     on_progress: OnProgress | None,
 ) -> None:
-    """Write what could be asked about each trial, with its images; trials that are there are left as they are."""
+    """Write the possible questions about each trial, with its images; finished trials are left as they are."""
     waiting = [t for t in trials if not _shard(out, t).exists()]
     done = len(trials) - len(waiting)
     if on_progress is not None:
@@ -395,7 +395,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
-    """Write the images of a trial, and then what could be asked about them."""
+    """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -419,7 +419,7 @@ def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
 
 
 def image_path(source: FrameSource) -> str:
-    """Return the place of an image in a set, from what it shows."""
+    """Return the path of an image in a set, from its frame."""
     return f"images/{source.task}/{source.condition}/{source.seed}_{source.row:05d}_{source.camera}.jpg"
 
 
@@ -578,7 +578,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return what a set says of the records that it is about; nothing if it does not say."""
+    """Return the record hashes that a set stores; empty if it stores none."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

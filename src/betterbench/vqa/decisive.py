@@ -54,7 +54,7 @@ MOST_OPTIONS = 6
 """Largest number of boxes or objects among which the right one has to be found."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
-"""Time after a release after which the gripper has left what it put down, and the next decision begins [s]."""
+"""Time from a release until the gripper has left the released object and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
@@ -246,7 +246,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which of the boxes holds what has to be picked up or moved now."""
+    """Return the question which box holds the object that has to be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -262,7 +262,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question what comes next where nothing is to be done."""
+    """Return the question about the next step where nothing is to be done."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -289,7 +289,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question what the object is at which the gripper is."""
+    """Return the question about the kind of the object at the gripper."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):
@@ -305,7 +305,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether something is there: what is asked for, or what is not there but could be meant."""
+    """Return the question whether an object is there: the requested one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -324,7 +324,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question what of the instruction is done already."""
+    """Return the question which steps of the instruction are done already."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:

@@ -66,7 +66,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return what the robot does at a row, or None where an image would not show it beyond doubt."""
+        """Return the activity of the robot at a row, or None if an image would not show it beyond doubt."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -106,7 +106,7 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """Return what questions need of a record.
+    """Return the facts of a record that questions need.
 
     Raises:
         UnknownNameError: If its task or condition is unknown.

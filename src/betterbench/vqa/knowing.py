@@ -157,7 +157,7 @@ _KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
-    """Return what a model knows of what a policy did.
+    """Return a model's knowledge about the decisive moments of a policy's trials.
 
     Args:
         diagnosis: The diagnosis of the run.
@@ -205,12 +205,12 @@ def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
 
 
 def knowledge_path(run: RunFolder) -> Path:
-    """Return the place at which a run keeps what a model knows of it."""
+    """Return the path at which a run keeps a model's knowledge."""
     return run.path / "knowledge.json"
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write what a model knows into the folder of the run, where the report finds it, and return the place.
+    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.
@@ -225,7 +225,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
 
 def read_knowledge(run: RunFolder) -> Knowledge | None:
-    """Read what a model knows of a run, or return None if the run does not keep it.
+    """Read a model's knowledge about a run, or return None if the run does not keep it.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

@@ -52,7 +52,7 @@ class Moment:
         return self.episode.trace.info.objects
 
     def seen(self, name: str) -> SeenObject | None:
-        """Return what is seen of an object, or None."""
+        """Return the visible part of an object, or None."""
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
@@ -60,7 +60,7 @@ class Moment:
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:
-        """Tell whether what is seen of an object is large enough, however much of it is hidden."""
+        """Tell whether the visible part of an object is large enough, however much of the object is hidden."""
         return large(self.seen(name))
 
     def is_hidden(self, name: str) -> bool:

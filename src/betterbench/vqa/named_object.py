@@ -50,7 +50,7 @@ def named_object(
     Args:
         record: The record of the trial.
         trial: Its diagnosis.
-        photos: Draws what the camera shows.
+        photos: Source of the camera images.
         camera: Camera of the frame.
         seed: Seed of the choice of wordings.
 

@@ -1,4 +1,4 @@
-"""``better vqa``: questions about recorded frames, what can be answered blind, and what a model answers."""
+"""``better vqa``: questions about recorded frames, with the scores of blind baselines and of a model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metrics of a run (suite, section 4), each with its count and its uncertainty."""
+"""Metrics of a run (suite, section 4), each with its count and its uncertainty."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Frames of the strip on the first screen: the reach, the moment of the evidence and what follows, in turn."""
+"""Frames of the strip on the first screen: the reach, the moment of the evidence and its outcome, in turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +302,7 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return what the success rate on training conditions is called beside the gaps."""
+    """Return the name of the success rate on training conditions beside the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 
@@ -403,7 +403,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
 
 
 def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
-    """Return what makes the runs hard to compare, one sentence each."""
+    """Return the reasons for which the runs are hard to compare, one sentence each."""
     warnings = []
     for what, values in (
         ("versions", [d.versions for d in diagnoses]),

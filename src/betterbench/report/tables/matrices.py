@@ -121,7 +121,7 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    Conditions are found by their objects and not by their names. The cell in which everything stands on the table
     belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
     so. Trials in LIBERO are in no cell.
 
@@ -177,7 +177,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 
 
 def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
-    """Return what the trials of one condition show."""
+    """Return the outcomes of the trials of one condition."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)

@@ -151,7 +151,7 @@ class ScriptedChat:
         self.name, self._answer = name, answer
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return what the function says."""
+        """Return the answer of the function."""
         return self._answer(messages)[: 8 * max_tokens]
 
 
@@ -165,7 +165,7 @@ def user_message(text: str, *images: bytes) -> Message:
 
 
 def _told(reply: bytes) -> str:
-    """Return what a server says about an error."""
+    """Return the message of a server about an error."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
         said = parse_json(text)
