@@ -37,7 +37,7 @@ class CameraPhoto(NamedTuple):
 
 
 class ViewRenderer:
-    """Renders recorded states of one run with the visible objects. A context manager, which ends its process."""
+    """Draws recorded states of one run with what they show. A context manager, which ends the drawing process."""
 
     def __init__(self, run: RunFolder, *, size: int = 256, quality: str = "standard") -> None:
         """Start the process; ``size`` is the side of the images [pixel]."""
