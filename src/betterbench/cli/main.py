@@ -183,7 +183,7 @@ def _interrupted(given: Sequence[str]) -> int:
 
 
 def _log_handler() -> logging.Handler:
-    """Return what writes log messages to standard error, without what steers a terminal."""
+    """Return the handler that writes log messages to standard error, without control characters."""
 
     class Printable(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:

@@ -70,7 +70,7 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Return what making a data set cost: "1.1 GB on disk, 0:22:55 in this sitting".
+    """Return the cost of making a data set: "1.1 GB on disk, 0:22:55 in this sitting".
 
     Long work is interrupted and resumed; the time is that of this call alone.
     """

@@ -17,7 +17,7 @@ _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
 def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
-    """Return what a YAML file holds.
+    """Return the fields of a YAML file.
 
     Raises:
         InvalidInputError: If it is missing, larger than 64 KiB, no mapping, has aliases, gives a field twice, or is

@@ -113,7 +113,7 @@ class DiagnosisChanges:
 
 
 def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
-    """Return what changed between two diagnoses of one run."""
+    """Return the differences between two diagnoses of one run."""
     thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
     names = tuple(t.name for t in thresholds)
     trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
@@ -153,7 +153,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield what two judgments of the same record show about the cause of the change."""
+    """Yield the possible causes of a change, from two judgments of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts

@@ -38,9 +38,9 @@ class Decider:
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return what decides in place of the instruction where it is not used.
+    """Return the cues that may decide instead of an instruction that is not used.
 
-    ``choices`` are the first attempts of each task. A place and a kind of thing may be another one in each task.
+    ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
     """
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]

@@ -106,7 +106,7 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return what gives the sentence of the rule that nearly all trials broke, by the rule of their evidence."""
+    """Return a function from trials to the sentence of the rule that nearly all of them broke, else ""."""
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]

@@ -89,7 +89,7 @@ class ForeignRun:
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return what one record says; RecordError if it lacks what a record of LIBERO has."""
+        """Return the reading of one record; RecordError if it lacks the fields of a record of LIBERO."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -198,7 +198,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return what was trained at the places that a scene names; at others nothing can be gone for."""
+    """Return the training distribution at the places that a scene names, without all others."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:

@@ -74,7 +74,7 @@ def diagnose_run(
     twins_in: RunFolder | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> RunDiagnosis:
-    """Return what all records of a run prove. Every planned trial appears, finished or not.
+    """Return the diagnosis of a run. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
     nowhere. Once no process writes any more, they are unfinished: they count in every rate over planned trials, and in
@@ -129,7 +129,7 @@ def diagnose_run(
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield what is said of a run in LIBERO-Plus, and which of its variants were not run."""
+    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield PLUS_NOTE
@@ -170,7 +170,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, fo
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
-    """Return what several records of one policy prove, without a run folder.
+    """Return the diagnosis of several records of one policy, without a run folder.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
@@ -243,7 +243,7 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def _foreign_of(run: RunFolder) -> ForeignRun | None:
-    """Return what is to be known of a run in LIBERO, or None for a run in our own scenes.
+    """Return the training distribution and instructions of a run in LIBERO, or None for a run in our own scenes.
 
     Raises:
         RecordError: If the plan does not say it.
@@ -346,7 +346,7 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
+    A wrong first attempt that no rule explains is then explained: it does not depend on the instruction.
     So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
     """
     if reading.choice is None or reading.choice.correct:

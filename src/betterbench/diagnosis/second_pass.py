@@ -127,7 +127,7 @@ def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return what the best rules of a kind cost in several tasks; where none fits, it is the cost of confusion."""
+    """Return the summed cost of the best rules of a kind in several tasks, or of confusion where none fits."""
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 
@@ -141,7 +141,7 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return what each kind of rule costs before a task is looked at, from all tasks together [nats, 0 for the usual].
+    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the usual].
 
     Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated from all of them
     (empirical Bayes). The cost of a kind is how much rarer it is than the most frequent one, as a logarithm.

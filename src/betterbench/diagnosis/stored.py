@@ -105,7 +105,7 @@ class StoredDiagnosis:
 
     @classmethod
     def of(cls, diagnosis: RunDiagnosis) -> StoredDiagnosis:
-        """Return what would be stored of a diagnosis made now."""
+        """Return the stored form of a diagnosis made now."""
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod

@@ -95,7 +95,7 @@ def _trained(task: str) -> TrainingDistribution:
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
-    """Return what one record proves alone.
+    """Return the diagnosis of one record by itself.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
     the label is then ``wrong_object``, and the evidence names the candidates.
@@ -143,7 +143,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return what the diagnosis says of an analyzed trial in any world, apart from harm and needless acts."""
+    """Return the diagnosis of an analyzed trial in any world, apart from harm and needless acts."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(

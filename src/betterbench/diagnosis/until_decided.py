@@ -27,7 +27,7 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return what is known of a variation by its full name ("fast_food/T1"), or None if it is none of the run."""
+        """Return the state of a variation by its full name ("fast_food/T1"), or None if the run does not have it."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return what the verdicts mean and how the numbers are to be read, one sentence or two each."""
+        """Return notes on the meaning of the verdicts and of the numbers, one sentence or two each."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -80,7 +80,7 @@ class UntilDecided:
 
 
 def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[TrialId], bool | None]) -> UntilDecided:
-    """Return what a run until decided has decided.
+    """Return the rule and the decisions of a run until decided.
 
     Args:
         rule: Rule by which a variation is decided.

@@ -67,7 +67,7 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
 
 
 def _of_trial(scene: Scene | ForeignScene, context: TrialContext) -> dict[str, Any]:
-    """Return what is said of a trial in every world."""
+    """Return the metadata of a trial that every world has."""
     return {
         "task": scene.task.id,
         "package_version": __version__,

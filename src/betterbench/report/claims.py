@@ -92,7 +92,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return what a run without variations needs for a conclusion about reasoning, and the command that runs it."""
+    """Return the grounds of a run without variations: the trials that it lacks to judge reasoning, and the command."""
     text = "What would show how it reasons: the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or any(map(is_of_libero, tasks)):

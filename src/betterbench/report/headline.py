@@ -301,7 +301,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return what a run says that solves every variation; failures of its training trials are not kept back."""
+    """Return the conclusion for a run that solves every variation, with the failures of its training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
@@ -321,7 +321,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return what a run without variations says: what is seen in training, and what only variations would show."""
+    """Return the conclusion for a run without variations: the results in training, and those that need variations."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:

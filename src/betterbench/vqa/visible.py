@@ -21,7 +21,7 @@ def clear(seen: SeenObject | None) -> bool:
 
 
 def large(seen: SeenObject | None) -> bool:
-    """Tell whether what is seen of an object is large enough, however much of it is hidden.
+    """Tell whether the visible part of an object is large enough, however much of the object is hidden.
 
     A base is hidden by what lies on it, and a shut drawer by its cabinet: that is what questions about them ask.
     """
@@ -29,5 +29,5 @@ def large(seen: SeenObject | None) -> bool:
 
 
 def hidden(seen: SeenObject | None) -> bool:
-    """Tell whether nothing of an object is seen; what is neither clear nor hidden is not asked about."""
+    """Tell whether no part of an object is seen; an object that is neither clear nor hidden is not asked about."""
     return seen is None or seen.pixels <= HIDDEN_PX

@@ -144,7 +144,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return what a chain came to by its record; without one, it was not played.
+    """Return the result of a chain from its record; without a record, the chain was not played.
 
     Raises:
         RecordError: If the record is of other subtasks.

@@ -75,7 +75,7 @@ class PowerCell:
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; what is zero is left out."""
+        """Return the JSON form; zeros are left out."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -307,7 +307,7 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return what a cell of a task depends on: its version, and a digest of all its conditions and slots."""
+    """Return the version of a task and a digest of all its conditions and slots, on which its cells depend."""
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]

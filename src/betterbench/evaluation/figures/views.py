@@ -99,7 +99,7 @@ def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
 def _seen_objects(
     record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
 ) -> dict[str, SeenObject]:
-    """Return what a sight shows of each object, and of the gripper."""
+    """Return the visible parts of each object and of the gripper."""
     numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # of objects, by body number plus one
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
@@ -116,7 +116,7 @@ def _seen_objects(
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
-    """Return what a (height, width) bool mask with at least one pixel says about an object."""
+    """Return the visible part of an object from its (height, width) bool mask with at least one pixel."""
     rows, columns = np.nonzero(mask)
     box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     flat = np.concatenate(([False], mask.ravel(), [False]))

@@ -198,7 +198,7 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
-    """Return what a task of a base suite showed, as the world says."""
+    """Return the training of a task of a base suite, as the world describes it."""
     steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(sent_text(said["instruction"]), steps, starts)

@@ -250,7 +250,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return what this side and the policy's side declare; ``client`` is None for a privileged policy."""
+    """Return the conventions of this side and of the policy's side; ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)

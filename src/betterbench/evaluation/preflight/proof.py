@@ -249,7 +249,7 @@ class _Demonstration:
         return self._idle >= _IDLE_STEPS or self.state.step >= self._limit
 
     def moment(self) -> _Moment:
-        """Return what is commanded and measured now."""
+        """Return the commanded and the measured state of this step."""
         return _Moment(self.scene.controller.state(), self.state)
 
     def step(self) -> float:
@@ -281,7 +281,7 @@ class _Paths:
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:
-        """Return what the paths say about each axis."""
+        """Return the comparison of the paths along each axis."""
         demonstrated, answered = np.array(self._marked).transpose(1, 2, 0)
         return tuple(
             _compare(name, unit, d, a)
@@ -337,7 +337,7 @@ def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
 
 
 def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:
-    """Return what two paths along one axis, each (n,), say about it."""
+    """Return the comparison of two paths along one axis, each (n,)."""
     spread = float(np.ptp(demonstrated))
     steps, answers = np.diff(demonstrated), np.diff(answered)
     lengths = float(np.linalg.norm(steps) * np.linalg.norm(answers))

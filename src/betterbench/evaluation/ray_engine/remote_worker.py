@@ -53,7 +53,7 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return what has to be equal on all machines of a run for a trial to have the same bits on each."""
+    """Return the versions and architecture that all machines of a run must share for trials to have the same bits."""
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,

@@ -163,7 +163,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
 
 
 def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
-    """Yield what of an outcome does not follow from the actions."""
+    """Yield the differences between a recorded outcome and the one that follows from the actions."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
     if truth.success:

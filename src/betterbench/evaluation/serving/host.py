@@ -115,7 +115,7 @@ class Host:
         theirs.close()
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Return what the process says of the policy, whether it takes batches, and its port."""
+        """Return the policy's description from the process, whether it takes batches, and its port."""
         process, pipe = self._process, self._pipe
         if process is None or pipe is None:
             raise AssertionError("the host was not started")

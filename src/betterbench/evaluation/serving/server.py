@@ -169,7 +169,7 @@ class SessionStore:
         )
 
     def session(self) -> PolicySession:
-        """Return what answers a new connection."""
+        """Return the session that answers a new connection."""
         within = self._deadline is not None
         if self._shares:
             return PolicySession(self._unused[0].seat(), self._trial, within=within)
@@ -192,7 +192,7 @@ class SessionStore:
         return_memory()
 
     def close(self) -> None:
-        """Free what no session uses; sessions free the rest when they end."""
+        """Free the instances that no session uses; sessions free theirs when they end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []

@@ -153,6 +153,6 @@ def no_answer(limit_s: float) -> PolicyError:
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return what a client counts about its connection, by name; empty for a policy that has none."""
+    """Return the counts of a client's connection, by name; empty for a policy without one."""
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -75,7 +75,7 @@ def _machine_free(proc: Path) -> Iterator[int]:
 
 
 def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield what each control group with a limit has left, of version 1 and 2, up to the root."""
+    """Yield the free memory of each control group with a limit, of version 1 and 2, up to the root."""
     try:
         lines = (proc / "self" / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:

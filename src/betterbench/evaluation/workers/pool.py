@@ -160,7 +160,7 @@ class WorkerPool:
             worker.lost = True  # its exit is handled at the next turn, and the trial is run again
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Yield what a process has sent."""
+        """Yield the messages that a process has sent."""
         try:
             while worker.connection.poll():
                 message = worker.connection.recv()

@@ -43,7 +43,7 @@ class Scale:
     high: float
 
     def share(self, value: float) -> float:
-        """Return how far along the scale a value lies, between 0 and 1; what lies outside is clipped."""
+        """Return the position of a value along the scale, from 0 to 1; values outside are clipped."""
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
     @property

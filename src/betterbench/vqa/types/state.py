@@ -25,7 +25,7 @@ LEAST_SLENDER = 0.9
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about drawers, the gripper, and what stands."""
+    """Yield questions about drawers, the gripper, and objects that can stand."""
     yield from _drawers(moment)
     yield from _gripper(moment)
     for kind, o in moment.things.items():
