@@ -156,7 +156,7 @@ def compare(
 
     Args:
         *runs: Two or more runs, their folders, or files of ``better export``.
-        names: What each run is called, in their order; after its policy if not given.
+        names: Names of the runs, in their order; those of their policies if not given.
         alpha: Level of the tests; intervals have confidence 1 - alpha.
         sequential: True to add tests that stay valid however often you look at runs that are still going.
         allow_mixed: True to compare runs of different versions or engines all the same.

@@ -1,4 +1,4 @@
-"""The border of the command line: bounds of all numbers, and a standard output that holds the JSON document alone."""
+"""Checks at the border of the command line: bounds of numbers, and a standard output with the JSON document alone."""
 
 from __future__ import annotations
 

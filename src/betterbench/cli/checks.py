@@ -1,6 +1,6 @@
-"""What ``better doctor`` tries on this machine.
+"""Checks of this machine by ``better doctor``.
 
-The simulator is imported by each check that needs it: a variable that keeps it from being imported is a finding.
+Each check that needs the simulator imports it itself, so that a failed import is a finding of that check.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing that was tried: what was found, and the cure if it does not work."""
+    """Result of one check: the finding, and the cure if it failed."""
 
     name: str
     works: bool

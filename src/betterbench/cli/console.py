@@ -1,4 +1,4 @@
-"""What the command line prints: tables or one JSON document on standard output, messages on standard error."""
+"""Output of the command line: tables or one JSON document on standard output, messages on standard error."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LONGEST_MESSAGE = 20_000
-"""Most characters of one message or cell; what is longer comes from outside."""
+"""Most characters of one message or cell; longer texts come from outside."""
 
 NUMBER = re.compile(r"[-+]?\d[\d,]*(\.\d+)?( ?%)?|–")
 """A cell that is a number; a column of them is set flush right."""
 
 
 class Terminal(Console):
-    """Prints texts without what steers a terminal, because names and messages may come from a stranger's file.
+    """Prints texts without control characters, because names and messages may come from an untrusted file.
 
     Commands in them begin as this installation starts them.
     """
@@ -71,7 +71,7 @@ _PLAIN = {
     ord("\u00b1"): "+-",
     ord("\u0394"): "Delta",
 }
-"""What stands for a character that the terminal does not know; a question mark stands for all others."""
+"""Replacement of each character that the terminal may not know; all others become a question mark."""
 
 
 def _replaced(problem: UnicodeError) -> tuple[str, int]:

@@ -1,4 +1,4 @@
-"""How help is worded: wrapped to the terminal, and without defaults that its sentences say already."""
+"""Help texts, wrapped to the terminal and without defaults that their sentences say already."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from typing import Annotated, Any, TextIO, get_args, get_origin, get_type_hints
 import tyro
 
 VALUES: dict[type, str] = {str: "TEXT", int: "INT", float: "FLOAT", Path: "PATH"}
-"""What stands for the value of an option."""
+"""Placeholder for the value of an option, by its type."""
 
 WIDEST = 100
 """Longest line of a description [characters]."""
 
 INDENT = "  "
-"""What later lines of a paragraph begin with; tyro joins lines that begin with a letter."""
+"""Indent of the later lines of a paragraph; tyro joins lines that begin with a letter."""
 
 
 def description_of(function: object) -> str:
@@ -96,7 +96,7 @@ def _worded(name: str, hint: Any, default: object) -> Any:  # noqa: ANN401 - a t
 
 
 def _value(name: str, bare: Any, marks: Sequence[object]) -> str | None:  # noqa: ANN401 - a type hint
-    """Return what stands for the value of an option, or None for what tyro takes."""
+    """Return the placeholder for the value of an option, or None for tyro's own."""
     several = get_origin(bare) is tuple
     kinds = [kind for kind in get_args(bare) if kind not in (NoneType, Ellipsis)] or [bare]
     value = VALUES.get(kinds[0]) if len(kinds) == 1 else None

@@ -38,7 +38,7 @@ LOG_LEVEL_VARIABLE = "BETTERBENCH_LOG_LEVEL"
 
 @dataclass(slots=True)
 class Telling:
-    """How much the program says about itself, as the command line asks for it."""
+    """Log level and tracebacks, as the command line asks for them."""
 
     traceback: bool = False
 
@@ -183,7 +183,7 @@ def _interrupted(given: Sequence[str]) -> int:
 
 
 def _log_handler() -> logging.Handler:
-    """Return what writes log messages to standard error, without what steers a terminal."""
+    """Return the handler that writes log messages to standard error, without control characters."""
 
     class Printable(logging.Formatter):
         def format(self, record: logging.LogRecord) -> str:

@@ -1,4 +1,4 @@
-"""How long a run takes: what is said before it starts, after its first seconds, and while it goes on."""
+"""Estimates of the duration of a run: before it starts, after its first seconds, and while it goes on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.evaluation import Plan, Progress
 from betterbench.tasks import TrialId
 
 FEW = 8
-"""Trials that have to end before their own pace says how long the rest takes: those that succeed end first."""
+"""Trials that have to end before their pace serves as an estimate: those that succeed, and are short, end first."""
 
 LONG_S = 300.0
 """A run of more than this says after its first seconds how long it takes [s]."""
@@ -31,7 +31,7 @@ def step_limits(plan: Plan) -> dict[TrialId, int]:
 
 @dataclass(slots=True)
 class Outlook:
-    """What the steps of a session say about the time that is left.
+    """Estimate of the time that is left, from the control steps of a session.
 
     Attributes:
         limits: Steps that each trial may take; empty if that is not known.

@@ -1,4 +1,4 @@
-"""How far long work is: one line on a terminal, which no width breaks, and now and then a line where there is none."""
+"""Progress of long work: one line on a terminal, at any width, and elsewhere a line from time to time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ECHO = 3
 """Columns that stay free at the end: the terminal writes ^C there, which must not begin a new line."""
 
 FIRST_LINE_S, NEXT_LINE_S = 10.0, 60.0
-"""When lines say how far the work is where no bar is drawn: after this time, and then every so often [s]."""
+"""Time of the first line of progress where no bar is drawn, and interval of the further ones [s]."""
 
 
 class _Widths(NamedTuple):
@@ -70,7 +70,7 @@ def _clock(seconds: float) -> str:
 
 
 def took(seconds: float, size: int) -> str:
-    """Return what making a data set cost: "1.1 GB on disk, 0:22:55 in this sitting".
+    """Return the cost of making a data set: "1.1 GB on disk, 0:22:55 in this sitting".
 
     Long work is interrupted and resumed; the time is that of this call alone.
     """
@@ -129,8 +129,8 @@ class WorkProgress(Progress):
     """A progress bar of one line, or lines for a log.
 
     Args:
-        console: Where the bar is drawn, if that is a terminal.
-        timed: Whether time taken or left are shown; if not, the time taken stands where a note is still missing.
+        console: Console on which the bar is drawn, if that is a terminal.
+        timed: Whether the elapsed or the remaining time is shown; if not, the elapsed time replaces a missing note.
         stays: Whether the bar stays when the work has ended.
         log: Takes the lines where there is no terminal; None for no such lines.
     """

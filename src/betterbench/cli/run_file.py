@@ -24,7 +24,7 @@ Name = Annotated[str, Field(min_length=1, max_length=4096)]
 @strict_form
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """What a run file may hold: options of ``better eval`` under their names, each as the command line takes it."""
+    """Content of a run file: options of ``better eval`` under their names, each as the command line takes it."""
 
     policy: Name | None = None
     out: Name | None = None

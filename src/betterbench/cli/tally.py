@@ -1,4 +1,4 @@
-"""What ``better eval`` shows while it runs: pace, successes so far, and how the policy answers."""
+"""Counts that ``better eval`` shows while it runs: pace, successes so far, and answer times of the policy."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def write_metrics(
         diagnosis: Diagnosis of the run.
         to: The tracker.
         out: Folder for its files; made if missing.
-        name: What the run is called there; the policy if None.
+        name: Name of the run in the tracker; that of the policy if None.
         project: Project of Weights & Biases.
         overwrite: Whether a file of somebody else is replaced that has the name of TensorBoard's file.
 

@@ -1,4 +1,4 @@
-"""YAML files that a person writes, read into plain values without what a stranger's file could do with aliases."""
+"""YAML files that a person writes, read into plain values; aliases are refused, as they could expand without bound."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$")
 
 
 def read_yaml(path: Path, *, cure: str, deepest: int = 6) -> dict[str, Any]:
-    """Return what a YAML file holds.
+    """Return the fields of a YAML file.
 
     Raises:
         InvalidInputError: If it is missing, larger than 64 KiB, no mapping, has aliases, gives a field twice, or is

@@ -30,15 +30,15 @@ from betterbench.tasks import Axis, all_labels
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What several runs say about each other.
+    """Comparison of the outcomes of several runs.
 
     Attributes:
-        matching: Which of their trials were compared.
+        matching: Trials that were compared.
         groups: Every measure over every scope: success (overall, training, per axis, per task), then the kinds of
             failure and the labels over all variations.
         sequential: Evidence in success that may be looked at while the runs go on, or nothing if not asked for.
         verdict: The result in sentences, the most important first.
-        standings: Where each policy stands among the pretenders, on the compared trials.
+        standings: Comparison of each policy with the pretenders, on the compared trials.
     """
 
     sides: tuple[Side, ...]
@@ -56,7 +56,7 @@ class Comparison:
 
     @property
     def first_is_worse(self) -> bool:
-        """Whether the first side is told apart from another one over all variations and is the worse of the two."""
+        """Whether the first side is significantly worse than another one over all variations."""
         overall = self.group("success")
         mine = () if overall is None else (c for c in overall.contrasts if c.first == self.sides[0].name)
         return any(c.different and c.higher == c.second for c in mine)
@@ -129,7 +129,7 @@ def compare(
 
 
 class _Question(NamedTuple):
-    """One group before it is judged: what is counted, and among which trials."""
+    """One group before it is judged: a measure and its trials."""
 
     measure: str
     scope: str

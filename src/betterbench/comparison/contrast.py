@@ -141,17 +141,17 @@ class SequentialContrast:
 
 
 Counted = tuple[tuple[TrialDiagnosis, bool], ...]
-"""Trials, each with whether it shows what is counted."""
+"""Trials, each with whether it has the counted outcome."""
 
 
 def rate_of(counted: Counted) -> Rate:
-    """Return how often trials show what is counted."""
+    """Return the rate of the counted outcome."""
     return Rate(sum(happened for _, happened in counted), len(counted))
 
 
 @dataclass(frozen=True, slots=True)
 class OutcomeCounts:
-    """How often something happened on two sides.
+    """Counts of one outcome on two sides.
 
     Attributes:
         first: Trials of one side.
@@ -168,7 +168,7 @@ class OutcomeCounts:
 
     @property
     def outcomes(self) -> list[tuple[bool, bool]]:
-        """What each pair shows on the two sides."""
+        """Outcomes of each pair: of the first side and of the second."""
         return [(a, b) for (_, a), (_, b) in zip(self.first, self.second, strict=True)]
 
     @property

@@ -1,4 +1,4 @@
-"""Conventions: what a plan and its records name, and what outcomes depend on."""
+"""Conventions of a plan and its records, on which outcomes depend."""
 
 from __future__ import annotations
 

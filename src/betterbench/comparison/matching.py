@@ -1,4 +1,4 @@
-"""Matching: which trials of several runs can be compared, and what is left out."""
+"""Matching of several runs: the trials that can be compared, and those that are left out."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _clashes(sides: Sequence[Side], *, allow_mixed: bool) -> Iterator[str]:
 
 
 def _until_decided(side: Side) -> Iterator[str]:
-    """Yield a note about what is left out of a run until decided."""
+    """Yield a note about the trials of a run until decided that are left out."""
     decided = side.diagnosis.until_decided
     if decided is not None:
         first = plural(len(decided.first_seeds), "seed")

@@ -21,7 +21,7 @@ class Side:
     """One run in a comparison.
 
     Attributes:
-        name: What it is called: the name that its policy declared, with the name of its folder where two are alike.
+        name: Its name: the one that its policy declared, with the name of its folder where two are alike.
         unfinished: Keys of planned trials that neither ended nor broke down yet.
         conventions: Versions and conventions by name, of its plan and of its records.
     """
@@ -83,7 +83,7 @@ def _load(run: RunFolder, name: str, *, allow_mixed: bool, on_progress: Callable
 
 
 def _heading(source: RunFolder | Submission, path: Path) -> RunFolder:
-    """Return what names a source: a run itself, or for a submission a run with its address and name alone."""
+    """Return the run that names a source: the run itself, or for a submission a run with its address and name alone."""
     if isinstance(source, RunFolder):
         return source
     return RunFolder(path, {"policy": source.policy}, {"policy": {"name": source.name}})

@@ -1,4 +1,4 @@
-"""Submissions: the outcomes of a run in one file, with what they were made under and the hashes of their records."""
+"""Submissions: the outcomes of a run in one file, with the conventions of the run and the hashes of its records."""
 
 from __future__ import annotations
 
@@ -85,9 +85,9 @@ class Submission:
     """The outcomes of one run.
 
     Attributes:
-        name: What the policy is called.
+        name: Name of the policy.
         policy: Its address.
-        declared: What it declared about itself.
+        declared: Declaration of the policy about itself.
         betterbench: Version that judged the trials.
         conventions: Versions and conventions by name, of the plan and of the records.
         thresholds: Thresholds of the diagnosis by name.
@@ -158,7 +158,7 @@ def submission_of(
 
     Args:
         run: The run; of one until decided, the trials of its first round are taken.
-        name: What the policy is to be called; the name that it declared if None.
+        name: Name of the policy in the submission; the name that it declared if None.
         on_progress: Called with the number of trials that have been looked at, and that of all.
 
     Raises:
@@ -274,7 +274,7 @@ def _file_hash(path: Path) -> str:
 
 
 def submission_lines(submission: Submission) -> Iterator[str]:
-    """Yield what a submission holds, in sentences for a person."""
+    """Yield the content of a submission, in sentences for a person."""
     counts = Counter(t.status for t in submission.trials)
     solved = sum(t.success for t in submission.trials)
     yield f"{submission.name}: {len(submission.trials)} trials, {solved} succeeded"

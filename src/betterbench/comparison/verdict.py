@@ -1,4 +1,4 @@
-"""The verdict of a comparison in sentences, with what cannot be concluded said as plainly as what can."""
+"""Verdict of a comparison in sentences, which also name the conclusions that the trials do not allow."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def verdict_sentences(groups: Sequence[Group], *, paired: bool, alpha: float) ->
 
 
 def sequential_sentences(contrasts: Sequence[SequentialContrast], alpha: float) -> tuple[str, ...]:
-    """Return what the sequential evidence says about each pair of policies."""
+    """Return the conclusion of the sequential evidence about each pair of policies."""
     return tuple(_sequential(c, alpha, len(contrasts)) for c in contrasts)
 
 
@@ -71,7 +71,7 @@ def _sentence(c: Contrast, *, paired: bool, alpha: float) -> str:
 
 
 def _limit(c: Contrast, n: int, kind: str) -> str:
-    """Return what the trials of an undecided contrast could have shown."""
+    """Return the smallest difference that the trials of an undecided contrast could have shown, in words."""
     fewer = 0 if c.table is None else min(c.table.only_first, c.table.only_second)
     trials = f"{n} {kind}"
     if fewer:

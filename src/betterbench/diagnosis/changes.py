@@ -1,4 +1,4 @@
-"""Changes: what a diagnosis judges otherwise than the one that the run keeps, trial by trial, and why."""
+"""Differences between a diagnosis and the one that the run keeps, trial by trial, with reasons."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _Key = TypeVar("_Key")
 _Value = TypeVar("_Value")
 
 Sort = Literal["label", "rule", "evidence", "record", "new", "gone"]
-"""What changed in a trial. The same record is judged otherwise: another "label", another "rule" for the same label, or
-other "evidence" of the same rule. Or the "record" is another one, because the run went on. A trial is "new" or "gone"
-where only one of the two diagnoses has it."""
+"""Kind of change of a trial between two diagnoses. If the record is the same: another "label", another "rule" for
+the same label, or other "evidence" of the same rule. If the run went on, the "record" itself has changed. A trial
+is "new" or "gone" if only one of the two diagnoses has it."""
 
 _SAME_TIME = 1e-6
 """Times closer than this are the same [s]; a control step is 0.05 s."""
@@ -38,7 +38,7 @@ class TrialChange:
     Attributes:
         before: The stored judgment, or None for a new trial.
         now: The judgment now, or None for a trial that is gone.
-        reasons: Why, as far as the two judgments show it; sentences without a full stop.
+        reasons: Reasons for the change, as far as the two judgments show them; sentences without a full stop.
     """
 
     key: str
@@ -72,7 +72,7 @@ class MetricChange:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisChanges:
-    """What a diagnosis judges otherwise than a stored one of the same run."""
+    """Differences between a diagnosis and a stored one of the same run: thresholds, trials and metrics."""
 
     version_before: str
     version_now: str
@@ -82,7 +82,7 @@ class DiagnosisChanges:
 
     @property
     def other_rules(self) -> bool:
-        """Whether the stored diagnosis is of another version or of other thresholds."""
+        """Whether the stored diagnosis was made by another version or with other thresholds."""
         return self.version_before != self.version_now or bool(self.thresholds)
 
     @property
@@ -113,7 +113,7 @@ class DiagnosisChanges:
 
 
 def find_changes(before: StoredDiagnosis, now: StoredDiagnosis) -> DiagnosisChanges:
-    """Return what changed between two diagnoses of one run."""
+    """Return the differences between two diagnoses of one run."""
     thresholds = tuple(ThresholdChange(n, a, b) for n, a, b in _differences(before.thresholds, now.thresholds))
     names = tuple(t.name for t in thresholds)
     trials = tuple(_trial(key, a, b, names) for key, a, b in _differences(before.trials, now.trials))
@@ -153,7 +153,7 @@ def _of_record(before: StoredTrial, now: StoredTrial) -> str | None:
 
 
 def _reasons(before: StoredTrial, now: StoredTrial, thresholds: tuple[str, ...]) -> Iterator[str]:
-    """Yield what two judgments of the same record show about the cause of the change."""
+    """Yield the possible causes of a change, from two judgments of the same record."""
     if thresholds:
         yield f"{'threshold' if len(thresholds) == 1 else 'thresholds'} {', '.join(thresholds)} changed"
     same_attempts = before.attempts == now.attempts

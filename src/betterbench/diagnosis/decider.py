@@ -1,4 +1,4 @@
-"""What decides in place of the instruction, where a policy does not use it: a place, a thing, a color, nearness."""
+"""Cues by which a policy chooses where it ignores the instruction: slot, kind, color or nearness of an object."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _BY_PLACE = "its place"
 
 @dataclass(frozen=True, slots=True)
 class Decider:
-    """What decides in place of the instruction, as far as the trials separate it.
+    """Cues that may decide the first target of a policy instead of the instruction, as far as the trials separate them.
 
     Attributes:
-        names: What may decide, each by itself; empty if it is none of what is looked for.
+        names: Cues that may decide, each by itself; empty if none of the known cues explains the first attempts.
     """
 
     names: tuple[str, ...]
 
     @property
     def may_be_place(self) -> bool:
-        """Whether it may be the place of a thing."""
+        """Whether the slot of an object may decide."""
         return _BY_PLACE in self.names
 
     def __str__(self) -> str:
@@ -38,9 +38,9 @@ class Decider:
 
 
 def decider_of(choices: Mapping[str, Sequence[Choice]]) -> Decider:
-    """Return what decides in place of the instruction where it is not used.
+    """Return the cues that may decide instead of an instruction that is not used.
 
-    ``choices`` are the first attempts of each task. A place and a kind of thing may be another one in each task.
+    ``choices`` are the first attempts of each task. The favored slot or kind may differ from task to task.
     """
     every = [choice for mine in choices.values() for choice in mine if choice.slot is not None]
     things = [choice for choice in every if choice.thing]

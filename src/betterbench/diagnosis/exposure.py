@@ -1,7 +1,7 @@
-"""What a variation can bring out: it follows from its test condition and from what training taught.
+"""Exposure of a variation: its test condition and the training distribution, which decide what faults it can show.
 
-Each failure mode says, by a function of an :class:`Exposure`, whether the variation puts a policy with that fault to
-the test. What this denies, a variation does not claim.
+Each failure mode has a function of an :class:`Exposure` that tells whether the variation tests for that fault. A
+variation claims only the failure modes for which this function returns True.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Failure modes: what a file of ``modes`` registers, and what it may look at."""
+"""Failure modes: the class that a file of ``modes`` registers, and the view of a trial that its detector gets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.user_files import registered
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialView:
-    """What a failure mode may look at.
+    """Input of a failure mode's detector: a record with its analysis.
 
     Attributes:
         record: The record of the trial, with its outcome.
@@ -33,7 +33,7 @@ class TrialView:
 
     @property
     def out_of_time(self) -> bool:
-        """Whether the episode ended at its step limit with a subgoal that was never done, or a goal just reached."""
+        """Whether the episode ended at its step limit, with a subgoal never done or with a goal just reached."""
         done = self.episode.trace.done
         all_done_once = bool(done.shape[1]) and bool(done.any(axis=0).all())
         just_reached = bool(self.record.goal[self.episode.trace.rows - 1])
@@ -46,14 +46,14 @@ Finder = Callable[[TrialView], Evidence | None]
 
 @dataclass(frozen=True, slots=True)
 class FailureMode:
-    """One outcome label: how it is found, and how tables and reports speak of it.
+    """One outcome label, with its detector and its texts for tables and reports.
 
     An instance registers itself with the function that it decorates, the finder of the mode.
 
     Attributes:
         short: Name of one or two words for a segment of a bar.
-        definition: What the record has to show, one sentence (suite, section 5).
-        conclusion: What it says about a policy whose failures are mostly of this kind, one sentence.
+        definition: Condition that the record has to fulfill, one sentence (suite, section 5).
+        conclusion: Conclusion about a policy whose failures are mostly of this kind, one sentence.
         sharper: Returns the same sentence about given trials of this mode where they show more, or an empty text.
         finding: Beginning of the sentence that counts such trials; empty if none is said.
         detail: Returns what the trials of one such sentence have in common, to go on with it.
@@ -106,7 +106,7 @@ class FailureMode:
 
 
 def sharper_by_rule(sentences: Mapping[str, str]) -> Callable[[Sequence[TrialDiagnosis]], str]:
-    """Return what gives the sentence of the rule that nearly all trials broke, by the rule of their evidence."""
+    """Return a function from trials to the sentence of the rule that nearly all of them broke, else ""."""
 
     def sharper(trials: Sequence[TrialDiagnosis]) -> str:
         rule, count = Counter(trial.evidence.rule for trial in trials).most_common(1)[0]

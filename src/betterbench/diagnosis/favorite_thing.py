@@ -1,9 +1,9 @@
-"""A thing that a policy goes for wherever it stands, in a world whose tasks never share a scene.
+"""Favorite kind of object of a policy, in a world whose tasks never share a scene.
 
 In our own scenes trials that differ in the instruction alone show whether it is used
 (:mod:`betterbench.diagnosis.instruction_effect`). In LIBERO every task has a scene of its own, so there are no such
-pairs; but the same kinds of things stand in many scenes of a suite. A policy that takes the milk in each scene that
-holds one, whatever it is asked for, does not choose by the instruction there.
+pairs; but the same kinds of objects stand in many scenes of a suite. A policy that takes the milk in each scene that
+holds one, regardless of the instruction, does not choose by the instruction there.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from betterbench.statistics.unpaired import binomial_probabilities
 
 @dataclass(frozen=True, slots=True)
 class FavoriteThing:
-    """A kind of thing that a policy goes for wherever it stands.
+    """Kind of object that a policy goes for in every scene that holds one.
 
     Attributes:
         kind: The kind.
         rate: Trials that begin with an attempt at it, of those in which one stands and something else is asked for.
-        asked: How many other kinds these trials ask for.
+        asked: Number of other kinds that these trials ask for.
     """
 
     kind: str
@@ -50,7 +50,7 @@ class FavoriteThing:
 
 
 def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
-    """Return the thing that a policy goes for in a suite wherever it stands, or None if that is not proven.
+    """Return the kind of object that a policy goes for in every scene of a suite that holds one, or None if not proven.
 
     It has to be asked for other things in :data:`LEAST_PAIRS` trials where
     one stands, :data:`LEAST_ASKED` kinds in all, and to go for it more often than a policy that picks one of two things
@@ -70,6 +70,6 @@ def favorite_thing(choices: Mapping[str, Choice]) -> FavoriteThing | None:
 
 
 def _asks_for_another(choice: Choice, kind: str) -> bool:
-    """Tell whether a thing of a kind stands in the scene of a trial that asks for something of another kind."""
+    """Tell whether an object of a kind stands in the scene of a trial that asks for another kind."""
     standing = {slot for slot, k in choice.layout if k == kind}
     return bool(standing) and bool(choice.right) and not standing & choice.right

@@ -1,4 +1,4 @@
-"""Findings: what several trials of a policy prove together, in sentences, and what the run cannot show."""
+"""Findings that need several trials of a policy, in sentences, and notes on the limits of the run."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def find_notes(
     even_pairs: int | None = None,
     cure: str = "run their training conditions with the same seeds",
 ) -> tuple[str, ...]:
-    """Return what the run cannot show, one sentence each.
+    """Return the limits of the run, one sentence each.
 
     ``missing`` are the trials that broke down. ``even_pairs`` are those that no outcome has chosen, where that is not
     all of them. ``cure`` says how trials get their twins.

@@ -1,4 +1,4 @@
-"""Trials in LIBERO: its records in the terms that the detectors read, and what its suites cannot show.
+"""Trials in LIBERO: its records in the terms that the detectors read, and the limits of its suites.
 
 A task of LIBERO has no conditions of its own. What was asked is read from the goal of its file, what training showed
 from the files of the base suite (:mod:`betterbench.tasks.worlds.libero_training`), and where things stood from the
@@ -55,7 +55,7 @@ NOTE = (
     "not judged. Each suite of LIBERO-PRO has initial states of its own: a trial and its twin share the task and the "
     "number of the state, while the robot and the things stand a little differently."
 )
-"""What is said beside every diagnosis of a run in LIBERO."""
+"""Note of every diagnosis of a run in LIBERO."""
 
 
 PLUS_NOTE = (
@@ -63,7 +63,7 @@ PLUS_NOTE = (
     "share one twin: the interval of a gap draws each twin with all of its variants, and its p-value exchanges a twin "
     "with its variants. Give both runs more initial states (--trials) for more twins."
 )
-"""What is said beside every diagnosis of a run in LIBERO-Plus."""
+"""Note of every diagnosis of a run in LIBERO-Plus."""
 
 TWINS_CURE = "run the base suite with initial states of the same numbers, and name that run with --twins"
 
@@ -73,10 +73,10 @@ BASE = "base"
 
 @dataclass(frozen=True, slots=True)
 class ForeignRun:
-    """What a diagnosis has to know of a run in LIBERO.
+    """Training distribution and instructions of a run in LIBERO, which its diagnosis needs.
 
     Attributes:
-        trained: What the base suite teaches.
+        trained: Training distribution of the base suite.
         instructions: Instruction of a trial's task by "TASK/CONDITION".
     """
 
@@ -85,11 +85,11 @@ class ForeignRun:
 
     @classmethod
     def of(cls, regime: Sequence[TrainedTask], instructions: Mapping[str, str]) -> ForeignRun:
-        """Return it from what the plan of a run stores."""
+        """Return it from the stored plan of a run."""
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return what one record says; RecordError if it lacks what a record of LIBERO has."""
+        """Return the reading of one record; RecordError if it lacks the fields of a record of LIBERO."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:
@@ -176,7 +176,7 @@ def _with_regions(thing: ObjectInfo) -> ObjectInfo:
 
 
 def _goals(m: RecordMetadata) -> tuple[Subgoal, ...] | None:
-    """Return what was asked for, or None if a part of it is brought about by moving a joint."""
+    """Return the subgoals of a goal, or None if a part of it requires moving a joint."""
     found = []
     known = {o.name: o for o in m.scene.objects}
     for name in m.subgoal_names:
@@ -198,7 +198,7 @@ def _condition(m: RecordMetadata, goals: tuple[Subgoal, ...]) -> Condition:
 
 
 def _known_here(trained: TrainingDistribution, info: SceneInfo) -> TrainingDistribution:
-    """Return what was trained at the places that a scene names; at others nothing can be gone for."""
+    """Return the training distribution at the places that a scene names, without all others."""
     here = {slot.name for slot in info.slots}
 
     def only(places: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
@@ -245,7 +245,7 @@ def _picked_slots(info: SceneInfo, trained: TrainingDistribution) -> tuple[Picke
 
 
 def _whereabouts(record: Record, goals: Sequence[Subgoal], targets: Sequence[int]) -> tuple[Whereabout, ...]:
-    """Return when which thing was in or on a target of the instruction."""
+    """Return the rows in which each object was in or on a target of the instruction."""
     info = record.metadata.scene
     found = []
     for goal, t in dict.fromkeys((g.relation, t) for g, t in zip(goals, targets, strict=True)):

@@ -1,9 +1,9 @@
-"""The instruction effect: how often the first target changes where nothing but the instruction does (suite, section 4).
+"""Instruction effect: share of trial pairs in which the first target changes with the instruction (suite, section 4).
 
 Trials of one seed begin with the same scene wherever their conditions hold the same objects at the same places: the
 streams of chance do not depend on the condition. So every run holds pairs of trials that differ in the instruction
-alone. If their instructions ask for different things first, a policy that uses the instruction goes for different
-things, rightly or wrongly; one that does not goes for the same thing in both, whatever it likes about it.
+alone. If their instructions ask for different objects first, a policy that uses the instruction goes for different
+objects, rightly or wrongly; a policy that ignores it goes for the same object in both.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def scene_of(record: Record) -> str:
 
 
 def instruction_pairs(trials: Iterable[TrialDiagnosis]) -> list[Pair]:
-    """Return pairs of trials that differ in the instruction alone and whose instructions want different things first.
+    """Return pairs of trials that differ in the instruction alone and whose instructions name different first targets.
 
     A trial is in one pair at most, so that pairs count by themselves: a variation goes with its counterfactual twin if
     that is possible, and otherwise with the first trial of the same scene that is left. Trials without a first grasp
@@ -75,7 +75,7 @@ def _matched(group: Sequence[TrialDiagnosis]) -> Iterator[Pair]:
 
 
 def first_target(trial: TrialDiagnosis) -> str | None:
-    """Return what a trial went for first: the name of an object, or of the slot that was grasped at, if any."""
+    """Return the first target of a trial: the name of an object, or of the slot that was grasped at, if any."""
     return trial.first_attempt or trial.first_slot
 
 
@@ -87,7 +87,7 @@ def changes_target(pair: Pair) -> bool:
 def instruction_effects(trials: Sequence[TrialDiagnosis]) -> Iterator[Metric]:
     """Yield the instruction effect over all trials and of each task; training conditions count as variations do.
 
-    The p-value is that of as few changes, or fewer, from a policy that picks one of two things at random (exact).
+    The p-value is that of as few changes, or fewer, from a policy that picks one of two objects at random (exact).
     """
     ended = [t for t in trials if t.kind is not Kind.UNFINISHED]
     pairs = instruction_pairs(ended)
@@ -136,7 +136,7 @@ def effect_words(effect: Metric) -> str:
 
 
 def effect_sentence(effect: Metric | None) -> str:
-    """Return what an instruction effect shows, in one sentence: used, not used, or not decided."""
+    """Return the conclusion of an instruction effect in one sentence: used, not used, or not decided."""
     if effect is None or not effect.n:
         return (
             "No two trials of this run differ in the instruction alone and ask for different first targets, so it does "

@@ -1,4 +1,4 @@
-"""Labels: which of all pieces of evidence decides a trial (suite, section 5)."""
+"""Label of a trial, chosen from all pieces of evidence (suite, section 5)."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def decide(findings: Sequence[LabelEvidence], ruling: Ruling = ALONE) -> LabelEv
     for finding in findings:
         (label, evidence), status = finding, _status(finding, ruling)
         if status == "rejected" or (status == "open" and evidence.start_s in known):
-            continue  # what is not proven gives way to whatever else is known of the same attempt
+            continue  # an unproven label gives way to any other finding about the same attempt
         if status == "open":
             possible = undecided[evidence.start_s]
             label, evidence = Label.WRONG_OBJECT, replace(evidence, rule="undecided", candidates=_values(possible))

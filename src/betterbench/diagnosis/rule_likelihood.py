@@ -1,4 +1,4 @@
-"""Rules of a policy as hypotheses about its first attempts: what each predicts, and how likely the attempts then are.
+"""Rules of a policy as hypotheses about its first attempts: their predictions, and the likelihood of the attempts.
 
 A policy that follows a rule with strength ``q`` goes where the rule predicts with probability ``q``, and otherwise
 where it is right, apart from slips. Confusion is the null hypothesis: a policy that errs at one rate and without

@@ -1,4 +1,4 @@
-"""Rulings: what the second pass over all trials of a policy says about one of them."""
+"""Rulings of the second pass over all trials of a policy on each of them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ WORD, HABIT, LATER, PLACE, CONFUSION = "word", "habit", "later", "place", "confu
 """Kinds of rule that can explain a wrong first attempt; confusion is no rule at all."""
 
 RuleStatus = Literal["upheld", "rejected", "open"]
-"""Whether a rule explains a trial, does not, or cannot be told from another for lack of trials."""
+"""Status of a rule for a trial: it explains the trial, does not, or too few trials separate it from another rule."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ruling:
-    """What the second pass says about one trial.
+    """Result of the second pass for one trial: the status of each kind of rule.
 
     Attributes:
         shortcut: Whether "the word leads there" explains this trial.

@@ -1,4 +1,4 @@
-"""A run: every planned trial diagnosed, the second pass over all of them, and what they prove together."""
+"""Diagnosis of a run: every planned trial by itself, the second pass over all trials, and findings about the policy."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class _Trials:
 
     Attributes:
         plan: Every trial that counts, in plan order.
-        readings: What its record says, by trial.
-        missing: Why a trial has no record, by trial, or None where that is not known.
+        readings: Reading of the record, by trial.
+        missing: Reason for a missing record, by trial, or None where that is not known.
         pending: Trials that a run in progress has not reached; they count nowhere.
-        until_decided: What is decided, or None for a run of which everything is run.
+        until_decided: Rule and decisions, or None for a run of all planned trials.
     """
 
     plan: list[TrialId] = field(default_factory=list)
@@ -74,7 +74,7 @@ def diagnose_run(
     twins_in: RunFolder | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> RunDiagnosis:
-    """Return what all records of a run prove. Every planned trial appears, finished or not.
+    """Return the diagnosis of a run. Every planned trial appears, finished or not.
 
     While a process is still writing to the run, the trials that it has not reached are listed as pending and counted
     nowhere. Once no process writes any more, they are unfinished: they count in every rate over planned trials, and in
@@ -129,7 +129,7 @@ def diagnose_run(
 
 
 def _plus_notes(run: RunFolder, found: RunDiagnosis) -> Iterator[str]:
-    """Yield what is said of a run in LIBERO-Plus, and which of its variants were not run."""
+    """Yield notes on a run in LIBERO-Plus, and its variants that were not run."""
     if not any(axis_of(trial.variation) for trial in found.trials):
         return
     yield PLUS_NOTE
@@ -170,7 +170,7 @@ def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, fo
 
 
 def diagnose_records(records: Sequence[Record], *, allow_mixed: bool = False) -> RunDiagnosis:
-    """Return what several records of one policy prove, without a run folder.
+    """Return the diagnosis of several records of one policy, without a run folder.
 
     Raises:
         RunConflictError: If versions, engines or policies are mixed and that is not allowed.
@@ -212,7 +212,7 @@ class _PlannedForm:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _PlanForm:
-    """What the diagnosis reads of a plan."""
+    """Fields of a stored plan that the diagnosis reads."""
 
     policy: str
     trials: list[_PlannedForm]
@@ -225,7 +225,7 @@ _PLAN = TypeAdapter(_PlanForm)
 @open_form
 @dataclass(frozen=True, slots=True)
 class _WorldTaskForm:
-    """What the diagnosis reads of a task of LIBERO."""
+    """Fields of a stored LIBERO task that the diagnosis reads."""
 
     instruction: str
 
@@ -233,7 +233,7 @@ class _WorldTaskForm:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _WorldForm:
-    """What the diagnosis reads of the world of a run."""
+    """Fields of a run's stored world settings that the diagnosis reads."""
 
     regime: tuple[TrainedTask, ...]
     tasks: dict[str, _WorldTaskForm]
@@ -243,7 +243,7 @@ _WORLD = TypeAdapter(_WorldForm)
 
 
 def _foreign_of(run: RunFolder) -> ForeignRun | None:
-    """Return what is to be known of a run in LIBERO, or None for a run in our own scenes.
+    """Return the training distribution and instructions of a run in LIBERO, or None for a run in our own scenes.
 
     Raises:
         RecordError: If the plan does not say it.
@@ -346,7 +346,7 @@ def _settled(trial: TrialId, reading: Reading, rules: Mapping[str, TaskRules]) -
 def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, decider: Decider) -> TrialDiagnosis:
     """Return the diagnosis of a trial of a policy that does not use the instruction.
 
-    A wrong first attempt that no rule explains is then explained: the policy would have gone there whatever is asked.
+    A wrong first attempt that no rule explains is then explained: it does not depend on the instruction.
     So is one at a place that is a favorite in its task, where over all tasks it is not the place that decides.
     """
     if reading.choice is None or reading.choice.correct:
@@ -359,7 +359,7 @@ def _whatever_is_asked(trial: TrialDiagnosis, reading: Reading, effect: Metric, 
 def _favorites(
     found: Sequence[TrialDiagnosis], choices: Mapping[str, Mapping[str, Choice]], group: Mapping[str, str]
 ) -> dict[str, FavoriteThing]:
-    """Return the thing that a policy goes for wherever it stands, of each suite in which no rule explains that."""
+    """Return the favorite kind of object of a policy, for each suite in which no rule explains its attempts."""
     favorites = {suite: favorite_thing(mine) for suite, mine in choices.items()}
     unexplained = {
         (group[t.task], choices[group[t.task]][str(t.trial_id)].thing)
@@ -370,7 +370,7 @@ def _favorites(
 
 
 def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: FavoriteThing) -> TrialDiagnosis:
-    """Return the diagnosis of a trial of a policy that goes for one thing wherever it stands."""
+    """Return the diagnosis of a trial of a policy with a favorite kind of object."""
     if trial.label is not Label.WRONG_OBJECT or reading.choice is None or reading.choice.correct:
         return trial
     if reading.choice.thing != favorite.kind:
@@ -379,7 +379,7 @@ def _wherever_it_stands(trial: TrialDiagnosis, reading: Reading, favorite: Favor
 
 
 def _not_by_instruction(trial: TrialDiagnosis, reading: Reading, rule: str, why: str) -> TrialDiagnosis:
-    """Return a wrong first attempt that no rule explains as one that does not depend on what is asked."""
+    """Return a wrong first attempt that no rule explains as one that does not depend on the instruction."""
     if trial.label not in (Label.WRONG_OBJECT, Label.VISUAL_LAYOUT_BIAS):
         return trial
     label, evidence = decide(reading.findings, Ruling("rejected", place="upheld"))

@@ -1,21 +1,21 @@
-"""The second pass: which one rule explains the wrong first attempts of a policy, from all its tasks together.
+"""Second pass: search for the one rule that explains the wrong first attempts of a policy in all its tasks.
 
 Four kinds of rule predict the slot of a first attempt: the *word* goes where it led in training; the *habit* begins
 with the most frequent first step; *later* begins with what a later step asks for; the *place* is always the same slot,
-or always the same one where the same slots are stocked, as "whatever is nearest" is. All rules compete with plain
+or the same one for each set of stocked slots, as when the nearest object is taken. All rules compete with plain
 confusion. :mod:`betterbench.diagnosis.rule_likelihood` says how likely the attempts are under each, and
 :mod:`betterbench.diagnosis.task_rules` what follows within a task. docs/second-pass.md has the whole model.
 
-A wrong order is seen in each trial by itself, a favorite place only in several that differ in what is asked. So where
-"later" explains all first attempts of a policy, in all its tasks together, at least as well as the other rules do,
-what it went for too early is a step taken too early (:func:`mistakes_order`).
+A wrong order shows in a single trial, a favorite place only in several trials with different instructions. So if
+"later" explains all first attempts of a policy, in all its tasks together, at least as well as the other rules do, an
+object that it went for too early is a step taken too early (:func:`mistakes_order`).
 
 Evidence is pooled over a policy's tasks, so what is found in one task counts a little in the others: each kind of rule
 has a prior cost from the share of the tasks with wrong attempts that it explains (:func:`pooled_prior_costs`); and one
-that explains all of them clearly better than any other is that of the policy (:func:`rule_of_all_tasks`). A single
-wrong attempt that two rules predict alike is thereby read as the other tasks read theirs. A task of its own can always
-say otherwise: over ten tasks the prior costs are 3.0 nats at most, as much as one attempt that a rule predicts and
-another does not.
+that explains all of them clearly better than any other is the rule of the policy (:func:`rule_of_all_tasks`). If two
+rules predict a single wrong attempt alike, the other tasks thereby decide between them. The attempts of one task can
+still outweigh this: over ten tasks the prior costs are 3.0 nats at most, as much as one attempt that one rule predicts
+and another does not.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _explained(family: str, tasks: Iterable[TaskRules]) -> int:
 
 
 def _total_cost(family: str, tasks: Iterable[TaskRules]) -> float:
-    """Return what the best rules of a kind cost in several tasks; where none fits, it is the cost of confusion."""
+    """Return the summed cost of the best rules of a kind in several tasks, or of confusion where none fits."""
     return sum(_least_cost(family, task, otherwise=task.confusion) for task in tasks)
 
 
@@ -141,7 +141,7 @@ def _rules_of(family: str, task: TaskRules) -> list[PolicyRule]:
 
 
 def pooled_prior_costs(tasks: Sequence[TaskRules]) -> dict[str, float]:
-    """Return what each kind of rule costs before a task is looked at, from all tasks together [nats, 0 for the usual].
+    """Return the prior cost of each kind of rule in a task, from all tasks together [nats, 0 for the usual].
 
     Each task with wrong attempts is explained by one kind, and the shares of the kinds are estimated from all of them
     (empirical Bayes). The cost of a kind is how much rarer it is than the most frequent one, as a logarithm.

@@ -1,4 +1,4 @@
-"""The diagnosis that a run keeps: ``RUN/diagnosis.json``, so that a later version can say what it judges otherwise."""
+"""Stored diagnosis of a run, ``RUN/diagnosis.json``, with which a later version compares its own."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _CURE = "Restore the file, or move it elsewhere to store a new one"
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredAttempt:
-    """What a stored diagnosis says about one grasp attempt: when it began [s], at what, and its result."""
+    """Stored form of one grasp attempt: its start [s], its object and its result."""
 
     start_s: float
     object: str | None
@@ -42,7 +42,7 @@ def _of_evidence(name: str) -> Any:  # noqa: ANN401 -- what pydantic's Field ret
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredTrial:
-    """What a stored diagnosis says about one trial.
+    """Stored form of the diagnosis of one trial.
 
     Attributes:
         label: The outcome, by the names of the version that gave it.
@@ -66,7 +66,7 @@ class StoredTrial:
 @open_form
 @dataclass(frozen=True, slots=True)
 class StoredMetric:
-    """What a stored diagnosis says about one metric."""
+    """Stored form of one metric."""
 
     name: str
     scope: str
@@ -96,7 +96,7 @@ _FILE = TypeAdapter(_File)
 
 @dataclass(frozen=True, slots=True)
 class StoredDiagnosis:
-    """What a later diagnosis of the same run is compared with."""
+    """Stored diagnosis of a run, with which a later one of the same run is compared."""
 
     package_version: str
     thresholds: Mapping[str, float]
@@ -105,7 +105,7 @@ class StoredDiagnosis:
 
     @classmethod
     def of(cls, diagnosis: RunDiagnosis) -> StoredDiagnosis:
-        """Return what would be stored of a diagnosis made now."""
+        """Return the stored form of a diagnosis made now."""
         return cls.from_json(dump_json(_stored_form(diagnosis)), where="diagnosis")
 
     @classmethod

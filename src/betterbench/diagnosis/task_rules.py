@@ -1,4 +1,4 @@
-"""The rules of a policy in one task: fitted, held against confusion, and what that says about each trial.
+"""Rules of a policy in one task: fitting, comparison with confusion, and a ruling for each trial.
 
 A rule is upheld if it costs less than confusion, which is a likelihood ratio with a price for the choice of the rule. A
 favorite place also needs a pair of trials that shows it whatever is asked for (:func:`has_pair`).
@@ -24,13 +24,13 @@ _DECIMALS = 9
 
 @dataclass(frozen=True, slots=True)
 class TaskRules:
-    """What the second pass found out about a policy in one task.
+    """Result of the second pass for a policy in one task: rules, their costs, and a ruling for each trial.
 
     Attributes:
         rules: All rules, the cheapest first; at equal cost word, then habit, then place.
         confusion: Cost of plain confusion [nats].
         upheld: Names of the rules that are proven better than confusion and could be told apart.
-        rulings: Per trial key, what holds for it.
+        rulings: Ruling by trial key.
         undecided: Number of wrong trials in which no rule can be told from another, or proven, for lack of trials.
     """
 
@@ -52,7 +52,7 @@ def judge_rules(
 
     Args:
         choices: First attempt per trial key.
-        prior_costs: What each kind of rule costs before the task is looked at [nats]; nothing if not given.
+        prior_costs: Cost of each kind of rule before the task is looked at [nats]; zero if not given.
         known: Kinds of rule that other tasks have proven of the policy. A place then needs no pair of trials of its
             own here; "later" is judged by other tasks alone, because within one a favorite place may look like it.
             None if nothing is known of other tasks yet: all rules are then judged by the trials of this one.
@@ -91,7 +91,7 @@ def _fit_rules(attempts: Sequence[Choice], prior: Mapping[str, float]) -> list[P
 
 
 def _price(name: str, attempts: Sequence[Choice], n_favorites: int, prior: Mapping[str, float]) -> float:
-    """Return what a rule costs before its likelihood is looked at [nats].
+    """Return the prior cost of a rule, apart from its likelihood [nats].
 
     The slots of a place rule are fitted to the trials, so each of them costs the choice among all places. The other
     rules come from training and have nothing to choose.
@@ -122,8 +122,8 @@ def _proven(
 def has_pair(choices: Iterable[Choice], slot: str) -> bool:
     """Tell whether the policy went to a slot although asked elsewhere, and was asked for different slots, in one scene.
 
-    "The same place whatever the instruction" can only be seen where the instruction differs and the scene does not; or
-    where the same slots are stocked with other things, so that it is not one of the things that the policy likes.
+    A favorite place shows only in trials with one scene and different instructions; or in trials with other objects in
+    the same slots, which exclude a favorite object.
     """
     went = [c for c in choices if c.slot == slot and c.right]
     same_layout = _grouped(went, lambda c: c.layout)
@@ -144,7 +144,7 @@ def _grouped(choices: Iterable[Choice], key: Callable[[Choice], Hashable]) -> li
 def _with_favorites(trials: Mapping[str, Choice], *, paired: bool) -> dict[str, Choice]:
     """Return the choices with the slot that each may favor: the most frequent one where the same slots are stocked.
 
-    ``paired`` leaves it out where no pair of trials shows that the slot is favored whatever is asked.
+    With ``paired``, it is left out if no pair of trials shows that the slot is favored regardless of the instruction.
     """
     favorites: dict[frozenset[str], frozenset[str]] = {}
     for group in _grouped(trials.values(), lambda c: c.stocked):
@@ -184,7 +184,7 @@ def _is_provable(slot: str, attempts: Sequence[Choice], price: float, prior_of_c
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """The rules of a task as they bear on its trials.
+    """Rules of a task, applied to its trials.
 
     Attributes:
         attempts: All first attempts.

@@ -1,4 +1,4 @@
-"""Thresholds of the diagnosis alone, each with its unit, its reason and what moves if it moves.
+"""Thresholds of the diagnosis alone, each with its unit, its reason and the effect of changing it.
 
 What the diagnosis shares with live judging (the goal tracker, grasp attempts, harm) stands in
 :mod:`betterbench.tasks.thresholds`, with the thresholds of halts, falls, collisions and slips that every run lists in

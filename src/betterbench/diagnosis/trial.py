@@ -1,4 +1,4 @@
-"""One trial: from its record to what the record alone proves, and to what the second pass needs to know about it."""
+"""First pass over one trial: the diagnosis of its record alone, and the input of the second pass."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ from betterbench.tasks.labels import Label
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Where the first attempt of a trial went, and where each rule would have sent it.
+    """First attempt of a trial: its slot, and the slots to which each rule would have led it.
 
     Slots of two layouts that lie at the same place go by the name of the first one.
 
     Attributes:
-        layout: What stood in which slot at the start, so that trials of one layout can be compared.
+        layout: Objects by slot at the start, so that trials of one layout can be compared.
         right: Slots at which the first attempt would have been right; empty where nothing was to be grasped.
         slot: Slot of the first attempt, or None if there was no attempt where none should be.
         correct: Whether the first attempt (or its absence) was right.
         word_slots: Slots to which the word leads by training.
         habit_slots: Slots to which the most frequent first step leads; empty if training has none.
-        later_slots: Slots of what is asked for in later steps; empty where no order is asked for.
+        later_slots: Slots of the objects of later steps; empty if the instruction asks for no order.
         step_slots: The same for each later step by itself, in order.
         places: Number of slots at which something could be grasped.
-        thing: Kind of what stood in the slot of the first attempt; empty if nothing did.
+        thing: Kind of the object in the slot of the first attempt; empty if the slot was empty.
         color: Its color.
-        nearest: Slot of the thing that stood nearest to the gripper at the start; empty if nothing stood in a slot.
+        nearest: Slot of the object nearest to the gripper at the start; empty if no slot held an object.
         favorite_slots: Slot that the policy may favor where the same slots are stocked; filled by the second pass.
         replaced: Whether something else stood in the slot of the first attempt, to which the habit leads: a single
             trial then does not show the habit.
@@ -72,13 +72,13 @@ class Choice:
 
     @property
     def stocked(self) -> frozenset[str]:
-        """The slots in which something stood at the start, whatever it was."""
+        """The slots in which any object stood at the start."""
         return frozenset(slot for slot, _ in self.layout)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What one record says: a diagnosis by itself, all evidence, and the choice for the second pass.
+    """Result of the first pass for one record: its own diagnosis, all evidence, and the choice for the second pass.
 
     Attributes:
         choice: The first attempt for the second pass, or None if it says nothing about a rule.
@@ -95,7 +95,7 @@ def _trained(task: str) -> TrainingDistribution:
 
 
 def diagnose_record(record: Record, *, path: str | None = None) -> TrialDiagnosis:
-    """Return what one record proves alone.
+    """Return the diagnosis of one record by itself.
 
     Labels that need other trials of the policy (``visual_layout_bias``, ``lexical_kinematic_shortcut``) are not given:
     the label is then ``wrong_object``, and the evidence names the candidates.
@@ -143,7 +143,7 @@ def trial_diagnosis(
     evidence: Evidence,
     path: str | None,
 ) -> TrialDiagnosis:
-    """Return what the diagnosis says of an analyzed trial in any world, apart from harm and needless acts."""
+    """Return the diagnosis of an analyzed trial in any world, apart from harm and needless acts."""
     m, trace, first, intended = record.metadata, episode.trace, episode.first_attempt, episode.intended()
     at = None if first is None else first.grasp.object
     return TrialDiagnosis(
@@ -231,7 +231,7 @@ def _distance_at_start(trace: Trace, item: int) -> float:
 
 
 def _slots_of_later_steps(episode: EpisodeAnalysis, standing: Mapping[str, int]) -> Iterator[set[str]]:
-    """Yield where the things of each step stand that is not due yet at the start, where an order is asked for."""
+    """Yield the slots of the objects of each later step, if the instruction asks for an order."""
     for g in episode.open_goals(0)[1:] if episode.instruction.ordered else ():
         yield {slot for slot, i in standing.items() if i in episode.meant[g]}
 

@@ -1,4 +1,4 @@
-"""A run until decided: which variations drop, and which of its trials no outcome has chosen."""
+"""Runs until decided: their verdicts, and the trials whose choice did not depend on outcomes."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 @dataclass(frozen=True, slots=True)
 class UntilDecided:
-    """What is known of a run that gives a variation no more trials once its verdict stands.
+    """Stopping rule and decisions of a run that gives a variation no more trials once its verdict is certain.
 
     Attributes:
-        rule: When a variation is decided.
+        rule: Rule by which a variation is decided.
         first_seeds: Seeds of the first round, which every variation gets whatever comes out.
-        decisions: What is decided after the last complete round.
+        decisions: Decisions after the last complete round.
     """
 
     rule: StoppingRule
@@ -27,7 +27,7 @@ class UntilDecided:
     decisions: Decisions
 
     def answer(self, condition: str) -> Answer | None:
-        """Return what is known of a variation by its full name ("fast_food/T1"), or None if it is none of the run."""
+        """Return the state of a variation by its full name ("fast_food/T1"), or None if the run does not have it."""
         return next((a for a in self.decisions.answers if a.question.condition == condition), None)
 
     @property
@@ -53,7 +53,7 @@ class UntilDecided:
         )
 
     def notes(self) -> tuple[str, ...]:
-        """Return what the verdicts mean and how the numbers are to be read, one sentence or two each."""
+        """Return notes on the meaning of the verdicts and of the numbers, one sentence or two each."""
         points, level = f"{100 * self.rule.margin:.0f} points", f"{100 * self.rule.level:.0f} %"
         seeds = plural(len(self.first_seeds), "seed")
         verdicts = (
@@ -80,11 +80,11 @@ class UntilDecided:
 
 
 def decided_of(rule: StoppingRule, plan: Sequence[TrialId], outcome: Callable[[TrialId], bool | None]) -> UntilDecided:
-    """Return what a run until decided has decided.
+    """Return the rule and the decisions of a run until decided.
 
     Args:
-        rule: When a variation is decided.
-        plan: What the run may run at most.
+        rule: Rule by which a variation is decided.
+        plan: Trials that the run may run at most.
         outcome: Whether a trial succeeded, or None if it has no record.
 
     Raises:

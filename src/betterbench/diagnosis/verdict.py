@@ -1,4 +1,4 @@
-"""Verdicts: what a record proves, per trial and for a whole run. Plain values with a JSON form."""
+"""Results of the diagnosis, per trial and for a whole run. Plain values with a JSON form."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from betterbench.tasks.worlds.libero_plus import axis_of
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Why a label was given, so that a person can look at the film and disagree.
+    """Reason for a label, with its time span, so that a person can check it in the film and disagree.
 
     Attributes:
         start_s: Beginning of the span that shows it [s].
-        shared: What an object that was taken for another shares with that ("color", "shape"; of a look-alike "slot"
-            too), or nothing.
+        shared: Properties that the grasped object shares with the one it was taken for ("color", "shape"; of a
+            look-alike "slot" too), or nothing.
         candidates: Labels that the trial alone could not tell apart, resolved (or not) by the second pass.
     """
 
@@ -53,7 +53,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True)
 class TrialDiagnosis:
-    """What one record proves.
+    """Diagnosis of one trial.
 
     Attributes:
         variation: Name of the variation, or None on a training condition.
@@ -71,11 +71,11 @@ class TrialDiagnosis:
             then of the slots in which they stand.
         intention_correct: Whether the first attempt was at what was asked (suite, section 4), or None without a record.
         progress: Subgoals completed in a valid order divided by subgoals asked.
-        harm: What was done to things that were not asked for, which no success may do, one clause each ("the mouse
-            lies on the floor"); empty for a success.
+        harm: Harm to objects that were not asked for, which excludes success, one clause each ("the mouse lies on
+            the floor"); empty for a success.
         needless: For a success, the steps of training that it played although they were not asked for, as a replayed
             grasp at an emptied slot: evidence of inertia that did not spoil the goal. Empty otherwise.
-        collisions: How often the robot, or what it held, bumped into a fixture; None without a record.
+        collisions: Number of times that the robot, or its held object, bumped into a fixture; None without a record.
         record: Path of the record relative to the run, or None if there is none.
         scene: Digest of the initial state: trials of one seed that share it differ in the instruction alone. Empty
             without a record, and where first attempts are not judged.
@@ -111,7 +111,7 @@ class TrialDiagnosis:
 
     @property
     def kind(self) -> Kind:
-        """What sort of failure the label is."""
+        """Kind of failure of the label."""
         return self.label.kind
 
     @property
@@ -147,19 +147,19 @@ class Metric:
     """One number with its uncertainty.
 
     Attributes:
-        name: What is measured ("success_rate", "success_with_a_needless_step", "intention_accuracy",
+        name: Name of the measure ("success_rate", "success_with_a_needless_step", "intention_accuracy",
             "instruction_effect", "delta_sr", "distractor_grasp_rate", "illusion_gap", "reasoning_failure_rate",
             "execution_failure_rate", "system_failure_rate", "collision_rate", "progress"; "unfinished_rate" where
             trials are unfinished; "twin_success_rate" and "paired_success_rate": the two sides of "illusion_gap", over
             its pairs).
-        scope: What it is measured over: "overall" (all trials of variations), "training" (all trials of training
+        scope: Trials that it is measured over: "overall" (all trials of variations), "training" (all trials of training
             conditions), "axis:temporal_extrapolation", "fast_food" (its variations), "fast_food/training",
             "fast_food/T1", "fast_food/train1".
         k: Count of the numerator, or None where the number is no single rate.
         n: Count of the denominator (for paired numbers: pairs).
         value: The number, a fraction in [-1, 1], or None for n = 0.
-        p_value: Of the paired test, where there is one.
-        method: How the interval was made ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
+        p_value: The p-value of the paired test, if there is one.
+        method: Method of the interval ("wilson", "newcombe", "paired bootstrap", "anytime-valid").
     """
 
     name: str
@@ -184,16 +184,16 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class RunDiagnosis:
-    """What all records of a run prove.
+    """Diagnosis of a run: its trials, metrics and findings.
 
     Attributes:
         trials: One entry per planned trial that counts, finished or not, in plan order.
         findings: Verdicts about the policy that need several trials, one sentence each, the most important first.
-        notes: What the run cannot show, one sentence each (missing pairs, smallest detectable difference).
-        waiting: Planned trials that a run in progress has not reached; they are in no number. Empty for a run that no
-            process writes to any more: what it has not finished is then among the trials, as unfinished.
-        until_decided: Verdict on each variation of a run until decided, or None. What such a run has spared is nowhere.
-        address: Address by which commands name the policy, whatever it is called; that of ``policy`` if not given.
+        notes: Limits of the run, one sentence each (missing pairs, smallest detectable difference).
+        waiting: Planned trials that a run in progress has not reached; no number counts them. Empty for a run that no
+            process writes to any more: its missing trials are among ``trials``, as unfinished.
+        until_decided: Verdict on each variation of a run until decided, or None. Spared trials are left out.
+        address: Address by which commands name the policy; that of ``policy`` if not given.
     """
 
     policy: str

@@ -1,4 +1,4 @@
-"""Versions: what the records of a run were made with, which must not be mixed silently."""
+"""Versions with which the records of a run were made, and which must not be mixed silently."""
 
 from __future__ import annotations
 

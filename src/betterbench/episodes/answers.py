@@ -14,7 +14,7 @@ from betterbench.interface.state import AnyPolicy, WorldState
 
 
 class Question(NamedTuple):
-    """What an episode shows its policy; a named tuple because one is made at every control step, like its reply.
+    """Input that an episode gives its policy; a named tuple because one is made at every control step, like its reply.
 
     Attributes:
         seen: The start of the episode, which asks for no actions; an observation; or the privileged state.
@@ -26,7 +26,7 @@ class Question(NamedTuple):
 
 
 class Reply(NamedTuple):
-    """What a policy answered.
+    """Answer of a policy, with the time that it took.
 
     Attributes:
         actions: The answer as an array of any shape and type; empty for the start of an episode.
@@ -64,7 +64,7 @@ def answer(policy: AnyPolicy, seen: EpisodeStart | Observation | WorldState) -> 
 
 
 class PolicyBoundary:
-    """Turns whatever a policy raises into a :class:`PolicyError`: the trial ends, the run goes on.
+    """Turns every exception of a policy into a :class:`PolicyError`: the trial ends, the run goes on.
 
     Two errors pass unchanged, because they concern the whole run: a server that cannot be reached, and one that
     declares other conventions than before. A context manager without state: one instance serves all.

@@ -1,4 +1,4 @@
-"""Chunks: when a policy is asked, and which action of its answers is played at a control step."""
+"""Action chunks: times at which a policy is asked, and the action of its answers that is executed at a control step."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Chunks:
         self._world_steps[drawn].append(seconds)
 
     def _drawn_in_world_s(self) -> float:
-        """Return how long a foreign world drew: what steps with images took longer than those without [s].
+        """Return the rendering time of a foreign world: the extra time of steps with images over steps without [s].
 
         It is 0 where every step was drawn, as nothing tells both parts of a step apart then.
         """
@@ -147,7 +147,7 @@ class Chunks:
             self._resumed = time.perf_counter()
 
     def _see(self, state: WorldState) -> Observation | WorldState:
-        """Return what the policy is shown."""
+        """Return the input of the policy: an observation, or the state for a privileged one."""
         if self._observer is None:
             return state
         began = time.perf_counter()

@@ -15,7 +15,7 @@ from betterbench.version import __version__
 
 @dataclass(frozen=True, slots=True)
 class TrialContext:
-    """What a run knows of a trial beside its scene; None where it is a training condition or no image is rendered."""
+    """Facts of a trial beside its scene; fields are None on a training condition or without images."""
 
     policy: str
     variation: str | None = None
@@ -67,7 +67,7 @@ def describe_foreign(scene: ForeignScene, context: TrialContext) -> RecordMetada
 
 
 def _of_trial(scene: Scene | ForeignScene, context: TrialContext) -> dict[str, Any]:
-    """Return what is said of a trial in every world."""
+    """Return the metadata of a trial that every world has."""
     return {
         "task": scene.task.id,
         "package_version": __version__,

@@ -33,12 +33,12 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class EpisodeResult:
-    """What an episode leaves behind.
+    """Result of an episode: its record, wall-clock times and states.
 
     Attributes:
         record: The privileged record, a pure function of trial and policy.
         wall: Wall-clock figures, which the record must not hold [s].
-        states: The states of all rows of the record, for whoever goes on with them at once.
+        states: The states of all rows of the record, for a caller that uses them at once.
     """
 
     record: Record

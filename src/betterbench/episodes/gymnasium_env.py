@@ -84,7 +84,7 @@ class TaskEnv(gymnasium.Env[dict[str, Any], np.ndarray]):
 
     @property
     def instruction(self) -> str:
-        """What the robot is asked to do; ``envs.get_attr("instruction")`` gives those of a vector environment."""
+        """Instruction of the robot; ``envs.get_attr("instruction")`` gives those of a vector environment."""
         return self._condition.instruction.text
 
     @property

@@ -1,4 +1,4 @@
-"""The heap during an episode: what exists before it is left out of garbage collection, and little is looked for."""
+"""Garbage collection during an episode: it skips objects that existed before the episode, and runs seldom."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _YOUNG_OBJECTS = 20_000
 
 
 class _Heap:
-    """The heap of this process, and how many are inside :func:`settled_heap`."""
+    """Heap of this process, and the number of callers inside :func:`settled_heap`."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -21,7 +21,7 @@ class _Heap:
         self._thaws = False
 
     def enter(self) -> None:
-        """Freeze what exists, unless the caller has done so or somebody is inside already."""
+        """Freeze existing objects, unless the caller has done so or another caller is inside already."""
         with self._lock:
             self._users += 1
             if self._users > 1:

@@ -31,7 +31,7 @@ class ActiveEnv:
 
 
 class _LazyVectorEnv(VectorEnv[dict[str, Any], np.ndarray, np.ndarray]):
-    """What both kinds share: environments are made at the first reset after they were closed."""
+    """Base of both vector environments, which makes its environments at the first reset after they were closed."""
 
     def __init__(self, make: Sequence[Factory], group: ActiveEnv) -> None:
         """Prepare; ``group`` is that to which the vector environment belongs."""

@@ -25,7 +25,7 @@ ENVIRONMENT_ID = "BeTTER/LeRobot-v0"
 """Id under which Gymnasium makes one of these environments, without any wrapper."""
 
 SETTINGS = ("state", "cameras", "observation", "action_space", "quality")
-"""What a configuration may set beside its task, by the names that :class:`LeRobotTaskEnv` gives them."""
+"""Options that a configuration may set beside its task, by the names that :class:`LeRobotTaskEnv` gives them."""
 
 gymnasium.register(
     ENVIRONMENT_ID,
@@ -36,7 +36,7 @@ gymnasium.register(
 
 
 class _Seen:
-    """What LeRobot looks for, with ``hasattr``, in an environment that lives in another process."""
+    """Stand-in for an environment in another process, with the attributes that LeRobot looks for with ``hasattr``."""
 
     def __init__(self, env: LeRobotTaskEnv) -> None:
         self.task, self.task_description = env.task, env.task_description

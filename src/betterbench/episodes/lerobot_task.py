@@ -104,7 +104,7 @@ class LeRobotTaskEnv(TaskEnv):
         self.task = self._condition.id
         """Task and condition, "fast_food/T1"."""
         self.task_description = self.instruction
-        """What LeRobot tells the policy."""
+        """Task description that LeRobot gives the policy."""
         self._max_episode_steps = self.step_limit
 
     def _form(self, seen: Observation) -> dict[str, Any]:

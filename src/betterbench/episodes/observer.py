@@ -1,4 +1,4 @@
-"""Observations of a scene: what a policy is allowed to see."""
+"""Observations of a scene, as a policy gets them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def observation_of(
     depth: Mapping[str, np.ndarray] | None = None,
     masks: Mapping[str, np.ndarray] | None = None,
 ) -> Observation:
-    """Return what a policy sees of a state, whether it is simulated now or read from a record."""
+    """Return the observation of a state, whether it is simulated now or read from a record."""
     return Observation(
         instruction=instruction,
         step=state.step,
@@ -66,7 +66,7 @@ class Observer:
         return dict(zip(self._names, images, strict=True))
 
     def observe(self, scene: Scene | ForeignScene, state: WorldState, *, views: Views | None = None) -> Observation:
-        """Return what a policy sees of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
+        """Return the observation of a state; ``views`` are its images, if :meth:`look` has rendered them already."""
         if views is None:
             views = self.look(scene)
         seen = observation_of(

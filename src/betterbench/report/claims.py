@@ -1,4 +1,4 @@
-"""Whether a conclusion about a policy passes its own test, and what would decide it where it does not."""
+"""Statistical tests of the conclusions about a policy, and the trials that would decide one that does not pass."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _SETTINGS = (
 
 @dataclass(frozen=True, slots=True)
 class Grounds:
-    """What a conclusion rests on.
+    """Grounds of a conclusion: its test, and the run that would decide it.
 
     Attributes:
         supported: Whether the test is passed at the usual level; also True where the conclusion only counts.
-        test: What was tested, in words.
-        p_value: Of that test, None where there is none.
-        deciding: What would decide it, a sentence; empty where nothing is open.
+        test: Tested statement, in words.
+        p_value: The p-value of that test, or None without a test.
+        deciding: Sentence with the trials that would decide it; empty where nothing is open.
         command: The command that runs it, where one is known.
     """
 
@@ -59,7 +59,7 @@ class Grounds:
 
 
 DESCRIBED = Grounds(True)
-"""The claim of a conclusion that only counts what was seen."""
+"""Grounds of a conclusion that only counts outcomes."""
 
 
 def claim_of_weak_training(training: Figure, diagnosis: RunDiagnosis | None = None) -> Grounds:
@@ -100,7 +100,7 @@ def claim_of_training_failure(count: int, n: int) -> Grounds:
 
 
 def grounds_of_training(diagnosis: RunDiagnosis) -> Grounds:
-    """Return what a run without variations needs for a conclusion about reasoning, and the command that runs it."""
+    """Return the grounds of a run without variations: the trials that it lacks to judge reasoning, and the command."""
     text = "What would show how it reasons: the variations of these tasks, with the same seeds."
     tasks = list(dict.fromkeys(t.task for t in diagnosis.trials))
     if not tasks or any(map(is_of_libero, tasks)):

@@ -1,4 +1,4 @@
-"""The verdict on a policy in plain sentences, computed from the diagnosis; the first thing a reader sees."""
+"""Verdict on a policy in plain sentences at the top of the report, computed from the diagnosis."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ LONGEST_REASON = 300
 """Most characters of the reason of a breakdown on the first screen."""
 
 SLOT_RULES = (Label.LEXICAL_KINEMATIC_SHORTCUT, Label.VISUAL_LAYOUT_BIAS)
-"""Labels of rules that send the gripper to a slot, whatever stands there."""
+"""Labels of rules that send the gripper to a slot, regardless of the object in it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,18 +92,18 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """What the top of the page says about one policy.
+    """Conclusion about one policy at the top of the page, with its numbers.
 
     Attributes:
-        conclusion: One sentence that names what is wrong, or that nothing is.
+        conclusion: One sentence that names the main fault, or states that there is none.
         sentences: One or two sentences with the numbers behind it.
         family: Color family of the main failure, "right" if there is none.
         effect: The instruction effect, over pairs of trials that differ in the instruction alone.
-        effect_sentence: What the instruction effect shows.
+        effect_sentence: Meaning of the instruction effect, a sentence.
         needless: Successes in which a step of training was played that was not asked for.
         segments: Outcomes of the variation trials.
-        breakdown: How most trials ended where the policy itself failed to run.
-        claim: The test that the conclusion rests on, and what would decide where it is not passed.
+        breakdown: Outcome of most trials if the policy itself failed to run.
+        claim: Test that the conclusion rests on, and the trials that would decide it if it is not passed.
     """
 
     policy: str
@@ -206,7 +206,7 @@ def _look_alikes(failed: Sequence[TrialDiagnosis], label: Label, count: int) -> 
 def main_failure(trials: Sequence[TrialDiagnosis]) -> Label | None:
     """Return the most frequent label within the most frequent kind of failure, or None without failures.
 
-    A policy that goes where a rule sends it takes what stands there, look-alikes included. Where such a rule is proven
+    A policy that follows a rule to a slot takes any object there, look-alikes included. Where such a rule is proven
     and most look-alikes that were taken stood in a trained slot of the target, the rule explains them and is named,
     unless the look explains all that the rule does, and more.
     """
@@ -232,7 +232,7 @@ def _has_failed(trial: TrialDiagnosis) -> bool:
 
 
 def _only_looks(trials: Sequence[TrialDiagnosis], rule: Label) -> bool:
-    """Tell whether a rule is followed only to things that look like the target, and elsewhere often is not."""
+    """Tell whether a rule is followed only to objects that look like the target, and often broken elsewhere."""
     followed = [trial for trial in trials if trial.label is rule]
     alike = all({"color", "shape"} & set(trial.evidence.shared) for trial in followed)
     right = sum(bool(trial.intention_correct) and rule in _exposed(trial) for trial in trials)
@@ -301,7 +301,7 @@ def _conclusion(diagnosis: RunDiagnosis, training: Figure, gap: Figure) -> tuple
 
 
 def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds]:
-    """Return what a run says that solves every variation; failures of its training trials are not kept back."""
+    """Return the conclusion for a run that solves every variation, with the failures of its training trials."""
     trained = [trial for trial in diagnosis.trials if trial.variation is None and trial.kind is not Kind.UNFINISHED]
     failed = [trial for trial in trained if _has_failed(trial)]
     main = main_failure(trained)
@@ -321,7 +321,7 @@ def _no_failure(diagnosis: RunDiagnosis, solved: int) -> tuple[str, str, Grounds
 
 
 def _training_alone(diagnosis: RunDiagnosis, training: Figure) -> tuple[str, str, Grounds]:
-    """Return what a run without variations says: what is seen in training, and what only variations would show."""
+    """Return the conclusion for a run without variations: the results in training, and those that need variations."""
     ended = [trial for trial in diagnosis.trials if trial.kind is not Kind.UNFINISHED]
     untold = untold_by(diagnosis.trials)
     if not ended:

@@ -1,4 +1,4 @@
-"""How pages are made and written: one way to fill templates, to put data into a page and to write a file."""
+"""Templates and files of HTML pages: filling a template, embedding data in a page and writing a file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def asset(name: str) -> str:
 
 
 def _bounded(value: object) -> object:
-    """Return what stands in a page: a text from outside is bounded, for it may stand there a thousand times."""
+    """Return a value for a page; texts from outside are shortened, because a page may repeat them a thousand times."""
     return printable(value, most=LONGEST_TEXT) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 

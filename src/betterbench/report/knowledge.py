@@ -1,4 +1,4 @@
-"""What a model knows of what a policy does, as the page shows it."""
+"""View of a model's knowledge beside a policy's behavior, for the report page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class KnowledgeView:
     """The table of one policy and one model.
 
     Attributes:
-        roles: Right answers by what was asked, one phrase each.
+        roles: Right answers by role of the question, one phrase each.
         known_failures: Keys of the failed trials whose right decision the model knew.
     """
 
@@ -46,7 +46,7 @@ class KnowledgeView:
 
 
 def knowledge_view(known: Knowledge) -> KnowledgeView:
-    """Return what the page shows of what a model knows."""
+    """Return the view of a model's knowledge for the page."""
     failures = tuple(t.key for t in known.trials if t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT)
     return KnowledgeView(
         known.model,

@@ -1,4 +1,4 @@
-"""What labels and axes are called on the page, and what each label means in one sentence."""
+"""Names of labels and axes on the page, and the meaning of each label in one sentence."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ AXIS_PLACES: dict[str, str] = {
     Axis.TEMPORAL_EXTRAPOLATION.value: "where there is more or less to do than in training",
     **{axis: f"where {change}" for axis, change in PLUS_AXES.items()},
 }
-"""What the variations of an axis have in common, as the end of a sentence."""
+"""Common property of the variations of each axis, as the end of a sentence."""
 
 EXPECTED_NAMES: dict[str, str] = {
     "succeed": "reach the goal",
     "refuse": "refuse: what is asked for is not there",
     "stay_still": "stay still: it is done already",
 }
-"""What a right policy does, in words."""
+"""Correct behavior by expected outcome, in words."""

@@ -1,4 +1,4 @@
-"""How trials ended, per variation and per task: the numbers behind bars, dots and cards."""
+"""Outcome counts per variation and per task, for the charts of a report."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class ConditionRow:
-    """How one policy did on one variation, or on all training conditions of a task.
+    """Outcomes of one policy on one variation, or on all training conditions of a task.
 
     Attributes:
         id: "fast_food/T1", or "fast_food/training".
         variation: Name of the variation, or None for the training conditions.
-        hypothesis: What a right policy shows, or an empty string if the task is not known here.
-        expected: What a right policy does, in words.
+        hypothesis: Hypothesis that the variation tests, or an empty string if the task is not known here.
+        expected: Correct behavior, in words.
         instruction: The instruction, or the first of several.
         twin_instruction: The instruction of the training condition that a variation is derived from.
         support: Whether the poses lie inside the training distribution, or an empty string.

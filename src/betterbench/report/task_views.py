@@ -1,4 +1,4 @@
-"""One view per task: how every policy did on it, what the trials prove, and its films."""
+"""View of each task: results of every policy, findings and films."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ConditionGroup:
 
 @dataclass(frozen=True, slots=True)
 class TaskLine:
-    """How one policy did on the variations of a task, and on the training trials that they are derived from."""
+    """Results of one policy on the variations of a task, and on the training trials that they are derived from."""
 
     policy: str
     training: Figure

@@ -11,7 +11,7 @@ from betterbench.statistics import Rate, percent, round_half_up
 from betterbench.statistics.wording import minus, signed
 
 MISSING = "not measured"
-"""What stands where a run has no such number."""
+"""Text in place of a number that a run does not have."""
 
 THIN = "\N{NARROW NO-BREAK SPACE}"
 
@@ -26,7 +26,7 @@ class Figure:
         k: Numerator, or None where the number is no single rate.
         n: Denominator, or pairs; None where the number has none by nature (a guess).
         difference: True for differences of rates, which are said in points and with their sign.
-        noun: What is counted ("trials", "pairs", "attempts").
+        noun: Noun of the counted units ("trials", "pairs", "attempts").
         sides: Of a difference, the two rates that it is the difference of.
     """
 

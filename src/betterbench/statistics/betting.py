@@ -44,10 +44,10 @@ def evidence_below(values: Iterable[float], mean: float, *, span: Span = UNIT) -
 
 
 def anytime_interval(values: Iterable[float], *, span: Span = UNIT, confidence: float = DEFAULT_CONFIDENCE) -> Interval:
-    """Return an interval that holds the mean with the confidence level, whenever and for whatever reason one stopped.
+    """Return an interval that holds the mean with the confidence level at any stopping time, for any reason to stop.
 
     Args:
-        values: What was seen, each within the span; their order does not matter.
+        values: Observed values, each within the span; their order does not matter.
         span: Smallest and largest value that can occur. Without values, the interval is the span.
         confidence: Two-sided confidence level.
     """
@@ -91,7 +91,7 @@ def _counted(values: Iterable[float], mean: float, span: Span) -> Counter[float]
 
 
 def _wealth(counts: Counter[float], gain: Callable[[float], float]) -> float:
-    """Return what all stakes together are worth on average; ``gain`` is what a value wins per unit of stake."""
+    """Return the mean wealth over all stakes; ``gain`` is the win of a value per unit of stake."""
     logs = np.zeros(_STAKES)
     for value, count in sorted(counts.items()):
         logs += count * np.log1p(_stakes() * gain(value))

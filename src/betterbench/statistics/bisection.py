@@ -1,11 +1,11 @@
-"""Where a condition ends, by halving the way between a place at which it holds and one at which it may not."""
+"""Bisection for the last number at which a condition holds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 _HALVINGS = 200
-"""More than enough to leave no number between two neighboring floats."""
+"""Halvings of the range, at most: more than enough to reach two neighboring floats."""
 
 
 def last_held(held: Callable[[float], bool], inside: float, outside: float) -> float:

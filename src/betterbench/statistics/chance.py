@@ -1,4 +1,4 @@
-"""Whether a rate differs from guessing."""
+"""Test of a rate against guessing."""
 
 from __future__ import annotations
 

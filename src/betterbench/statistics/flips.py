@@ -1,4 +1,4 @@
-"""The sign-flip test of paired differences: what is left if either side of each pair could have been the first."""
+"""Sign-flip test of paired differences: under the null hypothesis, the two sides of each pair can be exchanged."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from betterbench.errors import InvalidInputError
 from betterbench.statistics import special
 
 IntervalMethod = Literal["wilson", "clopper_pearson"]
-"""How the interval of a rate is made."""
+"""Method of the interval of a rate."""
 
 DEFAULT_CONFIDENCE = 0.95
 """Two-sided confidence level of every interval unless the caller says otherwise."""

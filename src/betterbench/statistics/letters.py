@@ -47,7 +47,7 @@ def _letter(number: int) -> str:
 
 
 def _check(different: Sequence[Sequence[bool]]) -> None:
-    """Refuse what is no matrix of pairwise verdicts."""
+    """Refuse an input that is not a matrix of pairwise verdicts."""
     n = len(different)
     if any(len(row) != n for row in different):
         raise InvalidInputError("different", "the matrix is not square", "Give one row and one column per item")

@@ -1,4 +1,4 @@
-"""Correction of p-values, and of evidence, when many are shown together."""
+"""Correction of p-values and of e-values when many are shown together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a score ranks: the area under its curve of hits against false alarms."""
+"""Ranking quality of a score: the area under its ROC curve of hits against false alarms."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from betterbench.statistics.interval import DEFAULT_CONFIDENCE, normal_quantile
 
 @dataclass(frozen=True, slots=True)
 class RankingArea:
-    """The chance that something that happened had a higher score than something that did not.
+    """Probability that a positive case has a higher score than a negative one (area under the ROC curve).
 
     Attributes:
-        value: 0.5 for a score that says nothing, or None if everything or nothing happened.
+        value: The area, 0.5 for a score without information; None if all cases are positive, or all negative.
         low: Lower end of the interval, in [0, 1].
         high: Upper end.
-        positives: How many things happened.
-        negatives: How many did not.
+        positives: Number of positive cases.
+        negatives: Number of negative cases.
     """
 
     value: float | None

@@ -1,4 +1,4 @@
-"""A rate: how often something happened in a number of trials, with its uncertainty."""
+"""Rate: share of trials with an outcome, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Rate:
 
     Attributes:
         n: Number of trials. With 0 trials the value is None and the interval is [0, 1].
-        method: How the interval is made: "wilson" (default) or "clopper_pearson" (guaranteed coverage).
+        method: Method of the interval: "wilson" (default) or "clopper_pearson" (guaranteed coverage).
     """
 
     k: int

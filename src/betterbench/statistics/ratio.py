@@ -1,4 +1,4 @@
-"""Two differences of other trials against each other: what is left of a gap, as a ratio and as a difference."""
+"""Comparison of two differences from separate trials: the remaining part of a gap, as a ratio and as a difference."""
 
 from __future__ import annotations
 

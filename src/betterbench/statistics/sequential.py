@@ -2,7 +2,7 @@
 
 An e-process starts at 1 and, if there is no difference, is expected not to grow, whenever one stops. By Ville's
 inequality it then reaches ``1 / alpha`` with a probability of at most ``alpha``, however often one looks. A
-p-value of a fixed number of trials has no such guarantee: who looks after every pair finds a difference in the end.
+p-value of a fixed number of trials has no such guarantee: looking after every pair finds a difference in the end.
 """
 
 from __future__ import annotations

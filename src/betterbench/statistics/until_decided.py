@@ -1,8 +1,8 @@
-"""Trials until a verdict: which of many variations drop against their twins, with as few trials as it takes.
+"""Trials until a verdict: tests whether variations drop against their twins, with as few trials as possible.
 
 A question is whether one condition (a variation) is solved less often than another (its twin) on the same seeds. All
 open questions get the same seeds, round by round; after every round those whose verdict stands get no more. What is run
-is a function of the outcomes alone, so whoever replays the rounds finds what has been run and what comes next.
+is a function of the outcomes alone, so replaying the rounds gives the trials that have been run and the next ones.
 
 The drop of a question is the rate of the twin minus that of the condition. Two null hypotheses are tested on the pairs
 by :mod:`~betterbench.statistics.betting`: "the drop is at most 0" and "the drop is at least the margin". At most one of
@@ -35,7 +35,7 @@ TWIN_SHARE = 0.5
 
 
 class Verdict(StrEnum):
-    """What the pairs of a question show."""
+    """Verdict on a question, from its pairs."""
 
     DROP = "drop"
     """The condition is solved less often than its twin."""
@@ -44,7 +44,7 @@ class Verdict(StrEnum):
     NOT_LEARNED = "not_learned"
     """Likewise, but its twin is failed in most pairs, so that there was little to lose."""
     OPEN = "open"
-    """Neither is shown."""
+    """None of these is shown yet."""
 
     @property
     def words(self) -> str:
@@ -54,7 +54,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class StoppingRule:
-    """When a question is decided.
+    """Rule by which a question is decided.
 
     Attributes:
         level: Bound of the expected share of wrong verdicts among those of "drop", and among those of "no drop".
@@ -76,7 +76,7 @@ class StoppingRule:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Whether a condition is solved less often than its twin; both by their names."""
+    """Question whether a condition is solved less often than its twin; both by their names."""
 
     condition: str
     twin: str
@@ -84,7 +84,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What is known about a question.
+    """State of a question: its verdict, counts and evidence.
 
     Attributes:
         pairs: Pairs in the complete rounds in which it was open.
@@ -104,7 +104,7 @@ class Answer:
 
     @property
     def decided(self) -> bool:
-        """Whether it gets no more trials."""
+        """Whether the question gets no more trials."""
         return self.verdict is not Verdict.OPEN
 
 
@@ -141,8 +141,8 @@ def decide(questions: Sequence[Question], seeds: Sequence[int], outcome: Outcome
     Args:
         questions: The questions, each about another condition. Several may share a twin, whose trials serve them all.
         seeds: Seeds in the order in which they are run; a question gets at most so many pairs.
-        outcome: What is known of the trials.
-        rule: When a question is decided.
+        outcome: Known outcomes of the trials.
+        rule: Rule by which a question is decided.
     """
     answers = [Answer(q) for q in questions]
     done = 0

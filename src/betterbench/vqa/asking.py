@@ -1,4 +1,4 @@
-"""Asking a model a set of questions, and scoring what it answers by type."""
+"""Asking a model a set of questions, and scoring its answers by type."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ logger = logging.getLogger(__name__)
 _LONGEST_NAME = 200
 _MOST_HEAD = 10_000
 _BEGINNING = b'{"coordinates":'
-"""How the first line of a file of answers begins."""
+"""Beginning of the first line of a file of answers."""
 MOST_AT_ONCE = 256
 """Most requests at the same time."""
 
@@ -51,13 +51,13 @@ _LINES = {
 @open_form
 @dataclass(frozen=True, slots=True)
 class ModelAnswer:
-    """What a model said to a question.
+    """Answer of a model to a question.
 
     Attributes:
         id: Identifier of the question.
-        text: What it said; empty if the request was refused.
-        error: Why it said nothing, or None.
-        seal: Digest of its line; None in a file of somebody's own program, or of an earlier version.
+        text: Text of the answer; empty if the request was refused.
+        error: Reason for a missing answer, or None.
+        seal: Digest of its line; None in a file of another program, or of an earlier version.
     """
 
     id: str
@@ -69,7 +69,7 @@ class ModelAnswer:
 @open_form
 @dataclass(frozen=True, slots=True)
 class AnswersHead:
-    """The first line of a file of answers: who answered which set, and what its numbers mean."""
+    """First line of a file of answers: the model, the hash of its set, and the unit of the numbers."""
 
     model: str
     set_sha256: str
@@ -113,10 +113,10 @@ class Answers:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How many questions of one part of a set were answered right, and how many answers could be read at all.
+    """Score on one part of a set: right answers, readable answers, and the shares reached without the image.
 
     Attributes:
-        chance: Expected share of right answers of somebody who guesses without the image.
+        chance: Expected share of right answers when guessing without the image.
         blind: Share that the blind classifier gets.
     """
 

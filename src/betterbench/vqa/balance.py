@@ -1,10 +1,10 @@
 """Choosing questions so that their text alone does not give the answers away.
 
-Questions are in one group if a reader of the text alone knows the same: the same family about the same things. Within a
+Questions are in one group if their texts give the same information: the same family about the same objects. Within a
 group every answer that is kept comes equally often, so that no rule over the text does better than guessing among them.
 A group with a single answer is left out: it could be answered blind. Boxes and points are balanced over the cells of
 the image in which they lie. Types have equally many questions, and so have the kinds of question of a type, as far as
-there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of what they ask
+there are enough; no kind has more than all others of its type together. Questions are chosen by hashes of their text
 and of their frame, never of their answer.
 """
 
@@ -18,14 +18,14 @@ from typing import TypeVar
 from betterbench.vqa.question import Candidate, Form, QuestionType, hash_number
 
 LEAST_CELLS = 10
-"""Least number of cells over which the boxes or points of one kind of thing have to be spread."""
+"""Least number of cells over which the boxes or points of one kind of object have to be spread."""
 MOST_ALIKE = 2
-"""Largest number of questions with one answer about the same things in the images of one camera in one trial: frames
-that follow each other show the same."""
+"""Largest number of questions with one answer about the same objects in the images of one camera in one trial:
+successive frames show the same."""
 
 
 SUBJECTS = {"what is held": "holding", "is it held": "holding"}
-"""Families that are about the same, which count as one kind of question within their type."""
+"""Families about the same subject, which count as one kind of question within their type."""
 
 NameT = TypeVar("NameT", bound=str)
 """A type, a kind or a family of questions."""
@@ -95,7 +95,7 @@ def choose_balanced(candidates: Iterable[Candidate], *, count: int, seed: int) -
 
 
 def _balanced_sizes(families: Mapping[str, Sequence[Sequence[Chosen]]]) -> dict[str, dict[str, int]]:
-    """Return how many questions of each family of a type may be taken, by what they are about.
+    """Return the number of questions of each family of a type that may be taken, by subject.
 
     No subject may have more questions than all others of its type together.
     """

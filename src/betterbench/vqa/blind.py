@@ -33,14 +33,14 @@ TARGET_POINTS = 5.0
 @open_form
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """How many questions of one type are answered right without the image.
+    """Numbers of questions of one type that are answered right without the image.
 
     Attributes:
         n: Number of questions.
         blind: Right answers of the classifier.
         majority: Right answers of the most frequent answer.
-        chance: Expected share of right answers of somebody who guesses among the answers of each group; of boxes and
-            points, the share that the best constant answer gets.
+        chance: Expected share of right answers when guessing among the answers of each group; of boxes and points, the
+            share that the best constant answer gets.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Baseline:
 
     @property
     def excess_points(self) -> float:
-        """What the classifier has above chance [percentage points]."""
+        """Accuracy of the classifier above chance [percentage points]."""
         return 100.0 * (self.blind / self.n - self.chance) if self.n else 0.0
 
     @property
@@ -157,7 +157,7 @@ def _cell(box: Sequence[int], width: int, cells: int) -> str:
 
 
 def _answers(classes: Sequence[str], train: Sequence[Question]) -> dict[str, str]:
-    """Return what the classifier answers for each class."""
+    """Return the answer of the classifier for each class."""
     members: dict[str, list[Question]] = defaultdict(list)
     for question in train:
         members[answer_class(question)].append(question)

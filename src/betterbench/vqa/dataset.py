@@ -1,9 +1,9 @@
-"""A set of questions on disk: made from the records of a run, resumable, the same bytes whatever interrupts it.
+"""Set of questions on disk: made from the records of a run, resumable, with the same bytes after any interruption.
 
-``candidates/`` holds what could be asked about each trial while the set is made. Once all trials are there, questions
-are chosen over all of them, written, and whatever is not needed is removed. ``summary.json`` comes last. It and
-``set.json`` carry seals, and it holds the hashes of the questions and of the images, which are compared when they are
-read.
+While the set is made, ``candidates/`` holds the possible questions about each trial. Once all trials are there,
+questions are chosen over all of them and written, and files that are not needed any more are removed. ``summary.json``
+comes last. It and ``set.json`` carry seals. ``summary.json`` also holds the hashes of questions and images, which are
+compared when they are read.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ CAMERAS = ("front", "wrist", "left_shoulder", "right_shoulder")
 MOST_QUESTIONS, MOST_FRAMES = 10_000_000, 100_000
 """Most questions of a set, and most frames of a trial that are asked about."""
 SET_NAME = "set.json"
-"""File of a folder that says what set of questions it holds."""
+"""File of a folder with the description of its set of questions."""
 SIZES_PX = 32, 4096
 """Least and largest side of the images [pixel]."""
 
@@ -95,7 +95,7 @@ _ANEW = "Delete it and give the same command again"
 
 
 class Photo(Protocol):
-    """An image (JPEG) and what it shows."""
+    """An image (JPEG) with the objects that it shows."""
 
     @property
     def jpeg(self) -> bytes:
@@ -103,17 +103,17 @@ class Photo(Protocol):
 
     @property
     def view(self) -> FrameView:
-        """What it shows."""
+        """Objects that the image shows, with the camera."""
 
 
 class PhotoSource(Protocol):
-    """Where images of records come from: drawn now, or materialized before."""
+    """Source of images of records, which are drawn now or were materialized before."""
 
     def photo(self, record: Record, row: int, camera: str) -> Photo:
-        """Return the image of a camera at a row of a record, and what it shows."""
+        """Return the image of a camera at a row of a record, with the objects that it shows."""
 
     def stop(self) -> None:
-        """Let whatever draws in any thread end soon with an error."""
+        """Let all threads that draw end soon with an error."""
 
 
 OpenPhotos = Callable[[], AbstractContextManager[PhotoSource]]
@@ -127,10 +127,10 @@ def require_size(size: int) -> None:
 
 @dataclass(frozen=True, slots=True)
 class SetOptions:
-    """What set is asked for.
+    """Options of a set of questions.
 
     Attributes:
-        questions: About how many questions; 0 for as many as can be balanced.
+        questions: Approximate number of questions; 0 for as many as can be balanced.
         frames: Frames per trial, one from each equal part of it; 0 for all.
         seed: Seed of the choice of frames, questions and phrasings.
         size: Side of the images [pixel].
@@ -159,7 +159,7 @@ class QuestionSet:
 
     Attributes:
         purpose: "test" if its records are of evaluation seeds, which nothing may be trained on, else "training".
-        baselines: What can be answered without the images, by type.
+        baselines: Numbers of questions that are answered right without the images, by type.
         sha256: Hash of ``questions.jsonl``.
         records: SHA-256 of the record of each trial that was looked at, by its name; empty for older sets.
         images: SHA-256 of each image by its place; empty for older sets.
@@ -187,7 +187,7 @@ class QuestionSet:
         return data
 
     def is_about(self, trial: TrialId, record: str) -> bool:
-        """Return whether what it asks about a trial of this name is about this record; True if it does not say."""
+        """Tell whether its questions about a trial of this name are about this record; True if it stores no hashes."""
         return self.records.get(str(trial), record) == record
 
     def require_about(self, run: RunFolder) -> None:
@@ -228,7 +228,7 @@ def make_set(
     Args:
         run: The run.
         out: Folder of the set.
-        options: What set.
+        options: Options of the set.
         open_photos: Opens a source of images; each worker has its own.
         workers: Number of trials that are looked at at the same time; the set does not depend on it.
         on_progress: Called with the number of trials done and planned.
@@ -290,7 +290,7 @@ def purpose_of(trials: Sequence[TrialId]) -> str:
 
 
 def run_digest(run: RunFolder) -> str:
-    """Return a hash of the plan of a run: what makes it the run that it is."""
+    """Return a hash of the plan of a run, which identifies the run."""
     return hashlib.sha256(dump_json(dict(run.plan))).hexdigest()
 
 
@@ -373,7 +373,7 @@ def _survey(
     workers: int,
     on_progress: OnProgress | None,
 ) -> None:
-    """Write what could be asked about each trial, with its images; trials that are there are left as they are."""
+    """Write the possible questions about each trial, with its images; finished trials are left as they are."""
     waiting = [t for t in trials if not _shard(out, t).exists()]
     done = len(trials) - len(waiting)
     if on_progress is not None:
@@ -395,7 +395,7 @@ def _survey(
 
 
 def _look_at(run: RunFolder, out: Path, trial: TrialId, options: SetOptions, source: PhotoSource) -> None:
-    """Write the images of a trial, and then what could be asked about them."""
+    """Write the images of a trial, and then the possible questions about them."""
     record = run.read_record(trial.task, trial.condition, trial.seed)
     episode = episode_of(record)
     draw = stream(trial.task, trial.seed, f"vqa:{options.seed}:{trial.condition}")
@@ -419,7 +419,7 @@ def candidates_bytes(candidates: Iterable[Candidate]) -> bytes:
 
 
 def image_path(source: FrameSource) -> str:
-    """Return the place of an image in a set, from what it shows."""
+    """Return the path of an image in a set, from its frame."""
     return f"images/{source.task}/{source.condition}/{source.seed}_{source.row:05d}_{source.camera}.jpg"
 
 
@@ -578,7 +578,7 @@ def read_set(folder: Path) -> QuestionSet:
 
 
 def _records(file: Path) -> dict[str, str]:
-    """Return what a set says of the records that it is about; nothing if it does not say."""
+    """Return the record hashes that a set stores; empty if it stores none."""
     if not file.exists():
         say_unsealed(str(file.parent))
     form = _sealed(file) if file.exists() else {}

@@ -1,9 +1,9 @@
-"""Questions about the very moments at which the trials of a run were decided.
+"""Questions about the moments at which the trials of a run were decided.
 
-Of each trial that failed, it is the first wrong decision that the diagnosis names; of each that succeeded, the first
-attempt. What the robot should go for, and where that is, what is done already and what is there at all are asked about
-the frame in which that decision began; what is at the gripper is asked about the frame of the attempt. Each question
-is asked twice, in other words and with its options in another order: who guesses is seldom right twice.
+In a failed trial, this moment is the first wrong decision that the diagnosis names; in a successful one, it is the
+first attempt. Questions about the right target, its place, finished steps and the presence of objects are about the
+frame in which that decision began. The question about the object at the gripper is about the frame of the attempt. Each
+question is asked twice, in other words and with its options in another order, because a guess is seldom right twice.
 """
 
 from __future__ import annotations
@@ -49,17 +49,17 @@ from betterbench.vqa.types.grounding import written
 from betterbench.vqa.types.relation import yes
 
 TIMES_ASKED = 2
-"""How often each question is asked, each time in other words."""
+"""Number of times that each question is asked, each time in other words."""
 MOST_OPTIONS = 6
-"""Largest number of boxes or things among which the right one has to be found."""
+"""Largest number of boxes or objects among which the right one has to be found."""
 _MAX_BYTES = 1 << 26
 SETTLE_S = 0.5
-"""Time after a release after which the gripper has left what it put down, and the next decision begins [s]."""
+"""Time from a release until the gripper has left the released object and the next decision begins [s]."""
 
 ASKED, WHERE, UNDER, EXISTS, DONE = "asked", "where", "under", "exists", "done"
 ROLES = (ASKED, WHERE, UNDER, EXISTS, DONE)
-"""What a question about a decisive moment probes: which object is asked for now (among boxes), where the named object
-is, what is at the gripper, whether a thing is there at all, and what is done already."""
+"""Roles of questions about a decisive moment: the object that is asked for now (among boxes), the place of the named
+object, the object at the gripper, the presence of an object, and the steps that are done already."""
 
 DECIDING: dict[Label, tuple[str, ...]] = {
     Label.LEXICAL_KINEMATIC_SHORTCUT: (ASKED, WHERE),
@@ -77,13 +77,13 @@ DECIDING: dict[Label, tuple[str, ...]] = {
     Label.CORRECT_FREEZE: (DONE,),
     Label.CORRECT_REFUSAL: (EXISTS,),
 }
-"""The roles whose questions tell whether the decision behind a label was known better: of a look-alike what it is, of
-a shortcut what was asked for and where that is, of a wrong step what is due and what is done."""
+"""Roles by label whose questions tell whether the model knew the right decision: for a look-alike its identity, for a
+shortcut the requested object and its place, for a wrong step the due and the finished steps."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecisiveOptions:
-    """What set is asked for; cameras in the order in which they are tried until one shows what a question needs."""
+    """Options of a set; cameras in the order in which they are tried until one shows the objects of a question."""
 
     cameras: tuple[str, ...] = ("front", "left_shoulder", "right_shoulder", "wrist")
     size: int = 256
@@ -246,7 +246,7 @@ def _boxes(moment: Moment, wanted: Sequence[str]) -> tuple[ObjectInfo, tuple[str
 
 
 def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
-    """Return the question which of the boxes holds what has to be picked up or moved now."""
+    """Return the question which box holds the object that has to be picked up or moved now."""
     if moment.condition.expected is not Expected.SUCCEED:
         return _next(moment)
     found = _boxes(moment, [moment.objects[i].name for i in analysis.wanted(moment.row)])
@@ -262,7 +262,7 @@ def _asked(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _next(moment: Moment) -> _Asked | None:
-    """Return the question what comes next where nothing is to be done."""
+    """Return the question about the next step where nothing is to be done."""
     goals = moment.condition.instruction.subgoals
     if moment.condition.expected is not Expected.STAY_STILL:
         return None
@@ -289,7 +289,7 @@ def _where(moment: Moment, analysis: EpisodeAnalysis) -> _Asked | None:
 
 
 def _under(moment: Moment, i: int) -> _Asked | None:
-    """Return the question what the object is at which the gripper is."""
+    """Return the question about the kind of the object at the gripper."""
     thing = moment.objects[i]
     seen = moment.seen(thing.name)
     if seen is None or not moment.is_clear(thing.name):
@@ -305,7 +305,7 @@ def _under(moment: Moment, i: int) -> _Asked | None:
 
 
 def _exists(moment: Moment, *, present: bool) -> _Asked | None:
-    """Return the question whether something is there: what is asked for, or what is not there but could be meant."""
+    """Return the question whether an object is there: the requested one, or an absent one that could be meant."""
     trace, goals = moment.episode.trace, moment.condition.instruction.subgoals
     if present:
         kinds = [moment.objects[i].kind for g in range(len(goals)) for i in trace.meant[g]]
@@ -324,7 +324,7 @@ def _exists(moment: Moment, *, present: bool) -> _Asked | None:
 
 
 def _done(moment: Moment) -> _Asked | None:
-    """Return the question what of the instruction is done already."""
+    """Return the question which steps of the instruction are done already."""
     done = [bool(v) for v in moment.episode.record.subgoals[moment.row]]
     names = evidence_of(moment, done)
     if names is None:

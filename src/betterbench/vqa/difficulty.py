@@ -1,4 +1,4 @@
-"""How hard a question is, by a rule that counts what makes it harder."""
+"""Difficulty of a question, by the number of its tags that make it harder."""
 
 from __future__ import annotations
 

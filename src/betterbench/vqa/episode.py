@@ -1,4 +1,4 @@
-"""What is known about an episode for questions: its condition, what it is about, and what the robot does when."""
+"""Facts about an episode for questions: its condition, its objects, and the robot's activity at each row."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CARRY_M = 0.03
 
 
 class Act(StrEnum):
-    """What the robot is doing, as far as an image can show it."""
+    """Activity of the robot, as far as an image can show it."""
 
     REACHING = "reaching"
     CARRYING = "carrying"
@@ -34,7 +34,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Doing:
-    """What the robot does, and with which object (index)."""
+    """Activity of the robot, and the index of its object."""
 
     act: Act
     object: int
@@ -42,7 +42,7 @@ class Doing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """One recorded trial with what questions need of it as a whole.
+    """One recorded trial, with the facts that questions need about the whole trial.
 
     Attributes:
         record: The record.
@@ -66,7 +66,7 @@ class Episode:
         return self.trace.rows
 
     def doing(self, row: int) -> Doing | None:
-        """Return what the robot does at a row, or None where an image would not show it beyond doubt."""
+        """Return the activity of the robot at a row, or None if an image would not show it beyond doubt."""
         trace, held = self.trace, int(self.trace.held[row])
         if held >= 0:
             if trace.is_drawer(held):
@@ -106,7 +106,7 @@ class Episode:
 
 
 def episode_of(record: Record) -> Episode:
-    """Return what questions need of a record.
+    """Return the facts of a record that questions need.
 
     Raises:
         UnknownNameError: If its task or condition is unknown.

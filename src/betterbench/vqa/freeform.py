@@ -1,8 +1,8 @@
-"""Descriptions and questions that a model writes itself, each kept only if the state proves what it claims.
+"""Descriptions and questions that a model writes itself, each kept only if the state proves its claims.
 
 The model is shown an image and the names of what could be in it, and answers with texts and with the claims on which
 each text rests, in a small language. A text is kept if every claim is decided by the state and true, and if the text
-names nothing and says no word of place or state that its claims do not cover. What cannot be checked is dropped.
+names nothing and says no word of place or state that its claims do not cover. Texts that cannot be checked are dropped.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ CLAIMS = {
     "is open": "the drawer X is open",
     "is shut": "the drawer X is shut",
 }
-"""The language of claims, with X and Y as names of things."""
+"""Language of claims, with X and Y as names of objects."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "left": ("is left of", "is right of"),
@@ -112,7 +112,7 @@ _UNCHECKED = frozenset(
         "full",
     ]
 )
-"""Words that say what no claim can say; a text with one of them is dropped, unless it is part of a name."""
+"""Words that no claim can express; a text with one of them is dropped, unless the word is part of a name."""
 
 MOST_IMAGES = 1_000_000
 MOST_TEXTS = 8
@@ -150,7 +150,7 @@ _REPLY = TypeAdapter(_Reply)
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """What came of letting a model describe images.
+    """Result of a model's description of images: numbers of texts kept and dropped.
 
     Attributes:
         kept: Number of texts that the state proves.
@@ -164,7 +164,7 @@ class Described:
 
     @property
     def sentence(self) -> str:
-        """What it comes to, in one sentence."""
+        """Summary of the result in one sentence."""
         reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(self.dropped.items()))
         return f"{self.kept} texts about {self.images} images kept in {self.path}; dropped: {reasons or 'none'}."
 
@@ -183,7 +183,7 @@ def describe_images(
     overwrite: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Described:
-    """Let a model describe images of a set and ask about them, and keep what the state proves.
+    """Let a model describe images of a set and ask about them, and keep the texts that the state proves.
 
     What each image gave is kept in ``descriptions/``, so that the same command goes on where it was interrupted; what
     is kept is written to ``descriptions.jsonl`` of the set, in the conversation form of LLaVA.
@@ -236,7 +236,7 @@ def _described(
 def _about(
     run: RunFolder, described: QuestionSet, chat: Chat, photos: PhotoSource, *, image: str, source: FrameSource
 ) -> dict[str, Any]:
-    """Return what is kept of what a model says about one image, and why the rest is dropped."""
+    """Return the texts of a model about one image that are kept, and the reasons for dropping the others."""
     model = default_name(chat.name, otherwise="model")
     file = described.path / "descriptions" / model / f"{hash_number(image):016x}.json"
     if file.exists():
@@ -275,7 +275,7 @@ def _about(
 @strict_form
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """What was kept of what a model said about one image."""
+    """Stored texts of a model about one image, and the number of dropped ones by reason."""
 
     kept: list[dict[str, Any]]
     dropped: dict[str, Annotated[int, Field(ge=0, lt=1 << 31)]]
@@ -286,7 +286,7 @@ _MAX_BYTES, _CURE = 1 << 24, "Delete it and ask again"
 
 
 def prompt_of(moment: Moment) -> str:
-    """Return what a model is asked about an image."""
+    """Return the prompt about an image."""
     names = ", ".join(sorted({*moment.single, *moment.episode.vocabulary}))
     language = "\n".join(f'- "{says}": {meaning}' for says, meaning in CLAIMS.items())
     return (

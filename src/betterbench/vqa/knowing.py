@@ -1,4 +1,4 @@
-"""Does it know what it fails to do? A model's answers about decisive moments beside the policy's deeds."""
+"""Comparison of a model's answers about decisive moments with the policy's actions: knowledge beside behavior."""
 
 from __future__ import annotations
 
@@ -29,28 +29,28 @@ _MAX_BYTES = 1 << 26
 
 
 class KnowledgeStanding(StrEnum):
-    """What a model knew and what the policy did, of one trial."""
+    """Combination of a model's knowledge and the policy's behavior in one trial."""
 
     KNOWS_AND_DOES = "knows_and_does"
     KNOWS_AND_DOES_NOT = "knows_and_does_not"
     DOES_NOT_KNOW = "does_not_know"
-    """It does not know, and does not do it."""
+    """The model does not know, and the policy does not act rightly."""
     DOES_WITHOUT_KNOWING = "does_without_knowing"
     NOT_ASKED = "not_asked"
-    """No question that would tell was asked and answered: what it needs was not seen well enough, the set is of other
-    trials, or the model was not asked all of it yet."""
+    """No question that would tell was asked and answered: its objects were not seen well enough, the set is of other
+    trials, or the model has not been asked all questions yet."""
 
 
 @open_form
 @dataclass(frozen=True, slots=True)
 class TrialKnowledge:
-    """One trial.
+    """Knowledge of a model in one trial, beside the outcome of the policy.
 
     Attributes:
-        roles: Per role that was asked and answered whether every question of it was answered right.
-        deciding: The roles that tell for this label whether the decision was known better.
-        chance: Probability that somebody who sees no image answers all deciding questions right: by guessing, or by the
-            words alone, whichever is more.
+        roles: Per role that was asked and answered, whether all of its questions were answered right.
+        deciding: The roles that, for this label, tell whether the model knew the right decision.
+        chance: Probability of answering all deciding questions right without an image: by guessing or by the words
+            alone, whichever is larger.
     """
 
     key: str
@@ -83,7 +83,7 @@ class LabelKnowledge:
 
     @property
     def knows(self) -> Rate:
-        """Share of the trials that were asked about in which the decision was known."""
+        """Share of trials in which the model knew the decision, of those that it was asked about."""
         known = (
             self.counts[KnowledgeStanding.KNOWS_AND_DOES.value]
             + self.counts[KnowledgeStanding.KNOWS_AND_DOES_NOT.value]
@@ -98,13 +98,13 @@ class LabelKnowledge:
 @open_form
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What a model knows of what a policy did.
+    """Knowledge of a model about the decisive moments of a policy's trials.
 
     Attributes:
         model: Name of the model that answered.
         policy: Name of the policy.
         labels: One entry per label that occurs, in the order of labels.
-        roles: Per role, how many questions were answered right, of those that have an answer.
+        roles: Per role, the share of questions answered right, of those that have an answer.
         asked: Questions that the set asks about moments of the run.
         answered: Those of them that have an answer.
     """
@@ -128,7 +128,7 @@ class Knowledge:
 
     @property
     def sentence(self) -> str:
-        """What it comes to, in one sentence."""
+        """Summary of the failed trials, in words."""
         failed = [t for t in self.trials if not t.success and t.standing is not KnowledgeStanding.NOT_ASKED]
         known = sum(t.standing is KnowledgeStanding.KNOWS_AND_DOES_NOT for t in failed)
         if not failed:
@@ -157,7 +157,7 @@ _KNOWLEDGE = TypeAdapter(Knowledge)
 
 
 def knowledge_of(diagnosis: RunDiagnosis, asked: QuestionSet, answers: Answers) -> Knowledge:
-    """Return what a model knows of what a policy did.
+    """Return a model's knowledge about the decisive moments of a policy's trials.
 
     Args:
         diagnosis: The diagnosis of the run.
@@ -205,12 +205,12 @@ def _blind_by_role(questions: Sequence[Question]) -> dict[str, float]:
 
 
 def knowledge_path(run: RunFolder) -> Path:
-    """Return the place at which a run keeps what a model knows of it."""
+    """Return the path at which a run keeps a model's knowledge."""
     return run.path / "knowledge.json"
 
 
 def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
-    """Write what a model knows into the folder of the run, where the report finds it, and return the place.
+    """Write a model's knowledge into the folder of the run, where the report finds it, and return the path.
 
     Raises:
         OSError: If the folder cannot be written.
@@ -225,7 +225,7 @@ def store_knowledge(run: RunFolder, known: Knowledge) -> Path:
 
 
 def read_knowledge(run: RunFolder) -> Knowledge | None:
-    """Read what a model knows of a run, or return None if the run does not keep it.
+    """Read a model's knowledge about a run, or return None if the run does not keep it.
 
     Raises:
         RecordError: If the file cannot be read or is malformed.

@@ -1,4 +1,4 @@
-"""One frame with all that questions about it may use: the state, what the camera shows, and the episode around it."""
+"""One frame with all data that questions about it may use: the state, the view of the camera and the episode."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Moment:
 
     @property
     def source(self) -> FrameSource:
-        """Where it comes from."""
+        """Frame of the record that the moment is taken from."""
         m = self.episode.record.metadata
         time_s = round(float(self.episode.record.time[self.row]), 6)
         return FrameSource(m.task, m.condition, m.seed, self.row, time_s, self.view.camera)
@@ -52,7 +52,7 @@ class Moment:
         return self.episode.trace.info.objects
 
     def seen(self, name: str) -> SeenObject | None:
-        """Return what is seen of an object, or None."""
+        """Return the visible part of an object, or None."""
         return self.view.objects.get(name)
 
     def is_clear(self, name: str) -> bool:
@@ -60,7 +60,7 @@ class Moment:
         return clear(self.seen(name))
 
     def is_large(self, name: str) -> bool:
-        """Tell whether what is seen of an object is large enough, however much of it is hidden."""
+        """Tell whether the visible part of an object is large enough, however much of the object is hidden."""
         return large(self.seen(name))
 
     def is_hidden(self, name: str) -> bool:

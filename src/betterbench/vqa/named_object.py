@@ -1,6 +1,6 @@
-"""Where is the object that the instruction names? Questions about one trial, for whoever is to point at it.
+"""Questions about one trial that ask for the position of the object that the instruction names.
 
-The frame is that in which the decision began that the diagnosis names, as in
+The frame is the one in which the decision began that the diagnosis names, as in
 :mod:`betterbench.vqa.decisive`. A box and a point are asked for, each in two wordings. Unlike the questions of a set,
 these are not balanced: they are all about one object.
 """
@@ -26,7 +26,7 @@ from betterbench.vqa.types.grounding import CELLS, grounding
 
 @dataclass(frozen=True, slots=True)
 class NamedObject:
-    """The object that a trial's instruction names, and the questions where it is.
+    """The object that a trial's instruction names, and the questions about its position.
 
     Attributes:
         name: Its name in the scene.
@@ -50,7 +50,7 @@ def named_object(
     Args:
         record: The record of the trial.
         trial: Its diagnosis.
-        photos: Draws what the camera shows.
+        photos: Source of the camera images.
         camera: Camera of the frame.
         seed: Seed of the choice of wordings.
 

@@ -1,4 +1,4 @@
-"""How things are called in sentences: articles, plurals, and which names could mean the same thing in an image."""
+"""Nouns of objects in sentences: articles, plurals, and names that could mean the same object in an image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PORTIONS = {
     "tape": ("roll of tape", "rolls of tape"),
     "mouse": ("computer mouse", "computer mice"),
 }
-"""Names that are no countable nouns, or have another meaning, with one and several of what they stand for."""
+"""Names that are not countable nouns, or have another meaning, with their singular and plural in sentences."""
 
 _LOOKS = frozenset(
     [
@@ -33,7 +33,7 @@ _LOOKS = frozenset(
         "crumpled",
     ]
 )
-"""Words of a name that say how a thing looks or where it is, and not what it is."""
+"""Words of a name that describe the look or the place of an object, and not its kind."""
 
 _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
     frozenset(words.split())
@@ -53,7 +53,7 @@ _MISTAKABLE: tuple[frozenset[str], ...] = tuple(
         "block box",
     )
 )
-"""Words for things that one could take for each other, or of which one may be part of the other."""
+"""Words for objects that could be mistaken for each other, or of which one may be part of the other."""
 
 
 def indefinite(kind: str) -> str:

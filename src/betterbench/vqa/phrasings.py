@@ -1,4 +1,4 @@
-"""How questions are worded: several ways for each family, chosen by a question's identifier and not by its answer.
+"""Wordings of questions: several for each family, chosen by a question's identifier and not by its answer.
 
 Each wording says its frame of reference: the image, the camera, the robot's base or a person who sits in front of
 something. A region of the image is a bounding box, because scenes have boxes of their own.

@@ -17,7 +17,7 @@ from betterbench.tasks import TrialId
 
 
 class QuestionType(StrEnum):
-    """What a question is about; sets are balanced and scored by type."""
+    """Topic of a question; sets are balanced and scored by type."""
 
     GROUNDING = "grounding"
     COUNTING = "counting"
@@ -30,7 +30,7 @@ class QuestionType(StrEnum):
 
 
 class Form(StrEnum):
-    """What an answer looks like."""
+    """Form of an answer."""
 
     YES_NO = "yes_no"
     """"Yes" or "No"."""
@@ -45,7 +45,7 @@ class Form(StrEnum):
 
 
 class Difficulty(StrEnum):
-    """How hard a question is; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
+    """Difficulty of a question; see :func:`betterbench.vqa.difficulty.difficulty_of`."""
 
     EASY = "easy"
     MEDIUM = "medium"
@@ -55,7 +55,7 @@ class Difficulty(StrEnum):
 @strict_form
 @dataclass(frozen=True, slots=True)
 class FrameSource:
-    """Which frame a question is about: camera and row of the record of a trial, and the time of the row [s]."""
+    """Frame that a question is about: camera and row of the record of a trial, and the time of the row [s]."""
 
     task: str
     condition: str
@@ -76,12 +76,12 @@ class Candidate:
     """A question before it is chosen, worded and given its options.
 
     Attributes:
-        family: What is asked, across all objects; phrasings belong to families.
-        group: What the text gives away besides the family. Within a family and group, answers are balanced.
-        bucket: What is balanced: the answer itself, or the cell of the image in which a box or point lies.
+        family: Kind of question, across all objects; phrasings belong to families.
+        group: Information in the text besides the family. Within a family and group, answers are balanced.
+        bucket: Value that is balanced: the answer itself, or the cell of the image in which a box or point lies.
         answer: The right answer.
-        words: What phrasings are filled with.
-        objects: Names in the scene of what the question is about.
+        words: Words that fill the phrasings.
+        objects: Names, in the scene, of the objects that the question is about.
         tags: Properties for the difficulty and for filtering ("look-alike", "robot frame").
         box: The true box, of a grounded question.
         runs: The visible pixels of the object, of a question for a point; see
@@ -103,7 +103,7 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Family and group: what a reader of the text alone knows."""
+        """Family and group: the information in the text alone."""
         return (self.family, *self.group)
 
     def id(self, seed: int) -> str:
@@ -148,10 +148,10 @@ class Question:
         image: Path of the image, relative to the folder of the set.
         width: Columns of the image [pixel].
         height: Rows of the image [pixel].
-        group: What a reader of the text alone knows: answers are balanced among the questions of a group.
-        chance: Share of right answers of somebody who knows the text and guesses; None for boxes and points, which the
-            constant answer of the set stands for.
-        role: Of a question about a decisive moment, what it probes ("asked", "where", "under", "exists", "done").
+        group: Information in the text alone: answers are balanced among the questions of a group.
+        chance: Share of right answers when guessing from the text; None for boxes and points, where the constant answer
+            of the set is the reference.
+        role: Role of a question about a decisive moment ("asked", "where", "under", "exists", "done").
     """
 
     id: str
@@ -205,7 +205,7 @@ def hash_number(*parts: object) -> int:
 
 @dataclass(frozen=True, slots=True)
 class QuestionDraft:
-    """What a generator says about a question; the frame adds the rest. See :class:`Candidate`."""
+    """Part of a question that its generator provides; the frame adds the rest. See :class:`Candidate`."""
 
     form: Form
     family: str

@@ -1,4 +1,4 @@
-"""Whether an answer is right: from the text that somebody gave, in stages from strict to tolerant."""
+"""Scoring of answers: reading a text, in stages from strict to tolerant, and comparing it with the right answer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from betterbench.interface.state import in_runs
 from betterbench.vqa.question import Form, Question, letter
 
 Coordinates = Literal["pixels", "thousandths", "fractions"]
-"""What the numbers of a box or point mean: pixels of the image, thousandths of its sides, or fractions of them."""
+"""Unit of the numbers of a box or point: pixels of the image, thousandths of its sides, or fractions of them."""
 
 LEAST_OVERLAP = 0.5
 """Intersection over union from which a box is right: the usual threshold of detection benchmarks (PASCAL VOC)."""
@@ -22,7 +22,7 @@ _LONGEST = 4000
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """What was read from a text.
+    """Answer that was read from a text.
 
     Attributes:
         answer: The answer in the form of the question's own answer, or None if none was found.

@@ -1,4 +1,4 @@
-"""What can fairly be asked about: an object that is large enough in the image and not mostly hidden."""
+"""Visibility limits of a fair question: its object is large enough in the image and not mostly hidden."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ pixels: less than half a patch carries no shape."""
 MIN_PIXELS = 60
 """Least number of visible pixels, somewhat more than those of a disc of 8 pixels across."""
 MIN_FRACTION = 0.35
-"""Least visible fraction: of a thing that shows less than about a third people guess from the rest of the scene."""
+"""Least visible fraction: below about a third, people guess an object from the rest of the scene."""
 HIDDEN_PX = 3
-"""Number of pixels up to which nothing of an object is seen: single pixels between other things are no sight of it."""
+"""Number of pixels up to which an object counts as hidden: single pixels between other objects do not show it."""
 
 
 def clear(seen: SeenObject | None) -> bool:
@@ -21,7 +21,7 @@ def clear(seen: SeenObject | None) -> bool:
 
 
 def large(seen: SeenObject | None) -> bool:
-    """Tell whether what is seen of an object is large enough, however much of it is hidden.
+    """Tell whether the visible part of an object is large enough, however much of the object is hidden.
 
     A base is hidden by what lies on it, and a shut drawer by its cabinet: that is what questions about them ask.
     """
@@ -29,5 +29,5 @@ def large(seen: SeenObject | None) -> bool:
 
 
 def hidden(seen: SeenObject | None) -> bool:
-    """Tell whether nothing of an object is seen; what is neither clear nor hidden is not asked about."""
+    """Tell whether no part of an object is seen; an object that is neither clear nor hidden is not asked about."""
     return seen is None or seen.pixels <= HIDDEN_PX

@@ -1,4 +1,4 @@
-"""What several worlds say about policies, as text and as files."""
+"""Results of policies in several worlds, as text and as files."""
 
 from __future__ import annotations
 

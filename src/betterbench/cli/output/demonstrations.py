@@ -1,4 +1,4 @@
-"""What the command line says about a set of demonstrations."""
+"""Output of the command line about a set of demonstrations: progress, variety and acceptance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def bar_note(progress: SetProgress) -> str:
-    """Return what stands beside the bar: how many attempts there were, and the start that was tried last."""
+    """Return the note beside the bar: the number of attempts, and the start that was tried last."""
     last = "" if progress.last is None else f", {progress.last.trial}"
     return f"{progress.attempts} attempts{last}"
 

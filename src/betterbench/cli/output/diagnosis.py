@@ -1,4 +1,4 @@
-"""A diagnosis, and what changed since the stored one, as text."""
+"""A diagnosis, and its changes since the stored one, as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a policy declares and answers when ``better doctor --policy`` asks it, as text."""
+"""Declarations and answers of a policy to ``better doctor --policy``, as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A set of questions, scores of answers to it, and what a model knows of a policy's deeds, as text."""
+"""A set of questions, scores of answers to it, and a model's knowledge beside a policy's behavior, as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better calibrate``: the diagnosis, and the suite itself, measured on policies whose fault is known."""
+"""``better calibrate``: accuracy of the diagnosis, and power of the suite, measured on policies with known faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better collect``: demonstrations of the expert, given in varied manners."""
+"""``better collect``: demonstrations of the expert in varied motion styles."""
 
 from __future__ import annotations
 

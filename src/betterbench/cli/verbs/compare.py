@@ -1,4 +1,4 @@
-"""``better compare``: which of several policies is better, where, and what their trials cannot tell."""
+"""``better compare``: comparison of several policies, overall and in parts, with the limits of their trials."""
 
 from __future__ import annotations
 

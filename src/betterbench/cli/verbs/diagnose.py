@@ -1,4 +1,4 @@
-"""``better diagnose``: why each trial ended as it did."""
+"""``better diagnose``: a label and its evidence for each trial."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better doctor``: what works here, with the cure for what does not; and what a policy is shown and answers."""
+"""``better doctor``: checks of this installation, with cures; and the preflight check of a policy."""
 
 from __future__ import annotations
 

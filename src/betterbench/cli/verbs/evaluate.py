@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from betterbench.records import JournalEntry, RunFolder
 
 FIRST_ESTIMATE_S, FIRST_LOG_S = 4.0, 5.0
-"""When the first estimate is said, from the first steps on, and a line of a log after the first one [s]."""
+"""Time from the first steps to the first estimate, and between the first two lines of a log before any step [s]."""
 
 LOG_EVERY_S = 60.0
-"""How often a line reports the progress of a run where there is no terminal to draw a bar on [s]."""
+"""Interval of the lines that report the progress of a run where there is no terminal to draw a bar on [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +67,15 @@ USUAL_TRIALS = 20
 """Trials per variation unless asked for otherwise."""
 
 MANY_TRIALS = 200
-"""A plan of more trials is not what one begins with."""
+"""Number of trials above which a smaller command is suggested first."""
 
 FIRST_TASK, FIRST_TRIALS = "morning_coffee", 3
-"""What the smaller command runs: the task with the shortest trials, if it is planned."""
+"""Task and trials of the smaller command that is suggested: the task with the shortest trials, if it is planned."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldOptions:
-    """How the suites of a foreign world are run.
+    """Options of a run in the suites of a foreign world.
 
     Attributes:
         protocol: In LIBERO, whose protocol.

@@ -119,7 +119,7 @@ _PRESETS = {"lerobot": "lerobot", "lerobot-v2.1": "gr00t_new_embodiment", "robom
 
 @dataclass(frozen=True, slots=True)
 class _DatasetOptions:
-    """What decides which frames a data set has, and who makes them."""
+    """Options of a data set: its frames, and the number of workers that make them."""
 
     preset: str
     tasks: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""``better list``: what exists."""
+"""``better list``: names of tasks, policies and other parts."""
 
 from __future__ import annotations
 

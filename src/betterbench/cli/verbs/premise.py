@@ -1,4 +1,4 @@
-"""``better premise``: whether the scenes of a foreign world show what their sentences presuppose."""
+"""``better premise``: check that the scenes of a foreign world fulfill the premises of their instructions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better recipe``: one recipe as the ready configuration and commands of a framework that trains policies."""
+"""``better recipe``: configuration and commands of a training framework for one recipe."""
 
 from __future__ import annotations
 

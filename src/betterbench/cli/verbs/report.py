@@ -1,4 +1,4 @@
-"""``better report``: one page that says what a policy does and why."""
+"""``better report``: one page with the results of policies and the reasons of their failures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better shortcuts``: what a learner of a dataset could go by, and which variations it would fail."""
+"""``better shortcuts``: shortcuts that a dataset allows a learner, and the variations that each would fail."""
 
 from __future__ import annotations
 

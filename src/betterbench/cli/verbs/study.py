@@ -1,4 +1,4 @@
-"""``better study``: learners on every arm, from demonstrations to one page."""
+"""``better study``: training and evaluation of small policies on every arm of a study, up to one page of results."""
 
 from __future__ import annotations
 

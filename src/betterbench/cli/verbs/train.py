@@ -1,4 +1,4 @@
-"""``better train``: a learner of one's own demonstrations, by one recipe file."""
+"""``better train``: training of a small policy on demonstrations, by one recipe file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``better vqa``: questions about recorded frames, what can be answered blind, and what a model answers."""
+"""``better vqa``: questions about recorded frames, with the scores of blind baselines and of a model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QuestionTypes = Literal["grounding", "counting", "relation", "containment", "sta
 
 @dataclass(frozen=True, slots=True)
 class FrameOptions:
-    """What is asked about.
+    """Frames, cameras and types of the questions of a set.
 
     Attributes:
         questions: About how many questions; 0 for as many as can be balanced.

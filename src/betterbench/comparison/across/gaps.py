@@ -1,4 +1,4 @@
-"""Illusion gaps across worlds: what a policy loses when its scene changes, on the same trials or chains.
+"""Illusion gaps across worlds: the loss in success when the scene changes, on the same trials or chains.
 
 A trial in LIBERO-PRO and that of the base suite share the number of the initial state: the states are not the same.
 """
@@ -25,7 +25,7 @@ class WorldGap:
 
     Attributes:
         world: "better60", "LIBERO-PRO", "LIBERO-Plus" or "CALVIN".
-        change: What changed ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in our own suite.
+        change: Name of the change ("swap", "resampled"), or the axis of LIBERO-Plus; "all variations" in our own suite.
         base: Success without the change, or the share of subtasks done in a row.
         changed: The same with it.
         pairs: Trials that both have played.

@@ -1,4 +1,4 @@
-"""Runs as their outcomes in one suite of one world. Every planned trial counts; what did not end well is a failure."""
+"""Outcomes of runs in one suite of one world. Every planned trial counts; one that did not succeed is a failure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from betterbench.tasks.worlds.calvin import CHAIN_SUITES, Chain, ChainResult, Su
 from betterbench.tasks.worlds.libero import PLUS_SUITES, SUITES
 
 OURS = "better60"
-"""What stands for the suite of a run in our own scenes."""
+"""Name of the suite of a run in our own scenes."""
 
 InitialState = tuple[str, int]
 """Task and seed: the number of an initial state, which twins and policies share.
@@ -30,11 +30,11 @@ class SuiteRun:
     """One policy in one suite.
 
     Attributes:
-        policy: What the policy is called; runs of the same name are one policy.
+        policy: Name of the policy; runs of the same name are one policy.
         base: The suite that this one changes, or its own name.
-        change: What it changes ("swap", "resampled"), or None.
+        change: Its change ("swap", "resampled"), or None.
         protocol: The protocol of the field by which it was run; empty for our own suite.
-        versions: Versions of what the world is made of; numbers under different ones are not compared.
+        versions: Versions of the world's packages; numbers under different ones are not compared.
         successes: Whether each planned trial succeeded.
         chains: The planned chains of CALVIN.
         unfinished: Planned trials that have not ended yet.
@@ -70,8 +70,8 @@ def read_suite_runs(runs: Sequence[RunFolder], *, names: Sequence[str] = ()) -> 
 
     Args:
         runs: Folders of the runs.
-        names: What the policy of each run is called; runs of the same name are rows of one policy. The declared name of
-            the policy if not given.
+        names: Name of each run's policy; runs of the same name are rows of one policy. The declared name of the policy
+            if not given.
 
     Raises:
         InvalidInputError: If there is not one name for each run, or a policy has two runs in the same suite.
@@ -144,7 +144,7 @@ def _read(run: RunFolder, name: str) -> SuiteRun:
 
 
 def chain_result(chain: Chain, record: Record | None) -> ChainResult:
-    """Return what a chain came to by its record; without one, it was not played.
+    """Return the result of a chain from its record; without a record, the chain was not played.
 
     Raises:
         RecordError: If the record is of other subtasks.

@@ -38,7 +38,7 @@ class WorldRow:
     """One policy.
 
     Attributes:
-        policy: What it is called.
+        policy: Its name.
         suites: Rate in each suite of LIBERO's four that was run, by name.
         average: The mean of the four, each with the same weight, with its interval; None unless all four were run.
         chains: Its chains in CALVIN, or None.
@@ -83,12 +83,12 @@ class WorldContrast:
 
 @dataclass(frozen=True, slots=True)
 class WorldTable:
-    """The table, and what its rows say about each other.
+    """The table, with comparisons of its rows.
 
     Attributes:
         contrasts: Pairs of policies in LIBERO.
         chain_contrasts: Pairs of policies in CALVIN, with their names.
-        notes: What limits the numbers.
+        notes: Limits of the numbers.
     """
 
     rows: tuple[WorldRow, ...]

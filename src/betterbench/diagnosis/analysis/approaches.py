@@ -1,7 +1,7 @@
-"""What a policy went for without closing its gripper on it: objects that it stayed over, and objects that it pushed.
+"""Targets that a policy approached without grasping: objects that it hovered over, and objects that it pushed.
 
-A grasp shows what a policy has chosen. Where the last grasp is followed by none, the way of the empty gripper, open or
-shut, shows it: it stays over one thing, comes back to it again and again, or goes to and fro and settles on nothing.
+A grasp shows which target a policy has chosen. After the last grasp, the path of the empty gripper shows it: the
+gripper stays over one object, returns to it again and again, or moves to and fro between objects and settles on none.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Stay:
 
 
 def find_stays(trace: Trace, first: int) -> tuple[Stay, ...]:
-    """Return the stays from a row on, in time; what is at a target or on the floor is stayed over by nobody."""
+    """Return the stays from a row on, in time; objects at a target or on the floor have no stays."""
     near = _near_anything(trace) & _is_empty(trace)
     over = np.array([_over(trace, row) if near[row] else -1 for row in range(first, trace.rows)], dtype=np.int64)
     stays: list[Stay] = []
@@ -86,8 +86,8 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
     Args:
         trace: The episode.
         first: The row.
-        asked: Indices of what may rightly be taken. Whoever comes over one of them about as long, or as often, as over
-            something else has not chosen that.
+        asked: Indices of objects that may rightly be taken. A gripper that is over one of them about as long, or as
+            often, as over another object has not chosen the other one.
     """
     stays = find_stays(trace, first)
     times: Counter[int] = Counter()
@@ -104,9 +104,9 @@ def chosen_by_staying(trace: Trace, first: int, asked: Collection[int] = ()) -> 
 
 
 def _comes_over_too(trace: Trace, stays: list[Stay], first: int, asked: Collection[int]) -> bool:
-    """Tell whether a gripper comes over what is asked for about as long, or as often, as it stays over something else.
+    """Tell whether a gripper is over a requested object about as long, or as often, as it stays over another one.
 
-    Both are looked at up to the same height over the table, because the taller of two things is come over earlier.
+    Both are counted up to the same height over the table, because a gripper gets over a taller object earlier.
     """
     chosen = stays[0].object
     ceiling = max(float(trace.tool[s.start : s.end + 1, 2].max()) for s in stays)
@@ -247,9 +247,9 @@ def to_and_fro(trace: Trace, first: int) -> tuple[int, int] | None:
 
 
 def comes_nearer(trace: Trace, rows: tuple[int, int], things: Iterable[int]) -> bool:
-    """Tell whether a way leads to one of some things, however it swings: its middle comes nearer in each quarter.
+    """Tell whether a path leads to one of some objects, even if it swings: its middle comes nearer in each quarter.
 
-    A way whose middle is at a thing from the start leads nowhere.
+    A path whose middle is at an object from the start does not lead to it.
     """
     first, last = rows
     middles = np.array([part.mean(axis=0) for part in np.array_split(trace.tool[first : last + 1, :2], 4)])
@@ -262,7 +262,7 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 
     Args:
         trace: The episode.
-        i: Index of what can be shut.
+        i: Index of the object that can be shut.
         shut: (T,) whether it is.
     """
     if shut.all() or not shut[-1]:
@@ -275,8 +275,8 @@ def shuts(trace: Trace, i: int, shut: Bools) -> tuple[int, int] | None:
 def find_pushes(trace: Trace, grasps: tuple[GraspAttempt, ...]) -> tuple[Stay, ...]:
     """Return the rows in which an empty gripper pushes an object, and the object, in time.
 
-    What moves while a gripper that has closed on it is still at it is carried or dragged, and not pushed. What a
-    gripper runs into with something else between its fingers is hit.
+    An object that moves while the gripper that closed on it is still at it is carried or dragged, and not pushed. An
+    object that the gripper runs into with another one between its fingers is hit.
     """
     shoves = find_shoves(trace, grasps)
     times = Counter(shove.object for shove in shoves)
@@ -324,10 +324,10 @@ def _is_empty(trace: Trace) -> Bools:
 
 
 def _over(trace: Trace, row: int) -> int:
-    """Return the object that an empty gripper is over, or -1; a target is come over to let go there.
+    """Return the object that an empty gripper is over, or -1; targets are left out: a gripper releases over them.
 
-    Of several it is the one that is nearest as seen from above: what is below the gripper, be it the rim of a plate,
-    rather than what has its middle nearer.
+    Of several it is the one that is nearest as seen from above: an object below the gripper, even if only its rim,
+    rather than one whose middle is nearer.
     """
     gaps = _gaps(trace, row, trace.items)
     near = (i for i in gaps if not (trace.there[row, i] or trace.is_drawer(i) or i in trace.targets))
@@ -336,7 +336,7 @@ def _over(trace: Trace, row: int) -> int:
 
 
 class _Gap(NamedTuple):
-    """How far the gripper is from an object as seen from above: beside its box, then from its middle [m].
+    """Distances of the gripper from an object: from above, to its box (``beside``) and its middle (``center``) [m].
 
     Attributes:
         above: Height over its top [m].
@@ -350,7 +350,7 @@ class _Gap(NamedTuple):
 
     @property
     def is_over(self) -> bool:
-        """Whether the gripper is over it or a little beside it; wide things are taken far from their middle."""
+        """Whether the gripper is over the object or just beside it; wide objects are grasped far from their middle."""
         return self.beside <= BESIDE or self.center <= THRESHOLDS.slot_reach
 
 
@@ -396,7 +396,7 @@ def spans(flags: Bools, gap: int) -> list[tuple[int, int]]:
 def _moves_from(trace: Trace, i: int, touched: int) -> int:
     """Return the row at which an object begins to move up to the row at which a touch was seen first.
 
-    Touches shorter than a control step are seen by what they do alone.
+    Touches shorter than a control step are seen only by their effects.
     """
     before = max(0, touched - trace.steps(FLICKER_TIME))
     moved = np.linalg.norm(trace.positions[before : touched + 1, i] - trace.positions[before, i], axis=1)

@@ -1,4 +1,4 @@
-"""Collisions: how often the robot, or what it holds, bumps into a fixture. They spoil no goal, they are counted."""
+"""Collisions of the robot, or of its held object, with fixtures. They are counted and do not affect success."""
 
 from __future__ import annotations
 

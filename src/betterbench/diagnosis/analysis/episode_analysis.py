@@ -1,4 +1,4 @@
-"""An episode: what was asked for at the time of each grasp attempt, and what the attempt was at."""
+"""Analysis of an episode: the object of each grasp attempt, compared with the instruction at that time."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from betterbench.tasks.words import place_words
 
 
 class AttemptTarget(StrEnum):
-    """How the object of an attempt stands to the instruction at that moment."""
+    """Relation of an attempt's object to the instruction, at the moment of the attempt."""
 
     ASKED = "asked"
-    """It is what the instruction asks for now."""
+    """The instruction asks for it now."""
     LATER = "later"
     """It is asked for, but an earlier step of an ordered instruction is open."""
     REPEATED = "repeated"
     """The step that it could serve is done."""
     OTHER = "other"
-    """Another instruction of the task means it, or it is where things are to go."""
+    """Another instruction of the task means it, or it is the target where objects are to be placed."""
     FOREIGN = "foreign"
     """No instruction of the task means it."""
     EMPTY = "empty"
@@ -50,7 +50,7 @@ class AttemptTarget(StrEnum):
 
 
 class Means(StrEnum):
-    """How a policy shows what it goes for."""
+    """Behavior by which a policy shows its target: a grasp, a push, hovering, or an attempt to close the gripper."""
 
     GRASP = "grasp"
     """The gripper closes."""
@@ -71,15 +71,15 @@ _MEANS_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One grasp attempt, or what stands for one, seen against the instruction.
+    """One grasp attempt, or a push, stay or closing that counts as one, compared with the instruction.
 
     Attributes:
         attempt: The attempt as it is reported.
         at: Index of the object that it was at or that it missed, or None.
         goal: Index of the subgoal that was due, or None if none was open.
         asked_slots: Slots in which the objects stand that were asked for.
-        between: Index of another object that a gripper which closed on nothing was as near to as to what was asked for,
-            so that it cannot be told which of the two was meant; else None.
+        between: Index of another object that was as near as the requested one to a gripper that closed on nothing, so
+            that the attempt may have been at either; else None.
     """
 
     grasp: GraspAttempt
@@ -104,11 +104,11 @@ class EpisodeAnalysis:
     Attributes:
         meant: Per subgoal the indices of the objects that it can mean.
         steps: All grasp attempts, in time.
-        harm: What was done to things that were not asked for, in time.
-        others: What was gone for without closing the gripper, in time.
+        harm: Harm to objects that were not asked for, in time.
+        others: Approaches without closing the gripper, in time.
         on_nothing: Closings far from everything, or beside an empty slot, in time.
         fists: Closings on nothing where something is to be pushed shut, in time.
-        state: Returns the state at a row; None where only what was recorded of places is known.
+        state: Returns the state at a row; None if only the recorded places are known.
     """
 
     trace: Trace
@@ -124,12 +124,12 @@ class EpisodeAnalysis:
 
     @property
     def decisions(self) -> tuple[Step, ...]:
-        """Everything that shows what the policy goes for, in time: grasp attempts, pushes, and a stay at the end."""
+        """All steps that show a target of the policy, in time: grasp attempts, pushes, and a stay at the end."""
         return tuple(sorted((*self.steps, *self.others), key=lambda s: s.grasp.start))
 
     @property
     def idle_from(self) -> int:
-        """The row after the last closing of the gripper and what came of it, also if it was on nothing; else 0."""
+        """Row at which the last closing of the gripper (also on nothing) and its effects have ended; 0 without one."""
         grasps = [*(step.grasp for step in self.steps), *self.on_nothing, *self.fists]
         if not grasps:
             return 0
@@ -139,7 +139,7 @@ class EpisodeAnalysis:
 
     @property
     def instruction(self) -> Instruction:
-        """The instruction text and what it asks for."""
+        """Instruction of the condition: its text and its subgoals."""
         return self.condition.instruction
 
     @property
@@ -165,7 +165,7 @@ class EpisodeAnalysis:
 
     @property
     def off_limits(self) -> tuple[int, ...]:
-        """Indices of what was to be left alone; empty where something was to be done with all of it or none."""
+        """Indices of the objects that must be left alone if refusing or staying still is right; else empty."""
         if self.condition.expected is Expected.STAY_STILL:
             return self.trace.items
         return off_limits(self.trace.info, self.asked_indices) if self.condition.expected is Expected.REFUSE else ()
@@ -176,7 +176,7 @@ class EpisodeAnalysis:
         return find_shoves(self.trace, tuple(step.grasp for step in self.steps))
 
     def harm_words(self) -> tuple[str, ...]:
-        """Return clauses for what was done to things that were not asked for, in time."""
+        """Return clauses for the harm to objects that were not asked for, in time."""
         return tuple(dated.harm.words(self.trace.info) for dated in self.harm)
 
     def kind(self, i: int) -> str:
@@ -192,7 +192,7 @@ class EpisodeAnalysis:
         return _open_goals(self.trace, self.goals, row)
 
     def fills(self, goal: int) -> tuple[int, ...]:
-        """Return the earlier subgoals that fill what a subgoal closes."""
+        """Return the earlier subgoals that fill the object that a subgoal closes."""
         return tuple(_before(self.trace, self.goals, goal))
 
     def wanted(self, row: int) -> tuple[int, ...]:
@@ -213,7 +213,7 @@ class EpisodeAnalysis:
         return any(s.grasp.start < row and s.at in self.meant[goal] for s in self.steps)
 
     def let_go(self, step: Step) -> tuple[int, int] | None:
-        """Return the rows at which what an attempt took left the gripper and had come to rest.
+        """Return the rows at which the object of an attempt left the gripper and had come to rest.
 
         Returns:
             The two rows, or None if it took nothing or still has it at the end.
@@ -233,7 +233,7 @@ class EpisodeAnalysis:
         return gone, rest if again.size == 0 else max(gone, gone + int(again[0]) - 1)
 
     def slipped(self, step: Step) -> bool:
-        """Tell whether what an attempt took fell out of a gripper that was to stay closed, wherever it landed."""
+        """Tell whether the object of an attempt fell out of a gripper that was commanded to stay closed."""
         rows, i = self.let_go(step), step.grasp.object
         if rows is None or i is None:
             return False
@@ -242,9 +242,9 @@ class EpisodeAnalysis:
         return gone < step.grasp.release and fall > THRESHOLDS.fall_height
 
     def telling_place(self, row: int, i: int) -> Whereabout | None:
-        """Return the place of a target at which an object is if that alone tells that it was brought there, or None.
+        """Return the place of a target at which an object is, if being there proves that it was brought there, or None.
 
-        A side that reaches far is no such place: what was not let go on purpose near its middle merely stands there.
+        A wide place, such as a side of an object, proves nothing: an object may merely stand there.
         """
         place = self.trace.placed(row, i)
         if place is None or self.state is None or not relation(place.relation).wide:
@@ -254,7 +254,7 @@ class EpisodeAnalysis:
     def put_down(self, step: Step) -> tuple[int, int, Whereabout] | None:
         """Return where an object was put that no subgoal wants there, with the rows of release and of rest, or None.
 
-        What was let go on purpose at a place is there in any posture: the place was chosen, however badly it was met.
+        An object that was released on purpose at a place counts as there in any posture: the place was chosen.
         """
         i, rows = step.grasp.object, self.let_go(step)
         if rows is None or i is None or not step.grasp.secured:
@@ -355,7 +355,7 @@ class EpisodeAnalysis:
         shared: tuple[str, ...] = (),
         candidates: tuple[str, ...] = (),
     ) -> Evidence:
-        """Return evidence for a span of rows and object indices; the text ends with time, place and what was asked."""
+        """Return evidence for a span of rows and object indices; the text ends with time, place and instruction."""
         time, last = self.trace.time, self.trace.rows - 1
         first, end = (min(max(r, 0), last) for r in rows)
         facts = [f"{float(time[first]):.1f} s"]
@@ -370,7 +370,7 @@ class EpisodeAnalysis:
         )
 
     def asked_at(self, row: int) -> str:
-        """Return the words of the steps that are due at a row, with the things that they mean."""
+        """Return the words of the steps that are due at a row, with the objects that they mean."""
         due = self.open_words(row)
         due = due[:1] if self.instruction.ordered else due
         return listed(due) or "nothing more"
@@ -380,7 +380,7 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(map(self.asked_words, self.open_goals(row))))
 
     def asked_words(self, goal: int) -> str:
-        """Return the word of a step with the kind of thing that it means, where that is another: "'red' (red mug)"."""
+        """Return the word of a step, with the kind of object that it means if that differs: "'red' (red mug)"."""
         word = self.goals[goal].word
         kinds = dict.fromkeys(self.kind(i) for i in self.meant[goal])
         named = " or ".join(kind for kind in kinds if kind != word)
@@ -406,7 +406,7 @@ class EpisodeAnalysis:
         return self.evidence(rule, text, rows=(step.grasp.start, step.grasp.end), objects=objects, **details)
 
     def describe(self, step: Step, *, slots: bool = True) -> str:
-        """Return a phrase for what an attempt was at, with its slot or without."""
+        """Return a phrase for the object of an attempt, with its slot or without."""
         slot = f" at slot {step.grasp.slot!r}" if slots and step.grasp.slot is not None else ""
         if step.at is None:
             return f"nothing (an air grasp{slot})"
@@ -424,7 +424,7 @@ class EpisodeAnalysis:
         return f"at {self.where(self.trace.targets[step.goal], self.goals[step.goal].region)}"
 
     def shared_looks(self, at: int, targets: Iterable[int]) -> tuple[str, ...]:
-        """Return what the look of an object has in common with one of several: "color", "shape"."""
+        """Return the visual properties that an object shares with one of several: "color", "shape"."""
         found, others = self.trace.info.objects[at], [self.trace.info.objects[i] for i in targets]
         shared = []
         if found.color and any(found.color == other.color for other in others):
@@ -434,7 +434,7 @@ class EpisodeAnalysis:
         return tuple(shared)
 
     def asked_for(self, step: Step) -> str:
-        """Return a phrase for what was asked for at an attempt."""
+        """Return a phrase for the objects that were asked for at an attempt."""
         if step.goal is None:
             return "nothing was left to do"
         return f"{self.asked_words(step.goal)} was asked for"
@@ -457,7 +457,7 @@ class EpisodeAnalysis:
         return tuple(dict.fromkeys(chosen))
 
     def intention_correct(self) -> bool | None:
-        """Tell whether the first attempt was at what was asked, or no forbidden attempt was made (suite, section 4).
+        """Tell whether the first attempt was at a requested object, or no forbidden one was made (suite, section 4).
 
         Returns:
             None where it cannot be told: the first closing was on nothing between two objects, or every closing was far
@@ -507,9 +507,9 @@ def analyze_episode(
 
     Args:
         trace: The episode.
-        condition: What was asked for.
-        trained: What training showed.
-        harm: What was done to things that were not asked for.
+        condition: Condition of the trial.
+        trained: Training distribution of the task.
+        harm: Harm to objects that were not asked for.
         state: Returns the state at a row; without it, places count strictly alone.
     """
     info = trace.info
@@ -546,8 +546,8 @@ def _start(grasp: GraspAttempt) -> int:
 def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
     """Tell whether the gripper closed on nothing so far from an empty slot that it may have missed something else.
 
-    That is where what is asked for now is about as near as where demonstrations close in the slot. A slot in which
-    training picked nothing, or something stands, has to be met at its middle.
+    It may have if a requested object is about as near as the spot at which demonstrations close in the slot. In a slot
+    from which training picked nothing, or in which an object stands, the gripper has to be at the middle.
     """
     slot = step.grasp.slot
     if step.target is not AttemptTarget.EMPTY or slot is None:
@@ -561,16 +561,16 @@ def _beside_slot(trace: Trace, instruction: Instruction, step: Step) -> bool:
 
 
 def _needed(trace: Trace, instruction: Instruction, grasp: GraspAttempt) -> set[int]:
-    """Return what an attempt could rightly be at: what is asked for now, and drawers that have to be moved for it."""
+    """Return the objects of a right attempt: those asked for now, and drawers that have to be moved for them."""
     _, now = _due(trace, instruction, grasp.start)
     return {i for g in now for i in _wanted(trace, g, grasp.start) | _drawn(trace, g, grasp)}
 
 
 def _tries(trace: Trace, instruction: Instruction, known: frozenset[str], steps: tuple[Step, ...]) -> list[Step]:
-    """Return the closings at what was asked for that are no grasp attempts: a weak gripper has tried, too.
+    """Return closings at requested objects that are too weak to be grasp attempts, but show that the policy has tried.
 
-    Its fingers hardly moved although they were told to close for long, or they closed around it and opened again, not
-    once but again and again. Where an object was grasped at besides, that tells enough.
+    Either the fingers hardly moved although they were commanded to close for long, or they closed around the object
+    and opened again, several times. Objects with a grasp attempt of their own are left out.
     """
     seen = {step.at for step in steps}
     long: list[Step] = []
@@ -608,7 +608,7 @@ def _shown(trace: Trace, instruction: Instruction, known: frozenset[str], stay: 
 
 
 def _went_on(episode: EpisodeAnalysis, push: Step) -> bool:
-    """Tell whether a grasp attempt at something else follows a push: the thing was in the way."""
+    """Tell whether a grasp attempt at another object follows a push, so that the pushed object was in the way."""
     return any(s.grasp.start >= push.grasp.start and s.at != push.at for s in episode.steps)
 
 
@@ -640,14 +640,14 @@ def _reached(trace: Trace, goals: tuple[Subgoal, ...], g: int, row: int) -> bool
 
 
 def _before(trace: Trace, goals: tuple[Subgoal, ...], g: int) -> list[int]:
-    """Return the earlier subgoals whose target is what this one is about: loading a drawer that is closed after."""
+    """Return the earlier subgoals whose target is the object of this one, as in loading a drawer before closing it."""
     if relation(goals[g].relation).carried:
         return []
     return [j for j in range(g) if trace.targets[j] in trace.meant[g]]
 
 
 def _wanted(trace: Trace, g: int, row: int) -> set[int]:
-    """Return what may rightly be taken for a subgoal: what it means, and drawers that have to be moved for it first."""
+    """Return the objects of a right attempt for a subgoal: those it means, and drawers that have to be moved first."""
     busy = trace.serves[row].any(axis=0)
     wanted = {i for i in trace.meant[g] if not trace.serves[row, g, i] and not busy[i]}
     drawers = {i for i, _, _ in trace.drawers}
@@ -669,7 +669,7 @@ def _drawn(trace: Trace, g: int, grasp: GraspAttempt) -> set[int]:
 
 
 def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
-    """Return what a gripper that closed on nothing missed: in doubt, what was asked for now."""
+    """Return the object that a gripper missed when it closed on nothing; in doubt, the requested one."""
     if grasp.aim is None or grasp.aim in needed:
         return grasp.aim
     gaps = trace.box_distances(grasp.start, trace.tool[grasp.end])
@@ -680,7 +680,7 @@ def _missed(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> int | None:
 def _step(
     trace: Trace, instruction: Instruction, known: frozenset[str], grasp: GraspAttempt, *, at: int | None = None
 ) -> Step:
-    """Return an attempt seen against what is due; ``at`` is what it was at, where the gripper does not tell it."""
+    """Return an attempt compared with the steps that are due; ``at`` is its object if the gripper does not show it."""
     row = grasp.start
     due, now = _due(trace, instruction, row)
     wanted = {g: _wanted(trace, g, row) | _drawn(trace, g, grasp) for g in due}
@@ -711,9 +711,9 @@ def _step(
 
 
 def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, int] | None:
-    """Return what is asked for and what is not, if one finger comes down on each of them, or None.
+    """Return a requested and another object if one finger comes down on each of them, or None.
 
-    What was lifted, or was between both fingers, was attempted alone.
+    An object that was lifted, or was between both fingers, was attempted alone.
     """
     i = grasp.object
     if i is None or grasp.secured or trace.is_drawer(i):
@@ -735,7 +735,7 @@ def _astride(trace: Trace, grasp: GraspAttempt, needed: set[int]) -> tuple[int, 
 
 
 def _between(trace: Trace, grasp: GraspAttempt, at: int | None, needed: set[int]) -> int | None:
-    """Return what else was as near to a gripper that closed on nothing as what was asked for was, or None."""
+    """Return another object that was as near as the requested one to a gripper that closed on nothing, or None."""
     if grasp.object is not None or at is None:
         return None
     row = grasp.start

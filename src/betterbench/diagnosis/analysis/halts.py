@@ -28,10 +28,10 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
     """Return the rows of the first halt for good, or None.
 
     A halt lasts for ``halt_time`` with subgoals open and no attempt under way, or for ``tremble_time`` if the arm
-    moves in place, other than over what it was asked to take. A pause after which the arm goes on is none: a policy
-    that pauses is slow, and what is shorter than an earlier pause may be one more. An arm that has the right thing at
-    its place and does not let go of it has halted only if it does not move at all, to and fro in one place neither: its
-    gripper fails to open.
+    moves in place, except over an object that it was asked to take. A pause after which the arm goes on is not a halt:
+    a policy that pauses is slow, and a stop shorter than an earlier pause may be another pause. An arm that holds the
+    right object at its place has halted only if it does not move at all, not even to and fro: its gripper fails to
+    open.
     """
     trace = episode.trace
     kept = kept_at_its_place(episode) is not None
@@ -54,16 +54,16 @@ def find_halt(episode: EpisodeAnalysis) -> tuple[int, int] | None:
 
 
 def in_fingers(trace: Trace, row: int) -> int | None:
-    """Return what the gripper holds at a row, or None; contacts that tremble let go of nothing."""
+    """Return the object in the gripper at a row, or None; a brief loss of contact is not a release."""
     rows = slice(max(0, row - trace.steps(FLICKER_TIME)), row + 1)
     held = [i for i in trace.held[rows].tolist() if i >= 0]
     return held[-1] if held else None
 
 
 def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
-    """Return what the gripper had at its place for long and has not opened for since it took it, to the end, or None.
+    """Return the object that the closed gripper has kept at its place for long, up to the end, or None.
 
-    It may stand there between the fingers. What still sinks toward its place is not kept there.
+    The object may stand there between the fingers. One that still sinks toward its place is not kept there.
     """
     trace, last = episode.trace, episode.trace.rows - 1
     for g, goal in enumerate(episode.goals):
@@ -76,7 +76,7 @@ def kept_at_its_place(episode: EpisodeAnalysis) -> int | None:
                 continue
             first = rows[-1][0]
             at = first + np.flatnonzero(_is_at_place(episode, i, g, first))
-            # What comes lower the longer it is over its place is on its way, slowly.
+            # An object that keeps sinking over its place is still on its way.
             if at.size >= trace.steps(STAY_TIME) and lowered(trace.positions[at, i, 2]) <= THRESHOLDS.begun_lift:
                 return i
     return None

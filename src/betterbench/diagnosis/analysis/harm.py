@@ -1,4 +1,4 @@
-"""Harm in a record: what a success must not have done to anything that was not asked for, and when it was done."""
+"""Harm in a record: changes to objects that were not asked for, which exclude success, with their times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FINAL = frozenset({"turned", "target_moved", "left_open"})
 
 
 class DatedHarm(NamedTuple):
-    """One harm with the row at which it is first seen; what is at a target at the end is dated there."""
+    """One harm with the row at which it is first seen; an object left at a wrong target is dated at the last row."""
 
     row: int
     harm: Harm

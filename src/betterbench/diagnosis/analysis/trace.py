@@ -1,4 +1,4 @@
-"""What the detectors read from a record: its columns by object, with contacts and relations as arrays."""
+"""Record as arrays, for the detectors of failure modes: columns by object, contacts and relations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from betterbench.tasks.relations import RELATIONS, relation
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Whereabout:
-    """When an object was at one place of a target, asked for or not.
+    """Rows in which an object was in one relation to a target, whether the instruction asks for that or not.
 
     Attributes:
         place: TargetRegion of the target, "" if it offers just one.
@@ -35,7 +35,7 @@ class Whereabout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace(Motion):
-    """One episode as arrays: its motion, and what it was asked for. ``T`` rows, ``n`` objects, ``g`` subgoals.
+    """One episode as arrays: its motion and its subgoals. ``T`` rows, ``n`` objects, ``g`` subgoals.
 
     Attributes:
         time: (T,) time since reset [s].
@@ -64,7 +64,7 @@ class Trace(Motion):
         return next((w for w in self.whereabouts if w.object == i and w.rows[row]), None)
 
     def opening(self, row: int, drawer: int) -> float:
-        """Return how far a drawer is drawn out [m]; 0 for what is no drawer."""
+        """Return how far a drawer is drawn out [m]; 0 for other objects."""
         for i, cabinet, place in self.drawers:
             if i == drawer:
                 p, q = self.positions[row, cabinet].tolist(), self.quaternions[row, cabinet].tolist()

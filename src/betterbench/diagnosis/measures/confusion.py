@@ -1,4 +1,4 @@
-"""The confusion matrix of the diagnosis, and what it is worth per label."""
+"""Confusion matrix of the diagnosis, with recall and precision per label."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ FAMILIES: dict[str, str] = {
     "controller of its own. Its true label is stated before the first action. Whoever wrote this part never saw the "
     "diagnosis or what it said of other parts, and took the faults that learned policies are known for.",
 }
-"""What a diagnosis is measured on, with what is said of it: faulty policies, and parts of the independent family.
+"""Sets of policies on which a diagnosis is measured, described: faulty policies, parts of the independent family.
 
-The last one is what the diagnosis is claimed to be worth: it was written last, and used once.
+The accuracy that is claimed for the diagnosis is the one on the last set, which was written last and used once.
 """
 
 CLAIMED = next(reversed(FAMILIES))
@@ -61,10 +61,10 @@ class Judged:
     Attributes:
         trial: Key of the trial ("fast_food/T1/3").
         truth: Label that it deserves.
-        fault: What was decided wrongly, in the policy's own words.
+        fault: The policy's wrong decision, as the policy states it.
         grasped: Whether the record holds a grasp attempt, so that a grasp shows what was decided.
         honest: Whether the policy has no fault.
-        debatable: Why a careful reader of the suite might give another label; "" if none would.
+        debatable: Reason for which a careful reader of the suite might give another label; "" if there is none.
     """
 
     policy: str
@@ -80,18 +80,18 @@ class Judged:
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis found the truth."""
+        """Whether the diagnosis gave the true label."""
         return self.truth is self.label
 
     @property
     def crossed(self) -> bool:
-        """Whether reasoning was called execution, or the other way round."""
+        """Whether a failure of reasoning was labeled as one of execution, or the other way round."""
         return {self.truth.kind, self.label.kind} == {Kind.REASONING, Kind.EXECUTION}
 
 
 @dataclass(frozen=True, slots=True)
 class LabelScore:
-    """How well one label is found.
+    """Recall and precision of one label.
 
     Attributes:
         recall: Of the trials that deserve it, those that were given it.
@@ -105,7 +105,7 @@ class LabelScore:
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """What a diagnosis is worth, measured.
+    """Measured accuracy of a diagnosis on policies with known faults.
 
     Attributes:
         policies: Per policy its right trials and all its trials.

@@ -1,4 +1,4 @@
-"""The metrics of a run (suite, section 4), each with its count and its uncertainty."""
+"""Metrics of a run (suite, section 4), each with its count and its uncertainty."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def compute_metrics(trials: Trials, decided: UntilDecided | None = None) -> tupl
 
     Args:
         trials: Its trials.
-        decided: What a run until decided has decided. Numbers of one condition then have intervals that hold whenever
+        decided: Decisions of a run until decided. Numbers of one condition then have intervals that hold whenever
             its trials stopped, and numbers over several conditions are of the seeds of the first round alone.
 
     Returns:

@@ -1,7 +1,7 @@
-"""The power matrix: what every faulty rule, blind probe and replayed demonstration reaches on every variation.
+"""Power matrix: success rates of every faulty rule, blind probe and replayed demonstration on every variation.
 
-A success rate proves only what the pretenders do not reach. The matrix is measured once (``better calibrate --power``)
-and ships with the package; everything here reads it, and nothing here starts a simulator.
+A success rate proves an ability only as far as it exceeds the rates of the pretenders. The matrix is measured once
+(``better calibrate --power``) and ships with the package. This module reads it and never starts a simulator.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ STOPPING_AT_NEWS = "zoo:halt"
 BLIND = ("probe:no-language", "probe:no-images", "probe:replay")
 """The pretenders that lack something to see or hear. The last two move without looking."""
 FLOOR = ("random", "noop")
-"""What needs no demonstration at all."""
+"""Pretenders that need no demonstrations."""
 
 
 Key = tuple[str, str]
@@ -75,7 +75,7 @@ class PowerCell:
         return self.n > 0 and self.k <= FAILS_AT * self.n
 
     def to_json(self) -> dict[str, Any]:
-        """Return the JSON form; what is zero is left out."""
+        """Return the JSON form; zeros are left out."""
         form: dict[str, Any] = {"k": self.k, "n": self.n, "right": self.right}
         optional = {"shared": self.shared, "wrong": self.wrong, "failed": self.failed}
         return form | {name: value for name, value in optional.items() if value}
@@ -86,7 +86,7 @@ class BlindCell:
     """One pretender that sees or hears less than it should, on one variation on which something has to be done.
 
     Attributes:
-        chance: Rate that is to be expected of it: guessing the instruction, or what jitter leaves to a replay.
+        chance: Expected rate: that of guessing the instruction, or that of a replay despite jittered poses.
         p_value: Two-sided exact binomial test against that rate.
         p_adjusted: The same, Holm-corrected over all cells.
     """
@@ -101,12 +101,12 @@ class BlindCell:
 
     @property
     def above(self) -> bool:
-        """Whether it succeeds more often than is to be expected."""
+        """Whether the pretender succeeds more often than expected."""
         return self.rate.k > self.chance * self.rate.n
 
     @property
     def flagged(self) -> bool:
-        """Whether that stands after the correction, at the 5 % level."""
+        """Whether the excess is significant at the 5 % level after the correction."""
         return self.above and self.p_adjusted < DEFAULT_ALPHA
 
     @property
@@ -128,7 +128,7 @@ class PowerMatrix:
     """The measured matrix.
 
     Attributes:
-        cells: Per pretender and variation what it reached; the expert is among the pretenders as the reference.
+        cells: Result per pretender and variation; the expert is among the pretenders as the reference.
         chances: Per variation the success rate of guessing its instruction among those that make sense in its scene.
         versions: Package, suite, engine and task versions, and per task a digest of its conditions.
     """
@@ -201,9 +201,9 @@ class PowerMatrix:
         return Ceiling(best, known[best].rate)
 
     def blind_cells(self) -> tuple[BlindCell, ...]:
-        """Return every cell of what cannot see, hear or aim, tested against what is to be expected of it.
+        """Return every cell of the pretenders that cannot see, hear or aim, tested against the expected rate.
 
-        Where the right thing is to do nothing, doing nothing is no knowledge: those variations are left out.
+        Variations in which doing nothing is right are left out, because doing nothing then proves no ability.
         """
         found = []
         for name in (*BLIND, *FLOOR):
@@ -307,7 +307,7 @@ def _expected(key: Key) -> Expected:
 
 
 def task_versions(task: Task) -> dict[str, str]:
-    """Return what a cell of a task depends on: its version, and a digest of all its conditions and slots."""
+    """Return the version of a task and a digest of all its conditions and slots, on which its cells depend."""
     conditions = [*task.training, *(vary(task, v)[0] for v in task.variations)]
     form = [[c.to_json() for c in conditions], [repr(slot) for slot in task.slots], [v.base for v in task.variations]]
     digest = hashlib.sha256(json.dumps(form, sort_keys=True).encode()).hexdigest()[:12]

@@ -1,4 +1,4 @@
-"""Where a policy stands among the pretenders: reference lines, the nearest pretender, and what each score proves."""
+"""Comparison of a policy with the pretenders: reference lines, nearest pretender, and margins above the ceilings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from betterbench.tasks.labels import Kind
 
 @dataclass(frozen=True, slots=True)
 class ReferenceLine:
-    """What one pretender would score on the trials of a run.
+    """Expected success rates of one pretender on the trials of a run.
 
     Attributes:
         scores: By scope ("overall", "axis:temporal_extrapolation"), its success rate, a variation weighted by how many
@@ -31,7 +31,7 @@ class ReferenceLine:
 
 @dataclass(frozen=True, slots=True)
 class Likeness:
-    """How far a pretender and a policy do alike.
+    """Agreement between the outcomes of a pretender and those of a policy.
 
     Attributes:
         agreement: Share of the run's trials that would have ended alike, success for success and failure for failure.
@@ -47,7 +47,7 @@ class Likeness:
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """What a success rate on one variation proves.
+    """Margin of a policy's success rate on one variation above the variation's shortcut ceiling.
 
     Attributes:
         rate: The policy's success rate.
@@ -75,7 +75,7 @@ class Standing:
         expert: Agreement with the expert, or None without a matrix.
         margins: One per variation that the run and the matrix share.
         covered: Trials of the run that the matrix covers, of all its trials of variations.
-        notice: What is missing and how to get it, one sentence; empty if nothing is.
+        notice: Missing data and the way to get it, one sentence; empty if nothing is missing.
     """
 
     scores: dict[str, float]
@@ -182,7 +182,7 @@ def _scopes(trials: Sequence[TrialDiagnosis]) -> Iterator[tuple[str, list[TrialD
 
 
 def _line(name: str, trials: Sequence[TrialDiagnosis], matrix: PowerMatrix) -> dict[str, float]:
-    """Return what a pretender would score by scope, nothing if it lacks a cell."""
+    """Return the expected success rates of a pretender by scope; empty if it lacks a cell."""
     rates = _rates(name, trials, matrix)
     if rates is None:
         return {}

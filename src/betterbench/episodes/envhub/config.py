@@ -30,7 +30,7 @@ class BetterbenchEnv(EnvConfig):  # type: ignore[misc, unused-ignore]
         observation: Name of an observation preset.
         action_space: Name of an action space.
         quality: Name of a render preset.
-        features: What the environment gives and takes; filled in.
+        features: Observations and actions of the environment; filled in.
         features_map: Its names for the policy; filled in.
     """
 

@@ -34,7 +34,7 @@ class Shot:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnTask:
-    """What a film needs of a task of LIBERO, or of a variant of LIBERO-Plus."""
+    """Stored fields of a LIBERO task or a LIBERO-Plus variant that a film needs."""
 
     suite: str
     number: int
@@ -44,7 +44,7 @@ class _DrawnTask:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _DrawnProtocol:
-    """What a film needs of a protocol."""
+    """Stored field of a protocol that a film needs."""
 
     seed: int
 
@@ -52,7 +52,7 @@ class _DrawnProtocol:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Drawn:
-    """What a film needs of the world of a run."""
+    """Stored fields of a run's world settings that a film needs."""
 
     name: str
     tasks: dict[str, _DrawnTask]

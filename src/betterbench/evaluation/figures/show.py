@@ -58,7 +58,7 @@ _RIGHT = {
     "refuse": "right is to refuse",
     "stay_still": "right is to stay still",
 }
-"""What a right policy does in a test scene."""
+"""Correct behavior in a test scene, in words."""
 
 
 def image_file(image: Image.Image, suffix: str, *, remark: str) -> bytes:

@@ -28,17 +28,17 @@ _CONTROLS = 0.14
 """Room below the images for the controls of a player, which hide what is there while a film stands still."""
 
 _HOLD_S = 1.0
-"""How long the film stays on the start image with the whole path, and on the last state [s of the film]."""
+"""Time for which the film stays on the start image with the whole path, and on the last state [s of the film]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One side of a twin film: a trial of a run, what stands above it, and how it ended.
+    """One side of a twin film: a trial of a run, its heading and its outcome.
 
     Attributes:
-        heading: What it is ("this trial, fast_food/T1/3").
+        heading: Title of the side ("this trial, fast_food/T1/3").
         ended: Its outcome ("Semantic feature collapse").
-        right: Whether that is no failure, and is written in blue.
+        right: Whether the outcome is a success, which is written in blue.
     """
 
     task: str
@@ -56,7 +56,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class FilmLook:
-    """How a film is drawn.
+    """Camera, size, speed and quality of a film.
 
     Attributes:
         size: Side of each image [px, even].

@@ -1,4 +1,4 @@
-"""What cameras show of recorded states, with the image: computed by drawing the stored scene again.
+"""Images of recorded states with the objects that they show, made by rendering the stored scene again.
 
 This is one source of :class:`~betterbench.interface.state.FrameView`; materialized masks can be another.
 """
@@ -30,7 +30,7 @@ _GRID = np.array(list(itertools.product(_ACROSS, _ACROSS, _UP)))
 
 
 class CameraPhoto(NamedTuple):
-    """One image (JPEG) and what it shows."""
+    """One image (JPEG) with the objects that it shows."""
 
     jpeg: bytes
     view: FrameView
@@ -70,7 +70,7 @@ class ViewRenderer:
         return self._photos[camera]
 
     def _draw(self, record: Record, row: int, camera: str) -> None:
-        """Draw a row from every camera that was asked for so far: whoever asks for one asks for the others next."""
+        """Draw a row from every camera that was requested so far, because the others are usually requested next."""
         self._row = None
         self._cameras = tuple(dict.fromkeys((*self._cameras, camera)))
         views = [ViewSpec(name, self._size, self._size) for name in self._cameras]
@@ -99,7 +99,7 @@ def _matrices(placed: np.ndarray, focal_px: float, size: int) -> CameraMatrices:
 def _seen_objects(
     record: Record, row: int, facts: ModelFacts, sight: np.ndarray, camera: CameraMatrices
 ) -> dict[str, SeenObject]:
-    """Return what a sight shows of each object, and of the gripper."""
+    """Return the visible parts of each object and of the gripper."""
     numbers = np.full(int(np.iinfo(np.uint16).max) + 1, -1, np.int16)  # of objects, by body number plus one
     numbers[facts.object_bodies + 1] = np.arange(len(facts.object_bodies))
     numbers[1 + np.flatnonzero(np.isin(facts.instances, GRIPPER_INSTANCES))] = len(facts.object_bodies)
@@ -116,7 +116,7 @@ def _seen_objects(
 
 
 def seen_object(mask: np.ndarray, fraction: float) -> SeenObject:
-    """Return what a (height, width) bool mask with at least one pixel says about an object."""
+    """Return the visible part of an object from its (height, width) bool mask with at least one pixel."""
     rows, columns = np.nonzero(mask)
     box = int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1
     flat = np.concatenate(([False], mask.ravel(), [False]))

@@ -217,7 +217,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         return {"success": _won(outcome), "policy_error": broken, "cut_short": False}
 
     def get_metric_keys(self) -> dict[str, str]:
-        """Return what the harness averages: success, and the shares of broken and of shortened episodes."""
+        """Return the numbers that the harness averages: success, and the shares of broken and of shortened episodes."""
         return {"success": "mean", "policy_error": "mean", "cut_short": "mean"}
 
     def get_action_spec(self) -> dict[str, DimSpec]:

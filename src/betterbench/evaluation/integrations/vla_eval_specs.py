@@ -1,4 +1,4 @@
-"""What the tasks declare to vla-evaluation-harness: formats of actions and observations, as it names them."""
+"""Specs of the tasks for vla-evaluation-harness: formats of actions and observations under its names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The manifest of a run: what is known when it starts, besides its plan.
+"""Manifest of a run: its context at the start, besides its plan.
 
 It goes to ``context`` of ``run.json``. Another machine may resume a run, so none of it is compared then, except
 what the policy declares: another checkpoint behind the same address would put two policies into one run.
@@ -80,7 +80,7 @@ def run_conventions(plan: Plan) -> dict[str, Any]:
 
 
 def policy_difference(run: RunFolder, policy: Mapping[str, Any]) -> str | None:
-    """Return what a policy declares otherwise than for a run, with both values; None if nothing or unknown."""
+    """Return the first difference of a policy's declaration from that in a run; None if none is known."""
     changes = run.context.get("policy_changes", [])
     known = changes[-1].get("policy") if changes else run.context.get("policy")
     if not isinstance(known, dict):

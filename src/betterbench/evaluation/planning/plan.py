@@ -67,11 +67,11 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run evaluates, and how. The same plan resumes a run; another plan is refused.
+    """Policy, trials and settings of a run. A run is resumed with the same plan; another plan is refused.
 
     Attributes:
-        trials: What is run; with ``until_decided``, what may be run at most.
-        until_decided: When a variation gets no more trials, or None to run all.
+        trials: Trials to run; with ``until_decided``, the trials that are run at most.
+        until_decided: Rule after which a variation gets no more trials, or None to run all.
         world: The foreign world in which the trials are run, or None for ours.
     """
 

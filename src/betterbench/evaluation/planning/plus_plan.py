@@ -1,4 +1,4 @@
-"""The plan of a run in LIBERO-Plus: which variants are run, and which want the authors' assets."""
+"""Plan of a run in LIBERO-Plus: its variants, and those among them that need the authors' assets."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRIALS = 1
 
 @dataclass(frozen=True, slots=True)
 class VariantChoice:
-    """Which variants of a suite are run.
+    """Selection of the variants of a LIBERO-Plus suite that are run.
 
     Attributes:
         axes: Axes to run; all if none is named.
@@ -73,12 +73,12 @@ def make_plus_plan(
     Args:
         policy: Address of the policy.
         suite: Name of the suite.
-        choice: Which of its variants are run.
+        choice: Selection of its variants.
         protocol: Name of the protocol, for its steps.
         tasks: Base tasks to run, by name ("libero_spatial-05") or number; all if none is named.
         trials: Initial states of each variant, one if None. A new layout has one alone.
         seed: The first initial state.
-        action_space: What the policy answers; what its address says if None, and "ee_delta" where that says nothing.
+        action_space: Action space of the policy; if None, that of its address, or "ee_delta" if the address has none.
         observation: "default", or "state_only" without images.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
         command: Command of the world's process; that of its installed environment if None.

@@ -1,4 +1,4 @@
-"""What the trials of a plan can show: the smallest differences that they detect."""
+"""Statistical power of a plan: the smallest differences that its trials detect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repeating a run: its plan is read from ``run.json``, and whatever would change the results is named."""
+"""Repeating a run: its plan is read from ``run.json``, and all differences that would change the results are named."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class _Preset:
 @open_form
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """What is read back of a plan in ``run.json``; the rest is compared with what would be written here."""
+    """Fields of a plan that are read back from ``run.json``; the others are compared with those of the new plan."""
 
     policy: str
     trials: tuple[Trial, ...]

@@ -11,7 +11,7 @@ from betterbench.tasks import TrialId
 
 
 class Schedule:
-    """What of a plan is run next, as a function of the plan and of how its trials have ended, and of nothing else.
+    """Order of a plan's trials: the next ones, as a function of the plan and of the outcomes so far alone.
 
     Attributes:
         plan: The plan.
@@ -37,7 +37,7 @@ class Schedule:
 
     @property
     def decisions(self) -> Decisions | None:
-        """What is decided after the last complete round; None for a plan of which everything is run."""
+        """Decisions after the last complete round; None for a plan whose trials are all run."""
         if self.plan.until_decided is None:
             return None
         while self._waiting and self._is_done(self._waiting[-1]):

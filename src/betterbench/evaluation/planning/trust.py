@@ -1,4 +1,4 @@
-"""Trust in a policy that a file names: what evaluating it would do on this machine, and the yes that this needs."""
+"""Trust in a policy that a file names: risks of evaluating it on this machine, and the consent that this needs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _VARIABLE = "_env"  # ends the name of each option that names an environment var
 
 
 def risks_of(address: str) -> tuple[str, ...]:
-    """Return what evaluating a policy would do that only its owner may allow: run code, or send a secret."""
+    """Return the risks of evaluating a policy that need consent: running code, or sending a secret."""
     found = []
     kind = find_kind(address)
     head, _, query = address.partition("?")

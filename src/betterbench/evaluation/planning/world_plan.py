@@ -46,7 +46,7 @@ def make_world_plan(
         tasks: Tasks to run, by name ("libero_spatial-05") or number; all if none is named.
         trials: Initial states of each task; those of the protocol if None.
         seed: The first initial state.
-        action_space: What the policy answers; what its address says if None, and "ee_delta" where that says nothing.
+        action_space: Action space of the policy; if None, that of its address, or "ee_delta" if the address has none.
         observation: "default", or "state_only" without images.
         refuse_broken: Whether a scene that does not show what its sentence presupposes stops the run.
         command: Command of the world's process; that of its installed environment if None.
@@ -104,8 +104,8 @@ def make_chain_plan(
         command: Command of the world's process, by :func:`betterbench.sim.worlds.calvin.calvin_command`.
         trials: Chains; all 1,000 if None.
         seed: Number of the first chain.
-        action_space: What the policy answers; what its address says if None, and "calvin_relative" where that says
-            nothing.
+        action_space: Action space of the policy; if None, that of its address, or "calvin_relative" if the address
+            has none.
         observation: "default", which is CALVIN's two cameras ("calvin"), "calvin_depth" with depth images too, or
             "state_only" without images.
         refuse_broken: Whether a scene that is not as its chain presupposes stops the run.
@@ -198,7 +198,7 @@ def _described(command: Sequence[str], suite: str) -> tuple[list[WorldTask], tup
 
 
 def trained_task(said: Mapping[str, Any]) -> TrainedTask:
-    """Return what a task of a base suite showed, as the world says."""
+    """Return the training of a task of a base suite, as the world describes it."""
     steps = tuple((sent_text(r), sent_text(o), _words(k), _words(t)) for r, o, k, t in said["steps"])
     starts = {sent_text(name): (_words(kind), sent_text(place)) for name, (kind, place) in said["starts"].items()}
     return TrainedTask(sent_text(said["instruction"]), steps, starts)

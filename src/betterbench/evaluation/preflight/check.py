@@ -48,7 +48,7 @@ class Convention:
 
     @property
     def differs(self) -> bool:
-        """Whether both sides say something, and not the same."""
+        """Whether both sides declare a value, and the values differ."""
         return bool(self.ours and self.theirs) and self.ours != self.theirs
 
 
@@ -67,7 +67,7 @@ class PreflightCheck:
 
     Attributes:
         trial: The trial whose start the policy was shown.
-        conventions: What both sides declare.
+        conventions: Conventions as both sides declare them.
         adapter: Its adapter, or None for a policy that gets our observation as it is.
         shown: The images as the policy gets them.
         state: The numbers it gets, by key.
@@ -75,7 +75,7 @@ class PreflightCheck:
         actions: (horizon, dim) its first answer, in the action space of ``info``.
         first_s: Time of the first request [s].
         latencies_s: Times of the requests after it [s].
-        proof: What a replayed demonstration shows, or None if none was replayed.
+        proof: Result of a replayed demonstration, or None if none was replayed.
     """
 
     policy: str
@@ -104,7 +104,7 @@ class PreflightCheck:
 
     @property
     def clipped(self) -> int:
-        """How many actions of the first answer a run would clip, because a number is out of range."""
+        """Number of actions of the first answer that a run would clip because a value is out of range."""
         return action_space(self.info.action_space).count_clipped(self.actions)
 
     def to_json(self) -> dict[str, Any]:
@@ -250,7 +250,7 @@ def _ask_often(
 def policy_conventions(
     client: Policy | None, policy: str, info: PolicyInfo, space: ActionSpace
 ) -> tuple[Convention, ...]:
-    """Return what this side and the policy's side declare; ``client`` is None for a privileged policy."""
+    """Return the conventions of this side and of the policy's side; ``client`` is None for a privileged policy."""
     adapter, server = _adapter_of(client), getattr(client, "server", None)
     if adapter is not None and isinstance(server, Declaration):
         ours = replace(declare_adapter("this side", adapter, rate_hz=CONTROL_RATE_HZ), action_space=space.name)

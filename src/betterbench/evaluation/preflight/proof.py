@@ -33,7 +33,7 @@ MAX_REQUESTS = 100
 """Requests of one proof, at most: a demonstration in chunks of five, or the way to the first object step by step."""
 
 LEAST_RANGE = {"m": 0.02, "rad": 0.05}
-"""How far a demonstration has to move along an axis for a factor [m, rad]."""
+"""Least range of a demonstration along an axis for which a factor is computed [m, rad]."""
 
 FOLLOWS = 0.7
 """Agreement from which on a policy is taken to follow the demonstration: the cosine between its steps and those of the
@@ -50,13 +50,13 @@ _IDLE_STEPS = 40
 
 @dataclass(frozen=True, slots=True)
 class AxisProof:
-    """What the answers say about one axis.
+    """Comparison of a policy's answers with the demonstration along one axis.
 
     Attributes:
         name: "x", "y", "z" and rotations "rx", "ry", "rz" in the base frame, or a joint.
         unit: "m" or "rad".
         range: Distance between the extremes of the demonstration's path.
-        factor: How many times as far the answers lead as the demonstration, or None where it hardly moves.
+        factor: Slope of the answers' path over the demonstration's, 1 if equal; None where that one hardly moves.
         agreement: Cosine between the steps of both, -1 to 1; None where one of them does not move.
         apart: Largest distance of the two paths.
     """
@@ -93,7 +93,7 @@ class ReplayProof:
 
     @property
     def follows(self) -> bool:
-        """Whether the policy does what the demonstration does, in whatever units or direction."""
+        """Whether the policy moves as the demonstration does along each axis, up to sign and scale."""
         return bool(self.moved) and all(abs(axis.agreement or 0.0) >= FOLLOWS for axis in self.moved)
 
     @property
@@ -112,7 +112,7 @@ class ReplayProof:
 
     @property
     def verdict(self) -> str:
-        """What the proof says, and what to try if conventions are wrong."""
+        """Result of the proof in words, with a suggestion if conventions are wrong."""
         if not self.follows:
             return "nothing is proven: the policy does not follow the demonstration"
         if self.is_proven:
@@ -168,11 +168,11 @@ def prove_by_replay(
 
     Args:
         client: The policy at the beginning of an episode.
-        info: What it says about itself.
+        info: Its description, as it declares it.
         trial: The trial of the demonstration.
         space: The policy's action space.
         spec: The images it is shown.
-        quality: How they are rendered.
+        quality: Render quality of the images.
 
     Raises:
         BetterError: If the policy fails, or gives a bad answer.
@@ -228,7 +228,7 @@ def _ask(client: Policy, seen: Observation, space: ActionSpace) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class _Moment:
-    """What is commanded and measured at a control step of the demonstration."""
+    """Commanded and measured state at a control step of the demonstration."""
 
     commanded: ControllerState
     state: WorldState
@@ -249,7 +249,7 @@ class _Demonstration:
         return self._idle >= _IDLE_STEPS or self.state.step >= self._limit
 
     def moment(self) -> _Moment:
-        """Return what is commanded and measured now."""
+        """Return the commanded and the measured state of this step."""
         return _Moment(self.scene.controller.state(), self.state)
 
     def step(self) -> float:
@@ -281,7 +281,7 @@ class _Paths:
         self._marked.append(self._now.copy())
 
     def compare(self) -> tuple[AxisProof, ...]:
-        """Return what the paths say about each axis."""
+        """Return the comparison of the paths along each axis."""
         demonstrated, answered = np.array(self._marked).transpose(1, 2, 0)
         return tuple(
             _compare(name, unit, d, a)
@@ -337,7 +337,7 @@ def _turn(start: Quaternion, end: Quaternion) -> np.ndarray:
 
 
 def _compare(name: str, unit: str, demonstrated: np.ndarray, answered: np.ndarray) -> AxisProof:
-    """Return what two paths along one axis, each (n,), say about it."""
+    """Return the comparison of two paths along one axis, each (n,)."""
     spread = float(np.ptp(demonstrated))
     steps, answers = np.diff(demonstrated), np.diff(answered)
     lengths = float(np.linalg.norm(steps) * np.linalg.norm(answers))

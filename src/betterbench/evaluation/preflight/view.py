@@ -1,4 +1,4 @@
-"""What a preflight sheet shows: the images and numbers that the policy got, and where its answer leads in the scene."""
+"""Content of a preflight sheet: the images and numbers that the policy got, and the path of its answer in the scene."""
 
 from __future__ import annotations
 

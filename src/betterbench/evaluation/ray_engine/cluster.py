@@ -1,4 +1,4 @@
-"""Where a run on a Ray cluster is placed. Importing this module does not import Ray."""
+"""Address and resources of a run on a Ray cluster. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CONNECT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Where a run on Ray is placed.
+    """Address of a Ray cluster, with the number of replicas of a policy and their graphics cards.
 
     Attributes:
         address: Address of the cluster; None for RAY_ADDRESS or, if that is not set, one of this machine alone.

@@ -1,4 +1,4 @@
-"""What a worker actor of a Ray cluster does. Importing this module does not import Ray."""
+"""Worker of a Ray cluster, which an actor runs. Importing this module does not import Ray."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from betterbench.tasks.user_files import load_sources
 from betterbench.version import __version__
 
 TURN_S = 2.0
-"""How long a worker goes on before it reports, even if no trial has ended [s]."""
+"""Longest time between two reports of a worker, even if no trial has ended [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +35,12 @@ class Delivery:
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What a worker reports.
+    """Report of a worker since its last one.
 
     Attributes:
         deliveries: The trials that have ended since its last report.
         scenes: Scenes that are new to this worker, by their hash.
-        problem: Why the run has to stop, or None.
+        problem: Error for which the run has to stop, or None.
         envs: Trials that it can run at once from now on; 0 where that is not known.
         steps: Control steps that it has taken since its last report.
     """
@@ -53,7 +53,7 @@ class Turn:
 
 
 def versions_here() -> dict[str, str]:
-    """Return what has to be equal on all machines of a run for a trial to have the same bits on each."""
+    """Return the versions and architecture that all machines of a run must share for trials to have the same bits."""
     return {
         "betterbench": __version__,
         "suite": SUITE_VERSION,

@@ -27,7 +27,7 @@ from betterbench.policies.serving.server import PolicyServer
 logger = logging.getLogger(__name__)
 
 MAX_REPLACEMENTS = 5
-"""How many replicas are replaced before the run stops as if the policy's server could not be reached."""
+"""Number of replicas that are replaced before the run stops as if the policy's server could not be reached."""
 
 _CHECK_S = 3.0
 _PATIENCE_S = 10.0
@@ -38,7 +38,7 @@ class Replicas:
     """The replicas of a run.
 
     Attributes:
-        addresses: Where workers ask each of them.
+        addresses: Addresses at which workers ask the replicas.
         environment: Variables that a worker needs in its environment to ask them.
     """
 

@@ -1,4 +1,4 @@
-"""The connection to a Ray cluster, and what its errors mean in one line."""
+"""Connection to a Ray cluster, with its errors in one line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def import_ray() -> Any:  # noqa: ANN401 -- a module without types
 
 
 def loss_errors(ray: Any) -> tuple[type[Exception], ...]:  # noqa: ANN401 -- a module without types
-    """Return what Ray raises when something on the cluster, or the cluster itself, is lost."""
+    """Return the errors that Ray raises when a part of the cluster, or the whole cluster, is lost."""
     return ray.exceptions.RayError, ConnectionError
 
 
@@ -96,7 +96,7 @@ class RaySession:
         return 1.0 if self._total("GPU") >= self.cluster.replicas else 0.0
 
     def free_text(self) -> str:
-        """Return what the cluster has free, for messages."""
+        """Return the free resources of the cluster, for messages."""
         free = self.ray.available_resources()
         return ", ".join(f"{name} {free[name]:g}" for name in ("CPU", "GPU") if name in free) or "nothing"
 

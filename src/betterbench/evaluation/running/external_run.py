@@ -42,7 +42,7 @@ class ExternalRun:
     Several processes may drive one run, each other trials of it: the folder is locked only while a line is written.
 
     Attributes:
-        start: How the current episode began, or None.
+        start: Start of the current episode, or None.
         entry: The journal entry of the episode that ended last, or None.
     """
 

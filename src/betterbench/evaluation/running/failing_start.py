@@ -10,7 +10,7 @@ from betterbench.records import JournalEntry
 logger = logging.getLogger(__name__)
 
 FIRST_TRIALS = 5
-"""How many trials have to end with the same error; a policy that fails at random does not do that."""
+"""Number of first trials that have to end with the same error; a policy that fails at random does not do that."""
 
 
 class FailingStart:

@@ -36,7 +36,7 @@ class ReplayCheck:
         first_difference: First row whose state differs, or None if all are equal.
         largest_difference: Largest difference of a position or angle [m, rad].
         verdict_agrees: Whether the goal tracker gives the same truth again, and the outcome follows from it.
-        notes: What may explain a difference.
+        notes: Possible reasons for a difference.
         differing: Fields that do not follow from the actions and the trial, by name, with both values where they are
             single ones.
         fields: Number of fields compared.
@@ -163,7 +163,7 @@ def _simulate(scene: Scene, record: Record, found: ResolvedCondition) -> tuple[R
 
 
 def _outcome(scene: Scene, record: Record, truth: Truth, met: int | None) -> Iterator[str]:
-    """Yield what of an outcome does not follow from the actions."""
+    """Yield the differences between a recorded outcome and the one that follows from the actions."""
     told, steps = record.outcome, record.n_steps
     limit = scene.task.step_limit(scene.condition)
     if truth.success:

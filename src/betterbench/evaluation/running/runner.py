@@ -42,23 +42,23 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Engine = Literal["local", "ray"]
-"""What runs the workers: processes of this machine, or actors of a Ray cluster."""
+"""Engine of the workers: processes of this machine, or actors of a Ray cluster."""
 
 MAX_WORKERS = 256
 
 MAX_PASSES = 3
-"""How often a run goes through its trials while their records disappear."""
+"""Most passes of a run through its trials while their records disappear."""
 
 _TURN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s].
+    """Progress of a run; ``started_with`` trials were done before this process, which has run for ``elapsed_s`` [s].
 
     Attributes:
-        planned: Trials of the plan; of a run until decided, what may be run at most.
-        decisions: What is decided after the last round of a run until decided, or None.
+        planned: Number of trials of the plan; of a run until decided, the most that may be run.
+        decisions: Decisions after the last round of a run until decided, or None.
     """
 
     done: int
@@ -98,7 +98,7 @@ def evaluate(
         envs: Environments of each worker; None for 1 where the policy answers at once. Where it does not, a warm-up
             chooses the number from what the policy and the simulation take, within the memory that is free.
         engine: "local" for processes of this machine, "ray" for actors of a Ray cluster.
-        cluster: Where the actors are placed.
+        cluster: Cluster on which the actors are placed.
         policy_timeout_s: Deadline of one answer of a policy that runs in a worker's process [s]; it ends the trial.
         allow_changed_policy: True to resume with a policy that declares something else than when the run began.
         repeats: Run whose policy has to be the same, unless changed ones are allowed; None to compare with no run.
@@ -202,7 +202,7 @@ def _record(
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What is known of the policy before the run."""
+    """Properties of the policy that are known before the run."""
 
     info: PolicyInfo
     envs: int  # per worker, unless told otherwise

@@ -1,4 +1,4 @@
-"""The counts of a run, and how its policy answered."""
+"""Counts of a run, and answer times of its policy."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def require_a_trial(run: RunFolder) -> None:
 
 @dataclass(frozen=True, slots=True)
 class PolicyService:
-    """How a policy answered over several trials.
+    """Answer times, concurrency and connection failures of a policy over several trials.
 
     Attributes:
         p50_s: Median over the trials of the median time of an answer [s].
@@ -82,7 +82,7 @@ def policy_service(entries: Iterable[JournalEntry], elapsed_s: float) -> PolicyS
 
 
 RunPart = Literal["policy", "simulation", "rendering", "wire"]
-"""Where the time of a run goes."""
+"""Part of a run that takes time."""
 
 WAITED = 0.2
 """Share of the time of the workers that they wait, from which on the policy is the bottleneck."""
@@ -90,7 +90,7 @@ WAITED = 0.2
 
 @dataclass(frozen=True, slots=True)
 class RunTimes:
-    """Where the time of all trials of a run went, those of earlier sessions included.
+    """Time by part, summed over all trials of a run, those of earlier sessions included.
 
     Attributes:
         policy_s: Time from question to answer without ``wire_s``; the answers of several environments overlap [s].
@@ -117,7 +117,7 @@ class RunTimes:
 
     @property
     def bottleneck(self) -> RunPart:
-        """What a faster run has to begin with."""
+        """Part that limits the speed of the run."""
         if self.envs is not None and self.idle >= WAITED:
             return "wire" if self.wire_s > self.policy_s else "policy"
         parts: dict[RunPart, float] = {

@@ -1,6 +1,6 @@
 """A host: the process that serves a policy to all workers of a run over openpi.
 
-The policy itself is in yet another process, so that what it does to that one costs no trial but its own.
+The policy itself runs in yet another process, so that a crash there costs only the trial that it was answering.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from betterbench.policies.factory import PolicyFactory
 logger = logging.getLogger(__name__)
 
 MAX_RESTARTS = 5
-"""How often a host that died is started again."""
+"""Most restarts of a host that died."""
 
 HUNG = 75
 """Exit status of a host whose policy hangs (``EX_TEMPFAIL`` of sysexits.h)."""
@@ -38,7 +38,7 @@ _EXIT_DELAY_S = 1.0
 _GRACE_S = 30.0
 
 PATIENCE_S = 1800.0
-"""How long a worker waits for a host [s]: a host that is started again loads its weights again."""
+"""Time that a worker waits for a host [s]: a host that is started again loads its weights again."""
 
 
 class Host:
@@ -77,7 +77,7 @@ class Host:
 
     @property
     def info(self) -> PolicyInfo:
-        """What the policy says about itself."""
+        """Description of the policy, as it declares it."""
         if self._info is None:
             raise AssertionError("the host was not started")
         return self._info
@@ -115,7 +115,7 @@ class Host:
         theirs.close()
 
     def _greeting(self) -> tuple[PolicyInfo, bool, int]:
-        """Return what the process says of the policy, whether it takes batches, and its port."""
+        """Return the policy's description from the process, whether it takes batches, and its port."""
         process, pipe = self._process, self._pipe
         if process is None or pipe is None:
             raise AssertionError("the host was not started")

@@ -40,7 +40,7 @@ KEPT_INSTANCES = 1
 """Instances of a policy that wait for a next client after theirs has left; further ones are closed."""
 _CLOSE_S = 5.0
 NEW_EPISODE = "a new episode is a new connection, another prompt, or better/step 0"
-"""How a server notices that an episode begins; the protocol has no message for that."""
+"""Signs by which a server notices the start of an episode; the protocol has no message for it."""
 
 
 def open_server(
@@ -70,8 +70,8 @@ def open_server(
         layout: Preset in which an expert reads requests and answers; None for ours, and openpi's LIBERO layout.
         api_key: Key that clients have to show, or None.
         made: The policy, if it has been made already; the server closes it.
-        deadline: How long an answer may take, for the workers of a run, whose records hold the text of an error; None
-            for all other clients.
+        deadline: Deadline of an answer for the workers of a run, whose records hold the text of an error; None for all
+            other clients.
 
     Raises:
         InvalidInputError: If an option is out of range, the policy cannot be served, a checkpoint is missing or
@@ -169,7 +169,7 @@ class SessionStore:
         )
 
     def session(self) -> PolicySession:
-        """Return what answers a new connection."""
+        """Return the session that answers a new connection."""
         within = self._deadline is not None
         if self._shares:
             return PolicySession(self._unused[0].seat(), self._trial, within=within)
@@ -192,7 +192,7 @@ class SessionStore:
         return_memory()
 
     def close(self) -> None:
-        """Free what no session uses; sessions free the rest when they end."""
+        """Free the instances that no session uses; sessions free theirs when they end."""
         with self._lock:
             self._closed, unused = True, list(self._unused)
             self._unused = unused if self._shares else []

@@ -122,11 +122,11 @@ def state_gap(states: States, seen: Observation, first: Observation, states_then
     The largest difference of all numbers [m, rad]; rotation vectors are compared as rotations.
 
     Args:
-        states: What the client sends.
+        states: States that the client sends.
         seen: The observation.
         first: The observation at the start.
-        states_then: What the client sent at the start.
-        layout: Says what the numbers of a state are.
+        states_then: States that the client sent at the start.
+        layout: Adapter that tells the meaning of the numbers of a state.
     """
     worst = 0.0
     then = {rule.key: sent for rule, sent in states_then}

@@ -73,7 +73,7 @@ class ShadowSimulation:
         self._lock = threading.Lock()
 
     def actions(self, step: int, count: int, *, seen: Observation | None = None) -> np.ndarray:
-        """Return what the policy does from a control step on: (1 to ``count``, 7), fewer if it fails on the way.
+        """Return the policy's actions from a control step on: (1 to ``count``, 7), fewer if it fails on the way.
 
         ``seen`` is what the client measures at that step, to be compared.
 
@@ -90,7 +90,7 @@ class ShadowSimulation:
             return np.array(self._actions[step : step + count])
 
     def observation(self, step: int) -> Observation:
-        """Return what is measured at a control step, without images; raises what :meth:`actions` raises."""
+        """Return the observation at a control step, without images; raises the errors of :meth:`actions`."""
         require_within(self.trial, step, self.step_limit)
         with self._lock:
             self._advance(step)

@@ -26,7 +26,7 @@ class Answered:
     Attributes:
         ticket: Number that :meth:`PolicyThread.ask` gave to the question.
         outcome: The reply, or what was raised instead; None for :meth:`PolicyThread.connect` that went well.
-        figures: What the policy counts about its connection since the episode began (retries, reconnects), by name.
+        figures: Counts of the policy's connection since the episode began (retries, reconnects), by name.
         wire_s: Processor time on this side for the messages: images are resized, packed and sent, the answer is read
             [s].
     """
@@ -153,6 +153,6 @@ def no_answer(limit_s: float) -> PolicyError:
 
 
 def figures_of(policy: object) -> Mapping[str, float]:
-    """Return what a client counts about its connection, by name; empty for a policy that has none."""
+    """Return the counts of a client's connection, by name; empty for a policy without one."""
     figures = getattr(policy, "figures", None)
     return dict(figures) if isinstance(figures, Mapping) else {}

@@ -47,7 +47,7 @@ TrialSteps = Generator[Question | None, Reply | None, JournalEntry]
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """What all trials of a run share; small and picklable, so that it can be sent to a worker.
+    """Settings that all trials of a run share; small and picklable, so that they can be sent to a worker.
 
     Attributes:
         run: Folder of the run.
@@ -58,7 +58,7 @@ class RunSettings:
         task_files: The user's files that workers load before anything else.
         held: Folders around the run that the process which started it has locked.
         looks: Looks of objects and rooms.
-        known: What the server of the policy said when the run began; None where there is no server, or the run's own.
+        known: Description that an outside policy server gave at the start of the run; None without such a server.
         world: The foreign world in which the trials are run, or None for ours.
         most_envs: Environments that a warm-up may choose at most; no more than ``envs`` where their number is settled.
         workers: Workers of the run, which share the memory of their machine.
@@ -113,7 +113,7 @@ class RunSettings:
 
 
 class TrialRunner:
-    """What the trials of one worker share."""
+    """Runner of one worker's trials, with the objects that they share: policies, observer and world processes."""
 
     def __init__(
         self,
@@ -201,7 +201,7 @@ class TrialRunner:
 
     @property
     def _shown_by(self) -> Observer | None:
-        """What makes the observations; None for a privileged policy, which is shown the state."""
+        """Observer that makes the observations; None for a privileged policy, which gets the state."""
         return None if self.policies.needs.state else self._observer
 
     def _run_here(

@@ -1,4 +1,4 @@
-"""How many environments a worker keeps open while its policy answers, from what a warm-up of the run measures.
+"""Choice of the number of environments that a worker keeps open, from measurements in a warm-up of the run.
 
 A worker with n environments is a closed queue: a chunk takes the worker S seconds, and the policy L seconds meanwhile.
 With fewer than the knee, (L + S) / S, the worker waits; near it, fluctuations still cost a quarter to a third. So about
@@ -38,7 +38,7 @@ _LONGEST_MEMORY = 64  # of the answers whose times count
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """What was measured with one number of environments.
+    """Measurements with one number of environments.
 
     Attributes:
         envs: The number.
@@ -114,8 +114,8 @@ class EnvironmentCount:
 
         Args:
             environment: The number of the environment that had asked.
-            asked_at: When it had asked, and ``now``, on one clock [s].
-            now: When the answer came [s].
+            asked_at: Time of the question [s], on the clock of ``now``.
+            now: Time of the answer [s].
             took_s: Time from question to answer [s].
             clean: Whether it came without a retry or another connection.
         """

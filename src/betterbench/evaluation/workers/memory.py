@@ -1,4 +1,4 @@
-"""Memory of this machine or container that is free, and what this process uses with its children."""
+"""Free memory of this machine or container, and memory used by this process with its children."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SHARE = 0.5
 """Share of the free memory that further environments may take."""
 
 _LEAST_BYTES = 16 << 20
-"""What an environment is taken to need at least: its scene, its record and its connection."""
+"""Least memory that an environment is assumed to need: its scene, its record and its connection [bytes]."""
 
 _V2 = ("memory.max", "memory.current")
 _V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes")
@@ -54,10 +54,10 @@ def room_for(envs: int, *, used_before: int, sharing: int, free: int | None = No
 
     Args:
         envs: Environments that are open.
-        used_before: What this process used before it opened the first one [byte].
+        used_before: Memory that this process used before it opened the first one [byte].
         sharing: Workers of this machine, which open theirs at the same time.
         free: Free memory [byte]; asked of the system if not given.
-        used: What this process uses now [byte]; likewise.
+        used: Memory that this process uses now [byte]; likewise.
     """
     free = free_bytes() if free is None else free
     if free is None:
@@ -75,7 +75,7 @@ def _machine_free(proc: Path) -> Iterator[int]:
 
 
 def _groups_free(proc: Path, groups: Path) -> Iterator[int]:
-    """Yield what each control group with a limit has left, of version 1 and 2, up to the root."""
+    """Yield the free memory of each control group with a limit, of version 1 and 2, up to the root."""
     try:
         lines = (proc / "self" / "cgroup").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -27,7 +27,7 @@ from betterbench.tasks import TrialId
 logger = logging.getLogger(__name__)
 
 MAX_FAILED_STARTS = 3
-"""How many processes may die one after the other while they start, before the run goes on with those it has."""
+"""Number of processes that may die in a row while they start, before the run goes on with those it has."""
 
 _CURE = "Run the same command again with fewer --workers, or with 1 to see why."
 _TURN_S = 0.02
@@ -160,7 +160,7 @@ class WorkerPool:
             worker.lost = True  # its exit is handled at the next turn, and the trial is run again
 
     def _receive(self, worker: WorkerProcess) -> Iterator[JournalEntry]:
-        """Yield what a process has sent."""
+        """Yield the messages that a process has sent."""
         try:
             while worker.connection.poll():
                 message = worker.connection.recv()

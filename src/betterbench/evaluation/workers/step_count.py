@@ -1,4 +1,4 @@
-"""How many control steps the workers of a run have taken, so that progress shows while no trial has ended yet."""
+"""Count of the control steps of a run's workers, so that progress shows while no trial has ended yet."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 REPORT_EVERY_S = 0.5
-"""How often a worker reports its steps while trials run [s]."""
+"""Interval at which a worker reports its steps while trials run [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class StepCount:
     """Control steps of all workers of a run.
 
     Attributes:
-        steps: How many have been reported.
+        steps: Number of reported steps.
     """
 
     def __init__(self, on_steps: Callable[[int], None] | None = None) -> None:

@@ -50,7 +50,7 @@ MAX_ENVS = 256
 _DISTURBED = ("policy_retries", "policy_reconnects")
 
 LEAVE_S = 2.0
-"""How long the threads of the policies may take to end [s]."""
+"""Longest time that the threads of the policies may take to end [s]."""
 
 
 def usual_envs(policies: PolicyFactory) -> int:
@@ -94,7 +94,7 @@ def even_share(left: int, workers: int, envs: int) -> int:
 
 @dataclass(slots=True, eq=False)
 class _Slot:
-    """One environment, and what its trial waits for."""
+    """One environment, and the answer that its trial waits for."""
 
     thread: PolicyThread | None = None
     trial: TrialId | None = None
@@ -180,7 +180,7 @@ class Worker:
 
     @property
     def problem(self) -> BetterError | None:
-        """What the next call of :meth:`finished` raises, as soon as it is known: there may be no trial left for it."""
+        """Error that the next call of :meth:`finished` raises, known early: there may be no trial left for it."""
         return self._stop
 
     def _open_trials(self) -> int:

@@ -1,4 +1,4 @@
-"""The charts of a report: what the runs show at a glance, each with counts and intervals."""
+"""Charts of a report, each with counts and intervals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HOLM_NOTE = (
     "this row alone, and p is multiplied for the number of axes that were looked at (Holm) and exact for few pairs. "
     "Call only what passes p shown."
 )
-"""What the chart of the gaps adds where an interval and its p-value seem to contradict each other."""
+"""Note of the chart of gaps for rows where an interval and its p-value seem to contradict each other."""
 
 _PAIR = (("training", "Training twins"), ("variation", "Variations"))
 TWINS_NOTE = "Training twins: the training trials from which the variations are derived, one per pair."

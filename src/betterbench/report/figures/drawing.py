@@ -32,7 +32,7 @@ PATTERNS: dict[str, str] = {
     "system": '<circle cx="2" cy="2" r="0.9" class="dots"/>',
     "unfinished": "",
 }
-"""What lies over a family's color, so that a gray print and a color-blind reader can tell them apart."""
+"""Pattern (SVG) over the color of each family, so that families differ in a gray print and to a color-blind reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Scale:
     high: float
 
     def share(self, value: float) -> float:
-        """Return how far along the scale a value lies, between 0 and 1; what lies outside is clipped."""
+        """Return the position of a value along the scale, from 0 to 1; values outside are clipped."""
         return (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
 
     @property

@@ -72,7 +72,7 @@ class Film:
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """A trial that is worth a film, and the moments to render [s], strictly increasing, each with its caption.
+    """A trial to be shown as a film, with the times to render [s], strictly increasing, and their captions.
 
     ``twin`` is None if the run has no record of it; ``evidence_s`` is the span that shows the evidence [s].
     """
@@ -156,8 +156,8 @@ def _showing(policy: str, trial: TrialDiagnosis, by_key: dict[str, TrialDiagnosi
 def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, float, float, str]:
     """Return the span of a twin that answers to the evidence of a trial, its duration, and the caption.
 
-    It is about the same thing if the twin grasps at what was rightly gone for; otherwise about the grasp of the same
-    number, counted in things that were grasped at.
+    It shows the same object if the twin grasps the one that was rightly attempted; otherwise the grasp of the same
+    number, counted in attempted objects.
     """
     if not twin.attempts:
         return twin.evidence.start_s, max(twin.evidence.start_s, twin.evidence.end_s), twin.duration_s, "evidence"
@@ -178,7 +178,7 @@ def _same_step(trial: TrialDiagnosis, twin: TrialDiagnosis) -> tuple[float, floa
 
 
 def _first_grasps(attempts: Iterable[Attempt]) -> dict[str, Attempt]:
-    """Return the first attempt at each thing, in time."""
+    """Return the first attempt at each object, in time."""
     firsts: dict[str, Attempt] = {}
     for attempt in attempts:
         if attempt.object is not None:

@@ -1,4 +1,4 @@
-"""What a report shows besides numbers: films, start images with paths, thumbnails, and commands that replay a trial."""
+"""Media of a report: films, start images with paths, thumbnails, and commands that replay a trial."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class Thumbnails:
 
 @dataclass(frozen=True, slots=True)
 class Media:
-    """Images and commands by name; whatever is missing is left out on the page.
+    """Images and commands by name; missing ones are left out on the page.
 
     Attributes:
         films: Films by :func:`~betterbench.report.figures.film.film_key`.
         paths: Start images with the path of the end effector (JPEG), by the same keys.
         thumbnails: Scenes by variation ("fast_food/T1").
         folders: Folder of the run by policy, as it was given, for commands.
-        options: What these commands need besides (" --task-file mine.py").
+        options: Further options of these commands (" --task-file mine.py").
     """
 
     films: Mapping[str, Film] = field(default_factory=dict)

@@ -18,12 +18,12 @@ from betterbench.report.html import asset, environment, write
 
 _HEAD_BYTES = 1 << 18
 _MARKS = (b'<main class="player">', b'<script type="application/json" id="data">')
-"""What stands near the beginning of every page, after the style."""
+"""Marks by which a page of the player is recognized, near its beginning and after the style."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedView:
-    """What a camera saw: per frame a picture (JPEG), a mask (PNG, see-through outside objects) and boxes.
+    """View of a camera: per frame an image (JPEG), a mask (PNG, transparent outside objects) and boxes.
 
     A box is the number of its object in :attr:`PlayedTrial.objects`, its left, top, right and bottom edge [pixel], and
     the fraction of the object that is seen.
@@ -39,7 +39,7 @@ class PlayedView:
 
 @dataclass(frozen=True, slots=True)
 class PlayedLane:
-    """What holds when: spans of frames, the last one included, each with what is said there."""
+    """Row of a timeline: spans of frames, the last frame included, each with its text."""
 
     kind: str
     name: str
@@ -51,8 +51,8 @@ class PlayedTrial:
     """A trial to play.
 
     Attributes:
-        heading: Which trial it is ("fast_food/T1/3").
-        ended: How it ended.
+        heading: Name of the trial ("fast_food/T1/3").
+        ended: Its outcome, in words.
         times_s: Time of each frame [s].
         objects: Names of the objects, with their colors as (red, green, blue).
     """

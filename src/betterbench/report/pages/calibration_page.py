@@ -1,4 +1,4 @@
-"""The page of a calibration: the confusion matrix as image and table, every mistake, and what is solved blind."""
+"""Page of a calibration: the confusion matrix as image and table, every mistake, and results of blind policies."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def rates_by_policy(calibration: Calibration, family: str) -> dict[str, Rate]:
 
 
 def calibration_summary(calibration: Calibration) -> str:
-    """Return what a calibration shows in a few sentences."""
+    """Return the summary of a calibration in a few sentences."""
     kinds, overall = rate_text(calibration.failed_kinds), rate_text(calibration.overall)
     labels = (
         f"Of the failed trials {rate_text(calibration.failed)} got their true label and {kinds} a label of the right "

@@ -1,4 +1,4 @@
-"""What passing a variation does not show, because a policy without the ability passes it as well."""
+"""Abilities that passing a variation does not prove, because a policy without them passes it as well."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ABILITIES = {
     "zoo:color": "distinguishes what is asked for from objects of the same color",
     "zoo:shape": "distinguishes what is asked for from objects of the same shape",
 }
-"""What a policy needs not be able to do if this pretender passes."""
+"""Ability that each pretender lacks, and that its success therefore does not require."""
 _OF_LOOK_ALIKES = ("zoo:color", "zoo:shape")
 """Pretenders that count where the objects were exchanged for others: elsewhere nothing looks alike."""
 _MOVING_BLIND = (*BLIND[1:], FLOOR[0])

@@ -36,7 +36,7 @@ from betterbench.tasks.labels import Kind
 from betterbench.vqa.knowing import Knowledge
 
 STRIP_FRAMES = 3
-"""Frames of the strip on the first screen: the reach, the moment of the evidence and what follows, in turn."""
+"""Frames of the strip on the first screen: the reach, the moment of the evidence and its outcome, in turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class ReportSetting:
 
     @property
     def mixed(self) -> bool:
-        """Whether the policies differ in it."""
+        """Whether the policies differ in this setting."""
         return len(self.values) > 1
 
 
@@ -76,7 +76,7 @@ class ShownChart:
 
 @dataclass(frozen=True, slots=True)
 class Unfinished:
-    """What the page says about a run in progress or stopped: a sentence, and how many trials a condition lacks."""
+    """Remark on a run that is in progress or stopped: a sentence, and the number of missing trials per condition."""
 
     text: str
     left: tuple[tuple[str, int], ...]
@@ -302,7 +302,7 @@ def _opening(headline: Headline, films: Sequence[ShownFilm]) -> Opening | None:
 
 
 def _training_title(headlines: Sequence[Headline]) -> str:
-    """Return what the success rate on training conditions is called beside the gaps."""
+    """Return the name of the success rate on training conditions beside the gaps."""
     return "Success in all training trials" if any(h.twins_differ for h in headlines) else "Training success"
 
 
@@ -403,7 +403,7 @@ def _settings(values: Sequence[Mapping[str, str]]) -> tuple[ReportSetting, ...]:
 
 
 def _warnings(diagnoses: Sequence[RunDiagnosis]) -> list[str]:
-    """Return what makes the runs hard to compare, one sentence each."""
+    """Return the reasons for which the runs are hard to compare, one sentence each."""
     warnings = []
     for what, values in (
         ("versions", [d.versions for d in diagnoses]),

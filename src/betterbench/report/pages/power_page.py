@@ -1,4 +1,4 @@
-"""The page of the power matrix: what each pretender reaches, and what can be solved blind."""
+"""Page of the power matrix: success rates of each pretender, and variations that can be solved blind."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ RAW_LEVEL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table of a page: a heading, what it says, its columns and its rows."""
+    """A table of a page: its heading, its meaning, its columns and its rows."""
 
     title: str
     caption: str
@@ -67,7 +67,7 @@ def _escaped(part: str) -> str:
 
 
 def power_sentences(matrix: PowerMatrix) -> tuple[str, ...]:
-    """Return what a matrix says about the suite, in sentences."""
+    """Return the conclusions of a matrix about the suite, in sentences."""
     keys = matrix.variations
     control = [_name(key) for key in keys if matrix.control(key)]
     told = len(keys) - len(control)
@@ -132,7 +132,7 @@ def power_tables(matrix: PowerMatrix) -> tuple[Table, ...]:
 
 
 def blind_table(matrix: PowerMatrix) -> Table:
-    """Return what every blind pretender reaches on every variation, raw and corrected side by side."""
+    """Return the success of every blind pretender on every variation, marked if above chance (raw, corrected)."""
     names = [name for name in (*BLIND, *FLOOR) if name in matrix.cells]
     tested = {(c.pretender, (c.task, c.variation)): c for c in matrix.blind_cells()}
     rows = []

@@ -1,4 +1,4 @@
-"""The preflight sheet: one PNG with what a policy was shown and what its first answer does."""
+"""Preflight sheet: one PNG with the inputs of a policy and the effect of its first answer."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _Shown(Protocol):
 
 
 class _Content(Protocol):
-    """What is drawn, as :class:`betterbench.evaluation.preflight.view.PreflightView` describes it."""
+    """Content of the sheet, which :class:`betterbench.evaluation.preflight.view.PreflightView` provides."""
 
     @property
     def title(self) -> str: ...

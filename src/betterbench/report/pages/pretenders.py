@@ -1,4 +1,4 @@
-"""The section on pretenders: what each policy's score proves, beside what policies without the ability would score."""
+"""Section on pretenders: the score of each policy beside the scores of policies without the ability."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ScoreRow:
     Attributes:
         name: A policy or a pretender.
         cells: Success rate per column [%], "–" where there is none.
-        likeness: How far its outcomes agree with the policy's, in words; empty for the policy itself.
+        likeness: Agreement of its outcomes with the policy's, in words; empty for the policy itself.
         mine: Whether it is the policy under test.
     """
 
@@ -50,7 +50,7 @@ class ScoreTable:
 
 @dataclass(frozen=True, slots=True)
 class MarginRow:
-    """What the score on one variation proves, in words."""
+    """Row of the table of margins: success rate on one variation, shortcut ceiling and difference, in words."""
 
     variation: str
     rate: str

@@ -1,4 +1,4 @@
-"""How far a report can be trusted: what is certified of its scenes, and what its diagnosis has been measured at."""
+"""Evidence for trusting a report: certification of its scenes, and measured accuracy of its diagnosis."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _ABROAD = {
     "Calibration": "The labels of scripted policies with known faults in LIBERO are counted in docs/worlds.md; better "
     "calibrate measures our own scenes alone.",
 }
-"""What is known of a run in LIBERO."""
+"""Statements about scenes and calibration for a run in LIBERO."""
 
 
 def trust_of(diagnoses: Sequence[RunDiagnosis]) -> dict[str, str]:
-    """Return what is known about the benchmark itself for these runs, by name, a sentence or two each."""
+    """Return statements about the benchmark itself for these runs, by name, a sentence or two each."""
     if all(map(is_abroad, diagnoses)):
         return dict(_ABROAD)
     trials = {(f"{t.task}/{t.variation or t.condition}", t.seed) for d in diagnoses for t in d.trials}
@@ -48,7 +48,7 @@ def _interval(held_out: Calibration) -> str:
 
 
 def _blind(ran: set[str]) -> dict[str, str]:
-    """Return what can be solved blind among the variations that were run."""
+    """Return the variations of the run that can be solved blind, in words."""
     matrix = packaged_power_matrix()
     if matrix is None:
         return {"Blind probes": f"This build ships no power matrix; {CURE}."}

@@ -1,4 +1,4 @@
-"""Cells of the diagnostic matrices: which one a condition belongs to, from where its objects are at the start."""
+"""Cell of a condition in the diagnostic matrices, from the states of its objects at the start."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from betterbench.tasks.interventions.resolve import resolve_condition
 
 
 class State(StrEnum):
-    """Where an object is when a trial begins."""
+    """State of an object at the start of a trial."""
 
     TABLE = "on the table"
     TARGET = "at the target"
@@ -20,7 +20,7 @@ class State(StrEnum):
 
 
 class Horizon(StrEnum):
-    """Which of the two matrices a condition belongs to."""
+    """Matrix of the paper that a condition belongs to."""
 
     SHORT = "short"
     LONG = "long"

@@ -1,4 +1,4 @@
-"""The paper's two diagnostic matrices: what happens when a target or its neighbor is there, done, or absent."""
+"""The paper's two diagnostic matrices: outcomes by state of a target and its neighbor (there, done or absent)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PAPER: Mapping[Horizon, tuple[tuple[str, str, str], ...]] = {
         ("success: packs the second", "correct freeze: sees that it is done", "ambiguous: air grasp"),
     ),
 }
-"""What the paper saw on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
+"""Outcomes of the paper on the real robot, per row and column in the order of :class:`State`. It gives no counts."""
 
 SHOWN = 4
 """Conditions that the note of an empty cell names."""
@@ -51,8 +51,8 @@ class MatrixSource:
     """One condition behind a cell ("fruit_lunch/T1").
 
     Attributes:
-        labels: How its trials ended, the most frequent first.
-        needless: How many of its successes took a needless step.
+        labels: Labels of its trials with their counts, the most frequent first.
+        needless: Number of its successes that took a needless step.
     """
 
     id: str
@@ -69,10 +69,10 @@ class Cell:
     Attributes:
         sources: The conditions behind it; none if the run has none.
         success: Success rate over all their trials; no trials if there are none.
-        labels: How the trials ended, the most frequent first.
-        needless: How many of the successes took a needless step, as an air grasp at an emptied slot.
-        note: Why the cell is empty; an empty text if it is not.
-        paper: What the paper saw, for reference.
+        labels: Labels of the trials with their counts, the most frequent first.
+        needless: Number of the successes that took a needless step, such as an air grasp at an emptied slot.
+        note: Reason for an empty cell; an empty text if it is not empty.
+        paper: Outcome in the paper, for reference.
     """
 
     row: State
@@ -86,7 +86,7 @@ class Cell:
 
     @property
     def empty(self) -> bool:
-        """Whether the run says nothing about it."""
+        """Whether the run has no trial for the cell."""
         return self.success.n == 0
 
 
@@ -95,8 +95,8 @@ class Matrix:
     """One of the paper's diagnostic matrices, filled from a run.
 
     Attributes:
-        caption: What rows and columns are.
-        axes: What the rows and what the columns tell the state of.
+        caption: Meaning of rows and columns.
+        axes: Objects whose states the rows and the columns stand for.
         cells: Three rows of three cells, in the order of :class:`State`.
     """
 
@@ -121,7 +121,7 @@ class Matrix:
 def matrices_of(diagnosis: RunDiagnosis) -> tuple[Matrix, Matrix]:
     """Return the short-horizon and the long-horizon matrix of a run.
 
-    Conditions are found by what they are and not by their names. The cell in which everything stands on the table
+    Conditions are found by their objects and not by their names. The cell in which everything stands on the table
     belongs to training and holds training conditions only; every other cell holds each condition whose objects begin
     so. Trials in LIBERO are in no cell.
 
@@ -177,7 +177,7 @@ def outcomes_text(labels: Sequence[tuple[Label, int]]) -> str:
 
 
 def _source(name: str, condition: Condition, trials: Sequence[TrialDiagnosis]) -> MatrixSource:
-    """Return what the trials of one condition show."""
+    """Return the outcomes of the trials of one condition."""
     success = Rate(sum(t.success for t in trials), len(trials))
     needless = sum(t.success and bool(t.needless) for t in trials)
     return MatrixSource(name, condition.expected, success, _ranked(Counter(t.label for t in trials)), needless)

@@ -36,7 +36,7 @@ class PaperColumn:
 
 @dataclass(frozen=True, slots=True)
 class PaperRow:
-    """A row: who it is about, where its numbers come from ("chance", "run" or "paper"), and the numbers."""
+    """A row: the name of its policy, the source of its numbers ("chance", "run" or "paper"), and the numbers."""
 
     name: str
     source: str

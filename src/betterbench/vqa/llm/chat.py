@@ -31,7 +31,7 @@ class RefusedError(ModelError):
 
 
 class Chat(Protocol):
-    """Something that answers messages with a text."""
+    """Model that answers messages with a text."""
 
     @property
     def name(self) -> str:
@@ -66,7 +66,7 @@ class ChatEndpoint:
             model: Name of the model at that address.
             key_variable: Environment variable that holds the key, if it is set.
             timeout_s: Time within which an answer has to begin, and to go on [s].
-            tries: How often a request is sent that fails for a passing reason.
+            tries: Number of times that a request is sent if it fails for a passing reason.
             sleep: Waits between tries [s]; tests do not.
 
         Raises:
@@ -145,13 +145,13 @@ class ChatEndpoint:
 
 
 class ScriptedChat:
-    """Answers with what a function says of the messages: for tests and for models in one's own process."""
+    """Answers with the result of a function of the messages, for tests and for models in the caller's process."""
 
     def __init__(self, answer: Callable[[Sequence[Message]], str], *, name: str = "scripted") -> None:
         self.name, self._answer = name, answer
 
     def complete(self, messages: Sequence[Message], *, max_tokens: int = 256) -> str:
-        """Return what the function says."""
+        """Return the answer of the function."""
         return self._answer(messages)[: 8 * max_tokens]
 
 
@@ -165,7 +165,7 @@ def user_message(text: str, *images: bytes) -> Message:
 
 
 def _told(reply: bytes) -> str:
-    """Return what a server says about an error."""
+    """Return the message of a server about an error."""
     text = reply[:4000].decode("utf-8", "replace")
     try:
         said = parse_json(text)

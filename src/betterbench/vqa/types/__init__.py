@@ -27,7 +27,7 @@ GENERATORS: dict[QuestionType, QuestionMaker] = {
     QuestionType.EXECUTION: execution,
     QuestionType.PREMISE: premise,
 }
-"""What makes the questions of each type."""
+"""Generator of the questions of each type."""
 
 
 def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(QuestionType)) -> Iterator[Candidate]:
@@ -43,7 +43,7 @@ def candidates_of(moment: Moment, types: tuple[QuestionType, ...] = tuple(Questi
 
 
 def _tags(moment: Moment, draft: QuestionDraft) -> Iterator[str]:
-    """Yield what is special about the objects of a question: out of place, small, partly hidden."""
+    """Yield tags of a question from its objects: out of place, small, partly hidden."""
     info = moment.episode.trace.info
     if any(moment.episode.out_of_place(info.index(name)) for name in draft.objects if name in info):
         yield "out of place"

@@ -1,4 +1,4 @@
-"""Containment: whether something is in a container, a hole or on a ring, what is in it, and where something is."""
+"""Containment: objects in a container, in a hole or on a ring, and the container of an object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ IN_GRIPPER, ON_TABLE = "in the gripper", "on the table"
 
 
 def containment(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about each object and each target that can hold it, and about what a target holds."""
+    """Yield questions about each object and each target that can hold it, and about the content of a target."""
     for kind, target in moment.named.items():
         for relation in moment.relations_of(target):
             if relation.name in IN_WORDS:

@@ -1,4 +1,4 @@
-"""Counting: how many things of a kind are seen, how many are in a container, how many lie on each other."""
+"""Counting: objects of a kind that are seen, objects in a container, and objects in a stack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Execution tracking: what the robot is doing, what has been done, what comes next."""
+"""Execution tracking: the current activity of the robot, the finished steps and the next step."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ON_WORDS = {**IN_WORDS, "layer": "on", "on_plate": "on"}
 
 
 def execution(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about the robot's motion and about the progress of what it was told."""
+    """Yield questions about the robot's motion and about its progress in the instruction."""
     yield from _doing(moment)
     goals = moment.condition.instruction.subgoals
     words = {"instruction": moment.condition.instruction.text}

@@ -1,4 +1,4 @@
-"""Grounding: the box of an object, a point on it, and what is in a box."""
+"""Grounding: the box of an object, a point on it, and the object in a box."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_OPTIONS = 4
 
 
 def grounding(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions for the box of each object, for a point on it, and for what is in its box."""
+    """Yield questions for the box of each object, for a point on it, and for the kind of the object in its box."""
     for kind, o in moment.named.items():
         seen = moment.view.objects[o.name]
         words, cell = {"thing": definite(kind)}, cell_of(seen, moment.view.width, CELLS)
@@ -53,7 +53,7 @@ def cell_of(seen: SeenObject, width: int, cells: int) -> str:
 
 
 def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return kinds in groups of at most four and at least two, whatever is asked about them."""
+    """Return kinds in groups of two to four, the same for each question about them."""
     if len(kinds) < 2:
         return []
     count = -(-len(kinds) // MOST_OPTIONS)
@@ -62,7 +62,7 @@ def chunks(kinds: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _is_alone(moment: Moment, name: str, box: Box) -> bool:
-    """Tell whether no other object's middle lies in a box, so that what is in it is one thing."""
+    """Tell whether no other object's middle lies in a box, so that the box holds one object."""
     left, top, right, bottom = box
     others = (s.centroid for other, s in moment.view.objects.items() if other != name)
     return not any(left <= x < right and top <= y < bottom for x, y in others)

@@ -1,4 +1,4 @@
-"""Premise: whether something is there at all, whether what stands in its place is it, whether a task can be done."""
+"""Premise: presence of an object, identity of the object in its place, and feasibility of a task."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _absent(moment: Moment, kind: str) -> tuple[str, ...]:
 
 
 def _is_a(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield whether what is in a box is of a kind: of its own kind, and of each kind that training had in its slot."""
+    """Yield whether the object in a box is of a kind: its own, and each kind that training had in its slot."""
     info = moment.state.info
     for kind, o in moment.things.items():
         usual = info.slot(o.slot).trained_kinds if o.slot is not None else ()

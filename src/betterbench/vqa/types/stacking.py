@@ -1,4 +1,4 @@
-"""Stacking: what lies on what, which of two is higher, and the order of a stack from below."""
+"""Stacking: objects on one another, the higher of two objects, and the order of a stack from below."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ HIGHER_M = 0.008
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about what lies on each base or plate, and about the order of stacks."""
+    """Yield questions about the objects on each base or plate, and about the order of stacks."""
     stacked: set[str] = set()
     for base in _bases(moment):
         try:
@@ -36,12 +36,12 @@ def stacking(moment: Moment) -> Iterator[QuestionDraft]:
 
 
 def _bases(moment: Moment) -> list[ObjectInfo]:
-    """Return what things are stacked on: bases of layers, or every plate."""
+    """Return the objects on which others are stacked: bases of layers, or every plate."""
     return [o for o in moment.objects if LAYER.regions(o) or (ON_PLATE.regions(o) and o.role == "item")]
 
 
 def _stack(moment: Moment, base: ObjectInfo) -> list[str]:
-    """Return what lies on a base, from below.
+    """Return the objects on a base, from below.
 
     Raises:
         LookupError: If something is neither surely on it nor surely not.
@@ -79,7 +79,7 @@ def _directly_on(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator
 
 
 def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[QuestionDraft]:
-    """Yield the order of two or more things on a base, if all are seen and have names of their own."""
+    """Yield the order of two or more objects on a base, if all are seen and have names of their own."""
     kinds = [moment.state.info.object(name).kind for name in stack]
     if len(stack) >= 2 and all(k in moment.single and moment.is_large(moment.single[k].name) for k in kinds):
         words = {"base": definite(base.kind), "things": listed([definite(k) for k in sorted(kinds)])}
@@ -89,7 +89,7 @@ def _order(moment: Moment, base: ObjectInfo, stack: list[str]) -> Iterator[Quest
 
 
 def _higher(moment: Moment, stacked: frozenset[str]) -> Iterator[QuestionDraft]:
-    """Yield which of two things that can be stacked has its middle higher up, if at least one is on a stack."""
+    """Yield which of two stackable objects has its middle higher up, if at least one is on a stack."""
     for (a, first), (b, second) in itertools.combinations(moment.things.items(), 2):
         if {first.name, second.name} & stacked and moment.state.held not in (first.name, second.name):
             up, down = (moment.center(o.name)[2] for o in (first, second))

@@ -1,4 +1,4 @@
-"""State: open and shut drawers, the gripper and what it holds, what stands and what has fallen over."""
+"""State: open and shut drawers, the gripper and its held object, and objects that stand or have fallen over."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ FALLEN_RAD = 1.0
 about."""
 UPRIGHT_RAD = 0.1
 LEAST_SLENDER = 0.9
-"""Least height over width of a thing for which standing and lying look different."""
+"""Least ratio of height to width of an object for which standing and lying look different."""
 
 
 def object_state(moment: Moment) -> Iterator[QuestionDraft]:
-    """Yield questions about drawers, the gripper, and what stands."""
+    """Yield questions about drawers, the gripper, and objects that can stand."""
     yield from _drawers(moment)
     yield from _gripper(moment)
     for kind, o in moment.things.items():
