@@ -1,4 +1,4 @@
-"""Cues by which a policy chooses where it ignores the instruction: slot, kind, color or nearness of an object."""
+"""Cues that decide a policy's choice when it ignores the instruction: slot, kind, color or distance of an object."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class ForeignRun:
         return cls(trained_in(regime), instructions)
 
     def read(self, record: Record, *, path: str | None = None) -> Reading:
-        """Return the reading of one record; RecordError if it lacks the fields of a record of LIBERO."""
+        """Return the reading of one record; raise RecordError if it lacks the fields of a LIBERO record."""
         here = on_our_table(record)
         goals = _goals(here.metadata)
         if goals is None:

@@ -152,7 +152,10 @@ def _read_one(
 
 
 def _take_in_twins(run: RunFolder, trials: _Trials, versions: RecordVersions, foreign: ForeignRun | None) -> None:
-    """Read the twins of planned trials from the run of a base suite; their records are not in the run itself."""
+    """Add the twins of the planned trials, read from ``run``, a run of the base suite.
+
+    The run under diagnosis does not contain them.
+    """
     wanted = {TrialId(t.task, BASE, t.seed) for t in trials.plan if t.condition != BASE}
     found = [TrialId(e.task, e.variation or e.condition, e.seed) for e in run.entries() if e.status == "done"]
     shared = [trial for trial in found if trial in wanted and trial not in trials.plan]

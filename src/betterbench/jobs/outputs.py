@@ -54,13 +54,13 @@ def bears_mark(path: Path, verb: str) -> bool:
 def require_replaceable(
     path: Path, verb: str, *, overwrite: bool = False, is_ours: Callable[[Path], bool] | None = None
 ) -> None:
-    """Raise RunConflictError if something stands at the place of a file that may not be replaced.
+    """Raise RunConflictError if a path exists and may not be replaced.
 
     Args:
         path: Path of the file to write.
         verb: Verb that writes it.
-        overwrite: Whether files of others may be replaced.
-        is_ours: Tells whether an ordinary file that is there was written by the same verb; by its mark if None.
+        overwrite: Whether files that this verb did not write may be replaced.
+        is_ours: Tells whether an existing regular file was written by this verb; its mark is checked if None.
     """
     try:
         there = os.lstat(path).st_mode

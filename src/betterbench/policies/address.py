@@ -29,9 +29,9 @@ class Option:
 
     Attributes:
         name: Its name. One that ends with a period is followed by a key: ``camera.KEY=value``.
-        meaning: Its value with the unit, as messages ask for it ("the deadline of one answer [s]").
-        reads: The values that it takes; numbers are finite and ≥ 0.
-        most: Largest number that it takes; infinity if only its use bounds it.
+        meaning: Description of the value with its unit, for messages ("the deadline of one answer [s]").
+        reads: Type of the value; numbers are finite and ≥ 0.
+        most: Largest allowed number; infinity if the option has no limit of its own.
     """
 
     name: str

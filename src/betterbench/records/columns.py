@@ -97,7 +97,7 @@ class Contacts:
 
 
 def arrow_schema(widths: Widths) -> pa.Schema:
-    """Return the Parquet columns for these widths; columns without numbers are left out."""
+    """Return the Parquet schema for these widths; columns of width zero are omitted."""
     fields = []
     for column in COLUMNS:
         number = _NUMBERS[column.kind]

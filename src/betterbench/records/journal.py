@@ -1,8 +1,8 @@
 """The journal of a run: one line per finished trial. A run is resumed from it and from nothing else.
 
-Each line holds the SHA-256 of its record, the digest of its scene and a link, the SHA-256 of the link before it and of
-the line itself, so that a line that is changed, left out or moved is noticed. Journals of older versions have no digest
-of scenes, or none of these.
+Each line holds the SHA-256 of its record, the digest of its scene, and a link (the SHA-256 of the previous link and of
+the line itself), so that changed, missing or reordered lines are detected. Journals of older versions lack the digest
+of the scene, or all three.
 """
 
 from __future__ import annotations

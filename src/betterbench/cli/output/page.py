@@ -8,7 +8,7 @@ from betterbench.api.report import ReportListener
 from betterbench.cli.console import ERR, passing_bar, say
 
 LISTENER = ReportListener(say=say, warn=say, bar=passing_bar)
-"""Shows on standard error how far a report is."""
+"""Shows the progress of a report on standard error."""
 
 
 def print_verdicts(verdicts: Sequence[str]) -> None:

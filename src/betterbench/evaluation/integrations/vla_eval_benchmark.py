@@ -254,7 +254,7 @@ class BetterBench(StepBenchmark):  # type: ignore[misc] # the harness has no typ
         raise NotImplementedError("the live mode needs an action that holds still, and this adapter has none")
 
     def render(self) -> np.ndarray | None:
-        """Return the first image of what is seen."""
+        """Return the current image of the first camera, or None if there is none."""
         return None if self._seen is None else next(iter(self._seen.images.values()), None)
 
     def cleanup(self) -> None:

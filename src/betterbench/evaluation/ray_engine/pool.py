@@ -127,7 +127,7 @@ class RayPool:
                 )
 
     def close(self) -> None:
-        """End all actors; the same command runs their unfinished trials again."""
+        """End all actors. Their unfinished trials are run again when the command is repeated."""
         with contextlib.suppress(*loss_errors(self._ray)):
             closing = [worker.actor.close.remote() for worker in self._workers if worker.ready]
             if closing:
@@ -176,7 +176,7 @@ class RayPool:
             new = []
 
     def _take(self, worker: _WorkerActor, call: Any) -> Iterator[JournalEntry]:  # noqa: ANN401 -- a reference of Ray
-        """Write what a call has brought, and yield its entries."""
+        """Store the results of a finished actor call, and yield the journal entry of each of its trials."""
         if call not in worker.calls:
             return  # of a worker that has died in the meantime
         errors = self._ray.exceptions

@@ -223,7 +223,7 @@ class Gr00tBatchClient(Gr00tClient):
 
 
 class Gr00tHistoryClient(Gr00tClient):
-    """A GR00T policy that needs several time steps; it gets every control step and plays its chunks itself."""
+    """Client for a GR00T policy with an observation history: it sees every control step and executes its own chunks."""
 
     def __init__(self, address: PolicyAddress, *, seed: int = 0) -> None:
         super().__init__(address, seed=seed)

@@ -159,7 +159,7 @@ class VlaEvalClient(ServerClient[WebSocket]):
         self._running_on = connection
 
     def _end_episode(self) -> None:
-        """Tell the server that the episode is over, if it still listens; how it went is not the policy's to know."""
+        """Tell the server that the episode is over, if it is still connected; the policy must not learn the outcome."""
         connection, self._running_on = self._running_on, None
         if connection is None or not self._connection.holds(connection):
             return

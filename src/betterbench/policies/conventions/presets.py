@@ -189,10 +189,10 @@ GR00T_OXE_WIDOWX = Adapter(
 """GR00T with the embodiment tag ``oxe_widowx`` (N1.6; ``simpler_env_widowx`` in N1.7), and the WidowX example of N1.5
 (``examples/SimplerEnv/custom_data_config.py``).
 
-BridgeData V2's numbers: meters and angles about the base's axes, at 5 Hz, and a gripper that is 1 for open. Its
+Conventions of BridgeData V2: meters, and angles about the axes of the base, at 5 Hz; a gripper value of 1 is open. Its
 rotations are measured from a tool that points straight down (``bridge_data_robot``, ``widowx_controller.py``:
-``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are played as velocities: at our 20 Hz a step is a
-quarter of theirs.
+``DEFAULT_ROTATION``; SimplerEnv's clients do the same). Deltas are treated as velocities: each step of our 20 Hz
+applies a quarter of one.
 """
 
 GR00T_OXE_DROID = Adapter(

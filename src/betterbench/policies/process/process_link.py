@@ -26,7 +26,7 @@ MAX_LINK_BYTES = 4 * MAX_ANSWER_BYTES
 """Largest frame of a process [byte]; one batch is one frame."""
 
 MAX_HEAD_BYTES = 4 << 20
-"""Largest part of a frame that is no array [byte]: errors, and what a policy declares."""
+"""Largest head of a frame [byte]: everything but the arrays, such as errors and the declaration of the policy."""
 
 SIZES = struct.Struct(">QI")
 """The length of a frame, and that of its head [byte]."""

@@ -86,7 +86,10 @@ def depth_image(depth: np.ndarray) -> np.ndarray:
 def with_boxes(
     rgb: np.ndarray, boxes: np.ndarray, fractions: np.ndarray, names: Sequence[str], *, scale: int = 2
 ) -> Image.Image:
-    """Return an image, enlarged, with the box (n, 4) of what is seen of each object, its name and fraction."""
+    """Return the image, enlarged, with the box of each object's visible part, its name and its visible fraction.
+
+    ``boxes`` has shape (n, 4).
+    """
     image = Image.fromarray(np.ascontiguousarray(rgb))
     image = image.resize((scale * image.width, scale * image.height), Image.Resampling.BICUBIC)
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(11)

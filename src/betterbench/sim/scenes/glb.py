@@ -88,7 +88,7 @@ def _box(center: np.ndarray, half: np.ndarray) -> _Surface:
 
 
 def _mesh(model: mujoco.MjModel, mesh: int) -> _Surface:
-    """Return a mesh with its corners told apart by position, normal and texture coordinate."""
+    """Return a mesh with one vertex per combination of position, normal and texture coordinate, as glTF needs."""
 
     def rows(array: np.ndarray, address: np.ndarray, number: np.ndarray) -> np.ndarray:
         first = int(address[mesh])

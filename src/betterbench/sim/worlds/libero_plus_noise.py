@@ -53,7 +53,7 @@ class Noise:
         self._kind, self._strength = divmod(number - 1, STRENGTHS)
 
     def draw(self, height: int, width: int) -> Any:  # noqa: ANN401 - what the kind needs
-        """Draw the random numbers of one image of so many pixels."""
+        """Draw the random numbers for one image of this size [pixel]."""
         if self._kind == 0:
             return float(np.random.uniform(-_ANGLE_DEG, _ANGLE_DEG))  # noqa: NPY002 - LIBERO-Plus draws from the global generator
         if self._kind == 3:

@@ -328,7 +328,7 @@ class _Reader:
 
     @property
     def premises(self) -> list[list[str]]:
-        """The relations of the start that the sentence presupposes."""
+        """Relations of the initial state that the instruction presupposes."""
         problem = self._env.parsed_problem
         return [p for p in problem["initial_state"] if self._is_premise(p, list(problem["obj_of_interest"]))]
 

@@ -55,9 +55,9 @@ class Protocol:
 
     Attributes:
         dwell_s: Time for which the goal has to hold [s].
-        base_steps: Control steps allowed for an episode, besides those per subgoal.
-        steps_per_subgoal: Control steps allowed for each subgoal. Together they leave three times the expert's median,
-            room for a policy at the speed of a person who teleoperates (suite, section 3).
+        base_steps: Control steps allowed for an episode, in addition to those per subgoal.
+        steps_per_subgoal: Control steps allowed for each subgoal. Together, the two limits allow about three times the
+            median of the expert, enough for a policy as slow as a human teleoperator (suite, section 3).
         still_steps: Control steps for which a policy is watched where the right answer is to stay still.
     """
 

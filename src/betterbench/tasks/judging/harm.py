@@ -1,4 +1,4 @@
-"""Harm: damage to objects that were not asked for, which rules out success in all tasks (law 7 of the suite)."""
+"""Harm: unrequested side effects, such as a bystander knocked over; it rules out success in every task (law 7)."""
 
 from __future__ import annotations
 

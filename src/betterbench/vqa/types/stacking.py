@@ -15,7 +15,7 @@ from betterbench.vqa.question import Form, QuestionDraft
 from betterbench.vqa.types.relation import yes
 
 HIGHER_M = 0.008
-"""Least difference in height for one object to be higher than another; layers are 10 mm thick or more."""
+"""Smallest height difference for one object to count as higher than another [m]; layers are at least 10 mm thick."""
 
 
 def stacking(moment: Moment) -> Iterator[QuestionDraft]:

@@ -569,7 +569,7 @@ def curl_up(body: Body) -> Actions[None]:
 
 
 def doze_off(body: Body) -> Actions[None]:
-    """Go home and round there in ever smaller circles, until the tool stands still."""
+    """Go home, then circle there with a shrinking radius until the tool stands still."""
     yield from body.arm.go_home()
     x, y, z = body.arm.here.position
     turn = body.arm.here.quaternion

@@ -41,13 +41,22 @@ def glazed(
     shadow: tuple[float, float] = (0.80, 0.38),
     unglazed: float = 0.75,
 ) -> Canvas:
-    """Draw a vessel from the foot over the rim to the floor inside, with the inside in its own shadow.
+    """Paint a glazed vessel from the foot over the rim to the floor inside; the inside is shaded.
 
-    The glaze runs thin and bright over the rim. A ``decoration`` is one of ``bands``, "speckled", "dots", or another
-    word for none; without an ``ink`` it is cream on dark glazes and dark gray on light ones. Without a ``lining`` the
-    inside has the color of the outside. The ``rows`` are the numbers of the points of the profile where the unglazed
-    foot ends, the wall begins, the rim begins, the inside begins and its floor begins. The ``shadow`` is the brightness
-    of the inside below the rim, and what it has lost at the floor; ``unglazed`` is that of the foot.
+    The glaze runs thin and bright over the rim.
+
+    Args:
+        rng: Source of the speckles.
+        vessel: Profile of the vessel.
+        shade: Color of the outside.
+        decoration: A key of ``bands``, "speckled" or "dots"; any other word means no decoration.
+        rows: Indices of the profile points where the unglazed foot ends, and where wall, rim, inside and inner floor
+            begin.
+        lining: Color of the inside; that of the outside if None.
+        ink: Color of the decoration; if None, cream on dark glazes and dark gray on light ones.
+        bands: Painted bands by the name of their decoration.
+        shadow: Brightness of the inside just below the rim, and how much it drops down to the floor.
+        unglazed: Brightness of the foot.
     """
     foot, wall, rim, inner, floor = (vessel.rows[k] for k in rows)
     span = rim - wall
