@@ -32,7 +32,9 @@ def checkout(tmp_path_factory):
 
 def run(checkout: Path, *command: str) -> str:
     """Returns what a command prints in the copy; it has to end well."""
-    environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    # Task files that other tests have loaded into this process are named to its children by such variables.
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("BETTERBENCH")}
+    environment = {**kept, "PYTHONPATH": str(checkout / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, *command], cwd=checkout, capture_output=True, text=True, env=environment, check=False
     )
