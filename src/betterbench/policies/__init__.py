@@ -12,8 +12,9 @@
 Each public name is imported from its module when it is first used: the process of a policy needs no more than its own.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from betterbench.policies.kinds.noop import Noop
@@ -23,17 +24,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Noop", "Random", "Replay", "load_plugin", "source_of"]
 
-_HOMES = {
-    "load_plugin": "kinds.python",
-    "source_of": "kinds.python",
-    "Noop": "kinds.noop",
-    "Random": "kinds.random_walk",
-    "Replay": "kinds.replay",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "kinds.noop": ("Noop",),
+            "kinds.python": ("load_plugin", "source_of"),
+            "kinds.random_walk": ("Random",),
+            "kinds.replay": ("Replay",),
+        },
+    )

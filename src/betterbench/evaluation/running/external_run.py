@@ -18,13 +18,12 @@ from betterbench.evaluation.planning.manifest import run_context, same_policy
 from betterbench.evaluation.planning.plan import Plan, Trial
 from betterbench.evaluation.planning.schedule import Schedule
 from betterbench.evaluation.running.lost import reopen_lost
+from betterbench.evaluation.trials.given_policy import kind_of_callers, needs_in_run
 from betterbench.evaluation.trials.trial import RunSettings, TrialRunner, TrialSteps
 from betterbench.interface import EpisodeStart, Observation, PolicyInfo
 from betterbench.jobs.durable import on_disk
-from betterbench.policies.address import AddressForm
 from betterbench.policies.description import describe_policy
 from betterbench.policies.factory import PolicyFactory
-from betterbench.policies.kinds import PolicyKind, PolicyNeeds, find_kind
 from betterbench.records import Journal, JournalEntry, Outcome, RunFolder, first_difference
 from betterbench.tasks import TrialId
 
@@ -66,8 +65,7 @@ class ExternalRun:
             RunConflictError: If the folder holds another run, or one with another policy.
             StorageError: If the disk is full.
         """
-        kind = find_kind(plan.policy)
-        if kind is not None and not kind.needs_of(plan.policy).thread:
+        if not needs_in_run(plan.policy).thread:
             raise InvalidInputError(
                 "policy", f"the name {plan.policy!r} is reserved for a built-in policy", "Give it another name"
             )
@@ -219,9 +217,7 @@ class _Declared(PolicyFactory):
     """The declaration of a policy that answers outside of this package."""
 
     def __init__(self, info: PolicyInfo) -> None:
-        form = AddressForm(scheme=info.name, example=info.name, target="none")
-        kind = PolicyKind(form=form, shown=info.name, summary="", needs=PolicyNeeds(thread=True))
-        super().__init__(info.name, kind=kind)
+        super().__init__(info.name, kind=kind_of_callers(info.name))
         self._info = info
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from betterbench.errors import InvalidInputError
@@ -35,16 +37,21 @@ class GivenPolicy(PolicyFactory):
             raise InvalidInputError(
                 "policy", problem, "Give its PolicyInfo another name, or pass the address as a text"
             )
-        super().__init__(name, kind=_kind_of(policy))
+        made = type(policy)
+        super().__init__(name, kind=kind_of_callers(name, lambda: source_of(f"{made.__module__}:{made.__qualname__}")))
         self._policy = policy
 
     def _make(self) -> Policy:
         return _Lent(self._policy)
 
 
-def _kind_of(policy: Policy) -> PolicyKind:
-    """Return the kind of one instance, which is not in the register: no other process can make it."""
-    name, made = policy.info.name, type(policy)
+def kind_of_callers(name: str, source: Callable[[], str] = str) -> PolicyKind:
+    """Return the kind of a policy that the caller made, which is not in the register: no other process can make it.
+
+    Args:
+        name: Name that the policy declares; it may have the characters of addresses.
+        source: Returns name and fingerprint of its file, or "".
+    """
     form = AddressForm(scheme=name, example=name, target="none")
     return PolicyKind(
         form=form,
@@ -52,7 +59,7 @@ def _kind_of(policy: Policy) -> PolicyKind:
         summary="",
         needs=CALLERS,
         read=lambda text, world: PolicyAddress(text, form, "", world=world),
-        source_of=lambda _: source_of(f"{made.__module__}:{made.__qualname__}"),
+        source_of=lambda _: source(),
     )
 
 

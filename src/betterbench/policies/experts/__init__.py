@@ -3,8 +3,9 @@
 Each public name is imported from its module when it is first used: an address can be read without a simulator.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from betterbench.policies.experts.address import Address
@@ -13,16 +14,12 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPERTS", "REPLAYS", "Address", "PrivilegedAgent", "expert_names", "make_expert", "parse_address"]
 
-_MODULES = {
-    "address": ("Address",),
-    "privileged": ("PrivilegedAgent", "make_expert"),
-    "registry": ("EXPERTS", "REPLAYS", "expert_names", "parse_address"),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "address": ("Address",),
+            "privileged": ("PrivilegedAgent", "make_expert"),
+            "registry": ("EXPERTS", "REPLAYS", "expert_names", "parse_address"),
+        },
+    )

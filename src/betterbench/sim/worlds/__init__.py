@@ -3,8 +3,9 @@
 Each public name is imported from its module when it is first used: a run in our own scenes reads nothing of CALVIN.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from betterbench.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from betterbench.sim.worlds.calvin import ChainScene, ChainSettings, ChainTask, calvin_command
@@ -34,18 +35,14 @@ __all__ = [
     "world_named",
 ]
 
-_MODULES = {
-    "calvin": ("ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
-    "libero_plus_scene": ("PlusSettings", "VariantTask", "plus_command", "world_command"),
-    "process": ("WorldError", "WorldProcess", "WorldProcesses"),
-    "registry": ("WORLDS", "ForeignWorld", "world_named"),
-    "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),
-}
-_HOMES = {name: module for module, names in _MODULES.items() for name in names}
-
-
-def __getattr__(name: str) -> object:
-    """Import the module of a name when it is first used."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+if not TYPE_CHECKING:
+    __getattr__ = lazy_names(
+        __name__,
+        {
+            "calvin": ("ChainScene", "ChainSettings", "ChainTask", "calvin_command"),
+            "libero_plus_scene": ("PlusSettings", "VariantTask", "plus_command", "world_command"),
+            "process": ("WorldError", "WorldProcess", "WorldProcesses"),
+            "registry": ("WORLDS", "ForeignWorld", "world_named"),
+            "scene": ("ForeignScene", "ForeignTracker", "WorldSettings", "WorldTask"),
+        },
+    )

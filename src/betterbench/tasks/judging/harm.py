@@ -96,8 +96,13 @@ def bystanders(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
     Drawers are none: to move them is on the way.
     """
-    named = {name for a in asked for name in (*a.candidates, a.target)}
+    named = _named(asked)
     return tuple(o.name for o in info.objects if not o.fixed and o.role != "drawer" and o.name not in named)
+
+
+def _named(asked: Sequence[Asked]) -> set[str]:
+    """Return the names of all objects that an instruction means or has as a target."""
+    return {name for a in asked for name in (*a.candidates, a.target)}
 
 
 def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
@@ -109,7 +114,7 @@ def mere_targets(asked: Sequence[Asked], info: SceneInfo) -> tuple[str, ...]:
 
 def shut_drawers(asked: Sequence[Asked], state: WorldState) -> tuple[str, ...]:
     """Return the names of all drawers that are shut in a state and that an instruction neither means nor loads."""
-    named = {name for a in asked for name in (*a.candidates, a.target)}
+    named = _named(asked)
     drawers = [o.name for o in state.info.objects if o.role == "drawer" and o.name not in named]
     cabinets = [o.name for o in state.info.objects if any(r.name in MOUNTS for r in o.regions)]
     return tuple(d for d in drawers if any(CLOSED.where(state, d, c) is not None for c in cabinets))
