@@ -22,11 +22,13 @@ from betterbench.installation import missing_extra
 from betterbench.json_form import open_ordinary, parse_json, read_ordinary
 from betterbench.policies.address import PolicyAddress
 from betterbench.policies.clients.checkpoint_code import PROCESSORS, require_no_code
+from betterbench.policies.clients.checkpoint_size import bounded_parameters, require_short_horizons
 from betterbench.policies.clients.lerobot_types import require_type
 
 _PREPROCESSOR = PROCESSORS[0]
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[\w.-]+", re.ASCII)
 _INSIDE = "pretrained_model"
+_WEIGHTS = "model.safetensors"
 _LOADED_FROM = (".json", ".safetensors")
 
 CHUNK_TYPES = ("act", "pi0", "pi05", "smolvla")
@@ -112,13 +114,15 @@ class Checkpoint:
                 self._check_config(path, where)
                 if not trusted:
                     require_no_code(self.config, _processor_files(path), where)
+                require_short_horizons(self.config, where)
                 self.config.device = self.device
                 # The weights come with the checkpoint; the ones a backbone began with need not be fetched.
                 if getattr(self.config, "pretrained_backbone_weights", None):
                     self.config.pretrained_backbone_weights = None
                 self.type = str(self.config.type)
                 self.features = Features.of(self.config, where)
-                made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
+                with bounded_parameters(_weights_file(path).stat().st_size, where):
+                    made = factory.get_policy_class(self.type).from_pretrained(path, config=self.config)
                 self._before, self._after = factory.make_pre_post_processors(
                     self.config,
                     pretrained_path=path,
@@ -255,6 +259,13 @@ def _processor_files(path: str) -> dict[str, Path]:
             if isinstance(error, errors.LocalEntryNotFoundError):
                 raise
     return found
+
+
+def _weights_file(path: str) -> Path:
+    """Return the file of the weights of a checkpoint, fetched if the checkpoint is on the hub."""
+    if Path(path).is_dir():
+        return Path(path) / _WEIGHTS
+    return Path(_import("huggingface_hub").hf_hub_download(path, _WEIGHTS))
 
 
 def _fingerprint(path: str) -> str:
