@@ -12,9 +12,8 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from learned_page import PAGE, SHEET, STUDIES, filled, linked, points, share, share_style
-
 from betterbench.learning.study.page import study_style
+from learned_page import PAGE, SHEET, STUDIES, filled, linked, points, share, share_style
 
 
 def test_the_tables_are_those_of_the_studies():
@@ -63,7 +62,10 @@ def test_the_pages_of_the_studies_share_one_style_sheet():
 
 
 def test_a_page_that_was_copied_there_is_linked_once(tmp_path):
-    page = """<meta content="default-src 'none'; style-src 'unsafe-inline'">\n<style>\np { color: red; }\n</style>\n<p>here</p>"""
+    page = (
+        "<meta content=\"default-src 'none'; style-src 'unsafe-inline'\">\n"
+        "<style>\np { color: red; }\n</style>\n<p>here</p>"
+    )
     (tmp_path / "new.html").write_text(page, encoding="utf-8")
     share_style(tmp_path)
     share_style(tmp_path)
