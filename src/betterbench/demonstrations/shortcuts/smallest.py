@@ -43,7 +43,7 @@ _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
 Certain = Callable[[_Ints], _Bools]
-"""Test on tables of joint counts (tables, nx, ny): in which a weak association counts because a value is a sure sign."""
+"""Test on joint counts (tables, nx, ny): in which tables a weak association counts because a value is a sure sign."""
 
 
 @dataclass(frozen=True, slots=True)
