@@ -7,6 +7,7 @@ import difflib
 import gc
 import os
 import signal
+import time
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +21,7 @@ settings.load_profile("betterbench")
 
 THIRDS = (1, 2, 3)
 """Thirds of the slow tests: each day of continuous integration runs one of them."""
+BEGAN = time.monotonic()
 
 
 def _gl_backend() -> str:
@@ -44,6 +46,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--regenerate-golden", action="store_true", help="rewrite golden files and print what changed")
     parser.addoption("--slow-third", type=int, choices=THIRDS, help="of the slow tests, run this third only")
+    parser.addoption("--slow-minutes", type=float, help="skip the slow tests that have not begun after so long")
 
 
 def pytest_collection() -> None:
@@ -82,6 +85,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection_finish() -> None:
     gc.freeze()
     gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a slow test for which no time is left; continuous integration lists these."""
+    minutes = item.config.getoption("--slow-minutes")
+    if minutes is not None and item.get_closest_marker("slow") is not None and time.monotonic() > BEGAN + 60 * minutes:
+        pytest.skip(f"not begun within --slow-minutes {minutes:g}")
 
 
 @pytest.fixture

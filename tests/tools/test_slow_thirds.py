@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import time
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.conftest import THIRDS, pytest_collection_modifyitems, thirds_of
+from tests import conftest
+from tests.conftest import THIRDS, pytest_collection_modifyitems, pytest_runtest_setup, thirds_of
 
 TESTS = [f"tests/{file}.py::test_it[{i}]" for file, count in (("a", 7), ("b", 1), ("c", 30)) for i in range(count)]
 
@@ -30,14 +33,15 @@ def test_single_tests_of_many_files_are_spread():
     assert all(80 <= sizes[third] <= 120 for third in THIRDS)
 
 
+class Item(SimpleNamespace):
+    __hash__ = object.__hash__
+
+    def get_closest_marker(self, name):
+        return name if name == "slow" and self.slow else None
+
+
 @pytest.mark.parametrize("third", [None, *THIRDS])
 def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(third):
-    class Item(SimpleNamespace):
-        __hash__ = object.__hash__
-
-        def get_closest_marker(self, name):
-            return name if name == "slow" and self.slow else None
-
     items = [Item(nodeid=test, slow=i % 2 == 0) for i, test in enumerate(TESTS)]
     slow = [item for item in items if item.slow]
     dropped, kept = [], list(items)
@@ -53,6 +57,14 @@ def test_the_option_keeps_a_third_of_the_slow_tests_and_all_others(third):
     assert [item for item in kept if item.slow] == wanted
     assert [item for item in kept if not item.slow] == [item for item in items if not item.slow]
     assert sorted(item.nodeid for item in (*kept, *dropped)) == sorted(TESTS)
+
+
+@pytest.mark.parametrize(("slow", "minutes", "skipped"), [(True, 0.0, True), (False, 0.0, False), (True, None, False)])
+def test_slow_tests_that_begin_too_late_are_skipped(monkeypatch, slow, minutes, skipped):
+    monkeypatch.setattr(conftest, "BEGAN", time.monotonic() - 1.0)
+    item = Item(nodeid="x", slow=slow, config=SimpleNamespace(getoption=lambda _: minutes))
+    with pytest.raises(pytest.skip.Exception, match="not begun") if skipped else contextlib.nullcontext():
+        pytest_runtest_setup(item)
 
 
 def test_continuous_integration_runs_a_third_of_the_slow_tests_after_the_others():
