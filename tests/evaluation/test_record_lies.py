@@ -9,6 +9,7 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.evaluation.conftest import in_few_steps
 from tests.resealing import rewrite
 
 from betterbench.cli.main import main
@@ -244,14 +245,7 @@ DAMAGES = {
 @pytest.fixture
 def steps_short(monkeypatch):
     """Runs a lost trial again in a few steps, where its bytes do not matter."""
-    ordinary = Trial.resolve
-
-    def few(trial):
-        found = ordinary(trial)
-        template = dataclasses.replace(found.task.template, base_steps=4, steps_per_subgoal=0, still_steps=4)
-        return dataclasses.replace(found, task=dataclasses.replace(found.task, template=template))
-
-    monkeypatch.setattr(Trial, "resolve", few)
+    monkeypatch.setattr(Trial, "resolve", in_few_steps(4))
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def shortcuts(form):
 def test_planted_shortcuts_are_found_and_no_others(tmp_path, capsys, name):
     layout = LAYOUTS[name]
     for planted in PLANTED:
-        path = make(tmp_path / planted / "set", name, planted)
+        path = make(tmp_path / planted / "set", name, planted, count=96)
         if layout.refused:
             with pytest.raises(BetterError, match=layout.refused):
                 read_lerobot(path)

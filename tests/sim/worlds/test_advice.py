@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -188,24 +189,31 @@ def texts_of(file: Path) -> list[str]:
     return found
 
 
-FILES = [file for name in ADVISING for file in sorted((SOURCES / name).rglob("*.py"))]
-TEXTS = [(file.name, text) for file in FILES for text in texts_of(file) if " " in text]
-FLAGS = {
-    name.replace("_", "-")
-    for file in (SOURCES / "cli").rglob("*.py")
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
-    for name in (
-        [node.target.id] if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
-        else [node.arg] if isinstance(node, ast.arg)
-        else []
-    )
-}  # fmt: skip
+@functools.cache
+def texts() -> list[tuple[str, str]]:
+    """Return the texts of several words of the packages that advise, with the names of their files."""
+    files = [file for name in ADVISING for file in sorted((SOURCES / name).rglob("*.py"))]
+    return [(file.name, text) for file in files for text in texts_of(file) if " " in text]
+
+
+@functools.cache
+def flags() -> set[str]:
+    """Return the names of all fields and arguments of the command line, as flags."""
+    nodes = [
+        node
+        for file in (SOURCES / "cli").rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+    ]
+    fields = [n.target.id for n in nodes if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)]
+    return {name.replace("_", "-") for name in (*fields, *(n.arg for n in nodes if isinstance(n, ast.arg)))}
+
+
 NOT_OURS = {"upgrade", "key", "device", "ahead", "size", "ee_offset", "python", "init", "recursive"}
 """Of pip, uv and git, and where a message repeats what it was given."""
 
 
 def advised_in_words(pattern: str) -> set[tuple[str, str]]:
-    return {(name, word) for name, text in TEXTS for word in re.findall(pattern, text)}
+    return {(name, word) for name, text in texts() for word in re.findall(pattern, text)}
 
 
 def test_every_option_that_is_advised_exists():
@@ -219,7 +227,7 @@ def test_every_option_that_is_advised_exists():
 def test_every_flag_that_is_advised_exists():
     found = advised_in_words(r"(?<![\w-])--([a-z][a-z-]*)")
     assert {("remote.py", "allow-changed-policy"), ("handshake.py", "action-space")} <= found
-    assert {(f, w) for f, w in found if w not in FLAGS | NOT_OURS} == set()
+    assert {(f, w) for f, w in found if w not in flags() | NOT_OURS} == set()
 
 
 def test_every_verb_that_is_advised_exists():

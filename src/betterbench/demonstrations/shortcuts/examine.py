@@ -534,15 +534,29 @@ def _nearly_always(seen: Counter[str], every: Counter[str]) -> bool:
     return n >= FEWEST and (count / n - usual) >= NEARLY_ALWAYS * (1.0 - usual)
 
 
-def _certain_word(joint: npt.NDArray[np.int64]) -> bool:
-    """Tell whether a word is a sure sign; ``joint`` holds the outcomes without and with it, (2, outcomes)."""
-    seen, every = (Counter({str(y): int(c) for y, c in enumerate(row)}) for row in (joint[1], joint.sum(axis=0)))
-    return _nearly_always(seen, every)
+def _certain_word(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Tell in which tables a word is a sure sign, as :func:`_nearly_always` does.
+
+    Args:
+        joint: (tables, 2, outcomes) the outcomes without and with the word.
+    """
+    seen, every = joint[:, 1], joint.sum(axis=1)
+    n, value = seen.sum(axis=1), seen.argmax(axis=1)
+    rows = np.arange(len(joint))
+    usual = every[rows, value] / every.sum(axis=1)
+    told = seen[rows, value] / np.maximum(n, 1) - usual
+    return np.asarray((n >= FEWEST) & (told >= NEARLY_ALWAYS * (1.0 - usual)))
 
 
-def _certain_rule(joint: npt.NDArray[np.int64]) -> bool:
-    """Tell whether some value always goes with the same other one; ``joint`` holds how often each two go together."""
-    return _certain({str(x): Counter({str(y): int(c) for y, c in enumerate(row) if c}) for x, row in enumerate(joint)})
+def _certain_rule(joint: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Tell in which tables some value always goes with the same other one, as :func:`_certain` does.
+
+    Args:
+        joint: (tables, nx, ny) how often each two values go together.
+    """
+    several = joint.any(axis=1).sum(axis=1) >= 2
+    single = ((joint > 0).sum(axis=2) == 1) & (joint.sum(axis=2) >= FEWEST)
+    return np.asarray(several & single.any(axis=1))
 
 
 _STRONG_SHARE = 0.8

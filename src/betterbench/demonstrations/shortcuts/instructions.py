@@ -20,6 +20,7 @@ FEWEST_SAID = 2
 """Fewest demonstrations with one instruction for it to be compared: an instruction that is given once tells nothing."""
 
 _Ints = npt.NDArray[np.int64]
+_Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,31 +62,35 @@ def whole_test(
     several = len(set(strata)) > 1
     beyond = permutation_test(texts, ends, draw, blocks=strata, within=True).found if several else test.found
     usual = _joint(*codes_of(strata), test.y, test.sizes[1])
-    told = _avoided(_joint(test.x, test.sizes[0], test.y, test.sizes[1]), int(usual.max(axis=1).sum()))
+    told = float(_avoided(_joint(test.x, test.sizes[0], test.y, test.sizes[1]), usual.max(axis=1).sum()))
     return WholeTest(test, beyond, told, tuple(rows), test.sizes[0])
 
 
-def share_told(joint: _Ints) -> float:
+def share_told(joint: _Ints) -> _Floats:
     """Return the share of the errors of always guessing the most frequent outcome that knowing the category avoids.
 
     Each demonstration is guessed from the others of its category (leave one out); ties are half right.
 
     Args:
-        joint: (categories, outcomes) how often each category goes with each outcome.
+        joint: (..., categories, outcomes) how often each category goes with each outcome, in one table or in many.
+
+    Returns:
+        The share of each table, shape (...).
     """
-    return _avoided(joint, int(joint.sum(axis=0).max()))
+    return _avoided(joint, joint.sum(axis=-2).max(axis=-1))
 
 
 def _joint(x: _Ints, nx: int, y: _Ints, ny: int) -> _Ints:
     return np.asarray(np.bincount(x * ny + y, minlength=nx * ny).reshape(nx, ny), dtype=np.int64)
 
 
-def _avoided(joint: _Ints, usual: int) -> float:
+def _avoided(joint: _Ints, usual: _Ints) -> _Floats:
     """Return the share of errors that guesses from the category avoid, of a guess that is ``usual`` times right."""
-    ranked = np.sort(joint, axis=1)
-    most, second = ranked[:, -1:], ranked[:, -2:-1]
+    ranked = np.sort(joint, axis=-1)
+    most, second = ranked[..., -1:], ranked[..., -2:-1]
     rest = np.where((joint == most) & (second < most), second, most)  # most frequent other outcome of the category
     others = joint - 1
     right = np.where(others > rest, 1.0, np.where((others == rest) & (others > 0), 0.5, 0.0))
-    n = int(joint.sum())
-    return (float((joint * right).sum()) - usual) / (n - usual) if usual < n else 0.0
+    wrong = joint.sum(axis=(-2, -1)) - usual
+    avoided: _Floats = ((joint * right).sum(axis=(-2, -1)) - usual) / np.maximum(wrong, 1)
+    return np.where(wrong > 0, avoided, 0.0)

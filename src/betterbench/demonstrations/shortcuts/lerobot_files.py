@@ -286,6 +286,9 @@ def _table_of(file: Path) -> Iterator[pq.ParquetFile]:
             paths = [table.schema.column(i).path for i in range(len(table.schema))]
             names = tuple(field.name for field in table.schema_arrow if _holds_texts(field.type))
             texts = [path for path in paths if path in names or path.startswith(tuple(f"{name}." for name in names))]
+            if not texts:
+                yield table
+                return
         with pq.ParquetFile(opened, read_dictionary=texts) as table:
             yield table
 

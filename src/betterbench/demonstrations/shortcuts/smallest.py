@@ -42,8 +42,8 @@ _Bools = npt.NDArray[np.bool_]
 _Ints = npt.NDArray[np.int64]
 _Floats = npt.NDArray[np.float64]
 
-Certain = Callable[[_Ints], bool]
-"""Test on joint counts (nx, ny): whether a weak association counts because some value is a sure sign."""
+Certain = Callable[[_Ints], _Bools]
+"""Test on joint counts (tables, nx, ny): in which tables a weak association counts because a value is a sure sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class RuleCounts:
 
     Attributes:
         strong: Strength from which every association counts.
-        certain: Test whether a weaker one counts.
+        certain: Test which weaker ones count.
     """
 
     strong: float
@@ -179,7 +179,7 @@ class Planted:
             significant = bits - 1e-9 > threshold
             strong = strength >= counts.strong
             found += int((significant & strong).sum())
-            found += sum(counts.certain(joint[row]) for row in np.flatnonzero(significant & ~strong))
+            found += int(counts.certain(joint[significant & ~strong]).sum())
         return found / replicates
 
     def least_share(self, threshold: float, counts: RuleCounts, draw: np.random.Generator) -> float | None:

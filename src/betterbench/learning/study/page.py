@@ -119,7 +119,7 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
         environment()
         .get_template("study.html.jinja")
         .render(
-            style=Markup(asset("page.css") + asset("figure.css")),  # noqa: S704 - our own file
+            style=Markup(study_style()),  # noqa: S704 - our own file
             plan=outcome.plan,
             found=found,
             overall=[a for a in found.arms if not a.task and not a.lever],
@@ -136,6 +136,11 @@ def study_page(outcome: StudyOutcome, found: StudyFindings) -> str:
             p_text=p_text,
         )
     )
+
+
+def study_style() -> str:
+    """Return the style sheet of the page of a study."""
+    return "".join(asset(f"{name}.css") for name in ("page", "figure", "study"))
 
 
 def _duration(seconds: float) -> str:
