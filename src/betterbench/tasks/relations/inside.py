@@ -38,12 +38,11 @@ def inside(state: WorldState, name: str, container: str) -> bool:
     height, region = info.object(name).size_m[2], info.object(container).region("inside")
     # Most things are farther away than all of this together is long, and nothing has to be turned for them.
     reach = height + math.hypot(*region.position) + math.hypot(*region.half_size)
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(container)]) > reach:
+    if math.dist(state.position(name), state.position(container)) > reach:
         return False
     if state.touching(name, "table"):
         return False
-    i = info.index(container)
-    to_region = _to_region(state.positions[i], state.quaternions[i], region.position, region.quaternion)
+    to_region = _to_region(state.position(container), state.quaternion(container), region.position, region.quaternion)
     x, y, z = to_region.apply(state.pose(name).apply((0.0, 0.0, 0.5 * height)))
     hx, hy, hz = region.half_size
     return abs(x) <= hx - MARGIN and abs(y) <= hy - MARGIN and -hz <= z <= hz
@@ -134,7 +133,6 @@ INSIDE = register(
         goals=_goals,
         surface=_floor,
         falls=True,
-        pairwise=True,
     )
 )
 """Relation of an object that is inside a container."""

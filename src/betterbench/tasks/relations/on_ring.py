@@ -48,7 +48,7 @@ def on_ring(state: WorldState, name: str, fixture: str) -> bool:
     region, offset = info.object(fixture).region("ring").position, foot_offset(info.object(name))
     # Nearly always the two are farther apart than all of this together is long, and nothing has to be turned.
     reach = math.hypot(*region) + math.hypot(*offset) + RADIUS + HEIGHT
-    if math.dist(state.positions[info.index(name)], state.positions[info.index(fixture)]) > reach:
+    if math.dist(state.position(name), state.position(fixture)) > reach:
         return False
     ring = state.pose(fixture).apply(region)
     position = foot(state, name)
@@ -120,7 +120,6 @@ ON_RING = register(
         tolerances=("ring_radius", "ring_height", "spout_margin"),
         goals=_goals,
         surface=surface_of("ring"),
-        pairwise=True,
     )
 )
 """Relation of an object that stands on a marked ring."""
